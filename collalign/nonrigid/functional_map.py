@@ -23,7 +23,7 @@ from data_tools.errors import InputError, OptionsError
 #: Rows of a distance matrix that are held at once.
 _BLOCK_ROWS = 128
 #: Distance matrices with more entries than this are computed in single precision.
-_SINGLE_PRECISION_ENTRIES = 16_000_000
+_SINGLE_PRECISION_ENTRIES = 250_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -58,16 +58,11 @@ class HarmonicRefiner:
     Parameters
     ----------
     target, source : SpectralShape
-    num_dense : int
-        How many of the dense samples are used.
-    num_functions : int
-        At most, the constant one included.
     """
 
-    def __init__(self, target: SpectralShape, source: SpectralShape, *, num_dense: int, num_functions: int) -> None:
-        size = min(num_functions, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
-        self._shapes, self._size = (target, source), size
-        self._target, self._source = (_Side.of(one, one.dense[:num_dense], size) for one in (target, source))
+    def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
+        self._shapes, self._size = (target, source), min(len(target.eigenvalues), len(source.eigenvalues)) + 1
+        self._target, self._source = (_Side.of(one, one.dense, self._size) for one in self._shapes)
 
     def refine(
         self, map_target_source: IntArray, map_source_target: IntArray, smoothness: Sequence[float]

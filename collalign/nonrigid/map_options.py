@@ -24,8 +24,8 @@ class SurfaceOptions:
     num_dense: int = 1000
     """Euclidean farthest points on which candidates are refined and judged."""
 
-    max_faces: int = 50_000
-    """Larger meshes are decimated for the computation; the map still covers all vertices of the file."""
+    max_faces: int = 10_000
+    """Larger meshes are decimated for the computation; vertices in between go where their neighbours do."""
 
     def __post_init__(self) -> None:
         check_count("num_functions", self.num_functions, lower=20)

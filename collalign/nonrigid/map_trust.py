@@ -57,7 +57,9 @@ def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refin
     vertex_confidence : ndarray, shape (w,)
         That of the nearest dense sample.
     """
-    whole = map_probability(map_terms(target, source, found, 0), knows_sides=_knows_map_orientation(found[0]))
+    whole = map_probability(
+        map_terms(target, source, found, 0), knows_sides=bool(np.isfinite(found[0].evidence.orientation))
+    )
     at_samples = point_probability(point_terms(target, source, found, 0), whole)
     return whole, at_samples[source.nearest_dense]
 
@@ -84,7 +86,3 @@ def _weights(found: Sequence[Refined]) -> FloatArray:
     scores = np.array([one.score for one in found])
     weights = np.exp((scores.min() - scores) / SCORE_SCALE)
     return np.asarray(weights / weights.sum())
-
-
-def _knows_map_orientation(candidate: Refined) -> bool:
-    return bool(np.isfinite(candidate.evidence.orientation))

@@ -32,10 +32,8 @@ class MapTuning(NamedTuple):
     """... so few, ..."""
     screen_last: int = 60
     """... up to this number of functions."""
-    num_turned: int = 2
-    """Screened candidates of each orientation that are composed with the target's self-maps."""
-    num_composed: int = 30
-    """Functions in which a map is composed with a symmetry, and in which full refinement begins."""
+    num_first: int = 30
+    """Functions in which full refinement begins."""
     same_map: float = 1.2
     """Refined maps closer than this are one: front and back differ in few of the lowest functions, ..."""
     num_compared: int = 20

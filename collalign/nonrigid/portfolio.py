@@ -1,4 +1,4 @@
-"""The portfolio: many starts, distinct candidates refined and judged, and what symmetries make of them."""
+"""The portfolio: many starts, distinct candidates refined and judged."""
 
 from __future__ import annotations
 
@@ -52,11 +52,15 @@ def find_candidates(target: SpectralShape, source: SpectralShape, options: Nonri
     own = candidates_from_within(target, source, options)
     if not has_normals(target, source):
         return own
-    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    few = at_few_samples(mapper)
-    others = finish_by_zoomout(target, source, posed_candidates(few, options))
-    others += finish_smoothly(target, source, smooth_candidates(few, options))
-    fresh = [candidate for candidate in others if not _is_among(candidate, own)]
+    return with_others_from_poses(PoseMapper(sampled_surface(target), sampled_surface(source)), own, options)
+
+
+def with_others_from_poses(mapper: PoseMapper, own: list[Refined], options: NonrigidOptions) -> list[Refined]:
+    """Return candidates and other maps that poses start, all with what their poses leave, best evidence first."""
+    target, source, few = mapper.target.spectral, mapper.source.spectral, at_few_samples(mapper)
+    others = finish_by_zoomout(target, source, _others(posed_candidates(few, options), own))
+    others += finish_smoothly(target, source, _others(smooth_candidates(few, options), own))
+    fresh = _others(others, own)
     return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]])
 
 
@@ -64,16 +68,17 @@ def candidates_from_within(target: SpectralShape, source: SpectralShape, options
     """Return distinct refined candidates that no pose takes part in, best evidence first.
 
     At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
-    them, and of what becomes of them by the target's self-maps, are refined with all.
+    them are refined with all.
     """
     starts = portfolio_starts(target, source)
-    screen = screening_refiner(target, source)
+    screen = Refiner(
+        target, source, first=18, last=TUNED.screen_last, factor=1.35, num_dense=TUNED.num_screen_samples
+    )
     screened: list[Refined] = []
     for i in distinct_starts(starts, TUNED.num_screened):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
-    turned = composed(target, source, of_both_orientations(distinct_maps(screened), 2 * TUNED.num_turned), screen)
-    best = of_both_orientations(distinct_maps([*screened, *turned]), options.num_candidates)
+    best = of_both_orientations(distinct_maps(screened), options.num_candidates)
     return distinct_maps(finish_by_zoomout(target, source, best))
 
 
@@ -96,7 +101,7 @@ def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]
 
 def smooth_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
     """Return maps at few samples that are smooth from the start, by the axes' poses, best evidence first."""
-    harmonic = full_harmonic(few.target.spectral, few.source.spectral)
+    harmonic = HarmonicRefiner(few.target.spectral, few.source.spectral)
     poses = axis_poses(few.target, few.source, mirrored=options.orientation == "any")
     return _best_posed(few, [harmonic.refine(*few.closest_points(pose), ANNEALED) for pose in poses], options)
 
@@ -141,21 +146,15 @@ def has_normals(target: SpectralShape, source: SpectralShape) -> bool:
     return bool(np.isfinite(target.orientation).all() and np.isfinite(source.orientation).all())
 
 
-def screening_refiner(target: SpectralShape, source: SpectralShape) -> Refiner:
-    """Return the quick refinement on few samples that all starts go through."""
-    return Refiner(target, source, num_dense=TUNED.num_screen_samples, first=18, last=TUNED.screen_last, factor=1.35)
-
-
 def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
     """Refine with all dense samples and functions, and then settle to what is smooth both ways."""
     last = len(target.eigenvalues) + 1
-    num_dense = max(len(target.dense), len(source.dense))
-    full = Refiner(target, source, num_dense=num_dense, first=TUNED.num_composed, last=last, factor=1.2)
-    harmonic = full_harmonic(target, source)
+    full = Refiner(target, source, first=TUNED.num_first, last=last, factor=1.2)
+    harmonic = HarmonicRefiner(target, source)
     refined = []
     for candidate in screened:
         coarse = full.from_functional_map(
-            candidate.functional_map.C_source_target[: TUNED.num_composed, : TUNED.num_composed]
+            candidate.functional_map.C_source_target[: TUNED.num_first, : TUNED.num_first]
         )
         settled = harmonic.refine(coarse.map_target_source, coarse.map_source_target, SETTLING)
         refined.append(judged(target, source, settled, candidate.origin))
@@ -164,7 +163,7 @@ def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: li
 
 def finish_smoothly(target: SpectralShape, source: SpectralShape, coarse: list[Refined]) -> list[Refined]:
     """Refine with all dense samples and functions, by maps that are smooth both ways alone."""
-    harmonic = full_harmonic(target, source)
+    harmonic = HarmonicRefiner(target, source)
     on_target, on_source = target.basis[target.dense], source.basis[source.dense]
     refined = []
     for candidate in coarse:
@@ -172,12 +171,6 @@ def finish_smoothly(target: SpectralShape, source: SpectralShape, coarse: list[R
         starts = mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
         refined.append(judged(target, source, harmonic.refine(*starts, SETTLING), candidate.origin))
     return refined
-
-
-def full_harmonic(target: SpectralShape, source: SpectralShape) -> HarmonicRefiner:
-    """Return the refiner that works with all dense samples and functions."""
-    num_dense = max(len(target.dense), len(source.dense))
-    return HarmonicRefiner(target, source, num_dense=num_dense, num_functions=len(target.eigenvalues) + 1)
 
 
 def portfolio_starts(target: SpectralShape, source: SpectralShape) -> LocalMinima:
@@ -204,14 +197,14 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
     """Return the candidates best evidence first, of each set of nearly equal ones only the best."""
     kept: list[Refined] = []
     for candidate in sorted(refined, key=lambda c: c.score):
-        if not _is_among(candidate, kept):
-            kept.append(candidate)
+        kept += _others([candidate], kept)
     return kept
 
 
-def _is_among(candidate: Refined, others: list[Refined]) -> bool:
-    c = candidate.functional_map.C_source_target
-    return any(is_same_map(c, other.functional_map.C_source_target) for other in others)
+def _others(candidates: list[Refined], known: list[Refined]) -> list[Refined]:
+    """Return the candidates that are none of the known ones."""
+    maps = [one.functional_map.C_source_target for one in known]
+    return [c for c in candidates if not any(is_same_map(c.functional_map.C_source_target, m) for m in maps)]
 
 
 def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
@@ -220,18 +213,6 @@ def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
     others = [c for c in best if c.evidence.orientation < MIXED_ORIENTATION]
     first = preserving[: max((num + 1) // 2, num - len(others))]
     return sorted([*first, *others[: num - len(first)]], key=lambda c: c.score)
-
-
-def composed(target: SpectralShape, source: SpectralShape, best: list[Refined], refiner: Refiner) -> list[Refined]:
-    """Return the candidates followed by each of the target's self-maps, and refined."""
-    found = []
-    for candidate in best:
-        c = candidate.functional_map.C_source_target
-        for self_map in target.self_maps:
-            size = min(len(c), len(self_map))
-            turned = refiner.from_functional_map(c[:size, :size] @ self_map[:size, :size])
-            found.append(judged(target, source, turned, f"{candidate.origin}, symmetry"))
-    return found
 
 
 def is_same_map(first: FloatArray, second: FloatArray) -> bool:

@@ -63,9 +63,8 @@ class PoseMapper:
         self._refiner = Refiner(
             target.spectral,
             source.spectral,
-            num_dense=max(len(target.points), len(source.points)),
             first=FIRST_SIZE,
-            last=min(len(target.spectral.eigenvalues), len(source.spectral.eigenvalues)) + 1,
+            last=len(target.spectral.eigenvalues) + 1,
             factor=GROWTH,
         )
         self._features = _start_features(target, np.eye(3))

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.map_evidence import paired_forms
 from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
+
+#: A map tears a triangle of a working surface whose corners go farther apart than this, in spacings of vertices.
+MOST_TORN = 3.0
 
 
 class Refiner:
@@ -17,16 +21,23 @@ class Refiner:
     Parameters
     ----------
     target, source : SpectralShape
-    num_dense : int
-        How many of the dense samples are used.
     first, last : int
-        Numbers of functions, the constant one included, at the start and the end.
+        Numbers of functions, the constant one included, at the start and the end (at most all of them).
     factor : float
         Growth of the number of functions from step to step.
+    num_dense : int, optional
+        How many of the dense samples are used; all by default.
     """
 
     def __init__(
-        self, target: SpectralShape, source: SpectralShape, *, num_dense: int, first: int, last: int, factor: float
+        self,
+        target: SpectralShape,
+        source: SpectralShape,
+        *,
+        first: int,
+        last: int,
+        factor: float,
+        num_dense: int | None = None,
     ) -> None:
         self.on_target, self.on_source = target.dense[:num_dense], source.dense[:num_dense]
         last = min(last, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
@@ -90,23 +101,26 @@ def vertex_curvatures(target: SpectralShape, source: SpectralShape) -> tuple[Flo
     return _standardised(target), _standardised(source)
 
 
-def between_files(working_map: IntArray, to_original: IntArray, to_working: IntArray) -> IntArray:
-    """Return a map between working vertices as one between the vertices of the files, -1 where there is none.
+def between_files(working_map: IntArray, target: SpectralShape, source: SpectralShape) -> IntArray:
+    """Return a map between working vertices as one between the vertices of the files, -1 where there is none, (v,).
+
+    A vertex that lies on a triangle of the working surface goes to the vertex nearest to where the images of the
+    corners are in the mean, unless the map tears the triangle; then it goes with the nearest corner.
 
     Parameters
     ----------
-    working_map : ndarray of int, shape (w,)
-        One working vertex of the other shape for each of this one.
-    to_original : ndarray of int, shape (u,)
-        The vertex in its file of each working vertex of the other shape.
-    to_working : ndarray of int, shape (v,)
-        The working vertex, or -1, of each vertex of this shape's file.
-
-    Returns
-    -------
-    ndarray of int, shape (v,)
+    working_map : ndarray of int, shape (w_source,)
+        One working vertex of the target for each of the source.
+    target, source : SpectralShape
     """
-    return np.where(to_working >= 0, to_original[working_map][to_working], -1)
+    images, main = target.vertices[working_map], working_map[source.places.nearest]
+    means = source.places.on(images)
+    torn = np.linalg.norm(images[source.places.corners] - means[:, None], axis=2).max(axis=1)
+    together = torn <= MOST_TORN * np.sqrt(target.area / len(target.vertices))
+    found = np.full(len(source.to_working), -1)
+    places = np.where(together[:, None], means, target.vertices[main])
+    found[source.in_file] = target.in_file[cKDTree(target.points).query(places)[1]]
+    return found
 
 
 def unit_rows(values: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from data_tools.io.shapes import write_mesh
 
 Made = TypeVar("Made")
 #: The display mesh of one shape, for the report and the contact sheet: its vertices (v, 3) in the file's coordinates,
-#: its faces (f, 3), and the vertices' colours by place (v, 3), (0, 3) where there are none.
+#: its faces (f, 3), and the vertices' colours by place and confidence (v, 4), (0, 4) if none.
 DisplayMesh: TypeAlias = tuple[FloatArray, IntArray, NDArray[np.uint8]]
 
 
@@ -37,7 +37,7 @@ def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatAr
         Where to write the aligned mesh; its parts go to a folder of its name.
     max_faces : int
         Of the mesh for the report.
-    colours : ndarray, shape (f, 3), or None
+    colours : ndarray, shape (f, 4), or None
         Of its file's vertices; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
     """
     shape = file.read()
@@ -46,7 +46,7 @@ def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatAr
     for part, piece in aligned.split().items():
         write_mesh(mesh.with_suffix("") / f"{part}.ply", piece)
     vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=max_faces)
-    places = np.empty((0, 3), dtype=np.uint8)
+    places = np.empty((0, 4), dtype=np.uint8)
     if colours is not None:
         colours = at_vertices(colours, shape)[cKDTree(shape.vertices).query(vertices)[1]]
         places = np.round(255.0 * colours).astype(np.uint8)

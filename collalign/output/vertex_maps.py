@@ -14,15 +14,15 @@ from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 
 VERTEX_MAPS_FILE = "vertex_maps.npz"
-#: Of vertices that have no counterpart on the reference.
-_GREY = np.full(3, 0.6)
+#: Grey, and no confidence, of vertices that have no counterpart on the reference.
+_NOWHERE = np.array([0.6, 0.6, 0.6, 0.0])
 
 
 def save_vertex_maps(maps: VertexMaps, path: Path) -> None:
     """Write maps into a compressed npz file.
 
     ``places`` holds the places of all shapes' vertices one after the other, shape i from ``starts[i]`` to
-    ``starts[i + 1]``, in single precision.
+    ``starts[i + 1]``, in single precision, and ``vertex_confidence`` how sure they are.
     """
     starts = np.concatenate([[0], np.cumsum([len(own) for own in maps.places])])
     np.savez_compressed(
@@ -31,7 +31,8 @@ def save_vertex_maps(maps: VertexMaps, path: Path) -> None:
         reference=np.array(maps.reference),
         starts=starts,
         places=np.concatenate(maps.places).astype(np.float32),
-        residuals=maps.residuals,
+        confidence=maps.confidence,
+        vertex_confidence=np.concatenate([*maps.vertex_confidence, np.empty(0)]).astype(np.float32),
         left_out=np.array(maps.left_out, dtype=str).reshape(-1, 2),
     )
 
@@ -51,22 +52,25 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
     path = Path(folder) / VERTEX_MAPS_FILE
     if not path.is_file():
         raise InputError(f"{path}: there is none; align with --deformable to map all vertices")
+    none = np.empty(0)
     try:
         with np.load(path, allow_pickle=False) as data:
             names = tuple(str(name) for name in data["names"])
             starts = as_indices(data["starts"], "starts", upper=len(data["places"]) + 1, shape=(len(names) + 1,))
             every = _places(data["places"])
-            residuals = as_floats(data["residuals"], "residuals", shape=(len(names),))
+            whole, sure = (data.get(name, none).astype(float) for name in ("confidence", "vertex_confidence"))
             reference, left_out = str(data["reference"]), data["left_out"]
-        if reference not in names or (np.diff(starts) < 0).any():
-            raise InputError("the reference or the starts are impossible")
+        wrong_size = len(whole) not in (0, len(names)) or len(sure) not in (0, len(every))
+        if reference not in names or (np.diff(starts) < 0).any() or wrong_size:
+            raise InputError("the reference, the starts or the confidences are impossible")
     except (KeyError, ValueError, OSError, zipfile.BadZipFile, InputError) as error:
         raise InputError(f"{path}: not maps of vertices ({error})") from None
     return VertexMaps(
         names=names,
         reference=reference,
         places=tuple(read_only(every[a:b]) for a, b in itertools.pairwise(starts)),
-        residuals=read_only(residuals),
+        confidence=read_only(whole),
+        vertex_confidence=tuple(read_only(sure[a:b]) for a, b in itertools.pairwise(starts)) if len(sure) else (),
         left_out=tuple((str(name), str(reason)) for name, reason in left_out),
     )
 
@@ -83,22 +87,26 @@ class PlaceColours:
         self._low, self._high = placed.min(axis=0), placed.max(axis=0)
 
     def of_file(self, name: str) -> FloatArray:
-        """Return the colours of the vertices of a shape's file, then grey: that of vertices without counterpart."""
+        """Return the colours of a shape's vertices and, if known, their confidence; last those of no counterpart."""
+        num_columns = 4 if self._maps.vertex_confidence else 3
         if name not in self._maps.names:
-            return _GREY[None].copy()
+            return _NOWHERE[None, :num_columns].copy()
+        at = self._maps.names.index(name)
         extent = self._high - self._low
-        shares = (self._maps.places[self._maps.names.index(name)] @ self._axes - self._low) / np.where(
-            extent > 0, extent, 1.0
-        )
-        return np.vstack([np.where(np.isfinite(shares), 0.08 + 0.84 * np.clip(shares, 0.0, 1.0), _GREY), _GREY])
+        shares = (self._maps.places[at] @ self._axes - self._low) / np.where(extent > 0, extent, 1.0)
+        colours = 0.08 + 0.84 * np.clip(shares, 0.0, 1.0)
+        if num_columns > 3:
+            colours = np.column_stack([colours, self._maps.vertex_confidence[at]])
+        nowhere = _NOWHERE[:num_columns]
+        return np.vstack([np.where(np.isfinite(colours), colours, nowhere), nowhere])
 
 
 def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:
-    """Return the colours of the vertices of a shape, some of those of its file, shape (v, 3).
+    """Return what the vertices of a shape, some of those of its file, have of colours or numbers.
 
     Parameters
     ----------
-    colours : ndarray, shape (f, 3)
+    colours : ndarray, shape (f,) or (f, d)
         Of the file's vertices; the last one is that of all others.
     shape : Shape
     """

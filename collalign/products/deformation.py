@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,9 +28,11 @@ class VertexMaps:
     places : tuple of ndarray, each (v_i, 3)
         Where each vertex of a shape belongs on the reference, as their files count vertices and in the coordinates of
         the reference's file: a point of its surface, NaN where there is none.
-    residuals : ndarray, shape (M,)
-        Median disagreement of a shape's pairwise maps with the common basis: 0 agrees, about 1.4 has nothing to do
-        with it.
+    confidence : ndarray, shape (M,)
+        Probability that nine in ten of a shape's vertices belong within .1 sqrt(area) of their places, see
+        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are. Empty in older results.
+    vertex_confidence : tuple of ndarray, each (v_i,)
+        Probability that the place of each vertex is within that; NaN where there is none. Empty in older results.
     left_out : tuple of (str, str)
         Names of the other shapes, and why they have none.
     """
@@ -38,7 +40,8 @@ class VertexMaps:
     names: tuple[str, ...]
     reference: str
     places: tuple[FloatArray, ...]
-    residuals: FloatArray
+    confidence: FloatArray = field(default_factory=lambda: np.empty(0))
+    vertex_confidence: tuple[FloatArray, ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> IntArray:

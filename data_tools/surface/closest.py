@@ -34,6 +34,11 @@ class SurfacePoints:
     corners: IntArray
     weights: FloatArray
 
+    @property
+    def nearest(self) -> IntArray:
+        """The corner of the largest weight, shape (q,)."""
+        return np.asarray(self.corners[np.arange(len(self.corners)), self.weights.argmax(axis=1)])
+
     def on(self, vertices: FloatArray) -> FloatArray:
         """Return the places on the same mesh with its vertices elsewhere, shape (q, 3)."""
         return np.asarray(np.einsum("qc,qcd->qd", self.weights, vertices[self.corners]))

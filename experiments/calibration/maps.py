@@ -75,7 +75,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         def images(candidate: Refined) -> IntArray:
             forward = to.spectral.dense[candidate.functional_map.map_target_source]  # noqa: B023
             nearest = of.spectral.nearest_dense  # noqa: B023
-            return between_files(forward[nearest], to.spectral.to_original, of.spectral.to_working)  # noqa: B023
+            return between_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
 
         judge = judge_of(maps, settings, (to.copy, of.copy), None)
         errors = [judge(images(one)).direct for one in found]

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.portfolio import screening_refiner
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.portfolio import find_candidates
+from collalign.nonrigid.refine import between_files
+from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.nonrigid import match_prepared
-from collalign.tools.match.prepare import prepare_shape
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
@@ -176,7 +176,7 @@ def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) 
     started = time.process_time()
     options = json.loads(surface)
     spectrum_of = graph_spectrum_of if options.pop("operator", "auto") == "graph" else None
-    spectral = prepare_shape(copy.shape, SurfaceOptions(**options), spectrum_of=spectrum_of)
+    spectral = prepare_surface(copy.shape, SurfaceOptions(**options), spectrum_of=spectrum_of)
     return Prepared(copy=copy, spectral=spectral, seconds=time.process_time() - started)
 
 
@@ -189,11 +189,10 @@ def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
     shape = _prepared(data, set_name, "original", name, surface).spectral
     marks = maps.landmarks(name)
     evaluator = MapEvaluator(maps.data.shape(name), marks[maps.data.mirror])
-    refiner = screening_refiner(shape, shape)
     found = []
-    for self_map in shape.self_maps:
-        refined = refiner.from_functional_map(self_map).C_source_target
-        image = shape.to_original[dense_point_maps(shape, shape, refined)[0]][shape.to_working]
+    for self_map in find_candidates(shape, shape, NonrigidOptions(orientation="any")):
+        c = self_map.functional_map.C_source_target
+        image = between_files(dense_point_maps(shape, shape, c)[0], shape, shape)
         found.append(Mirror(image=image, error=float(evaluator.errors(image[marks]).direct.mean())))
     best = min(found, key=lambda mirror: mirror.error, default=None)
     return None if best is None or best.error > MAX_MIRROR_ERROR else best

@@ -50,7 +50,7 @@ def exact_maps(planted, *, names=NAMES):
         wrong = rng.random(len(own)) < 0.05
         own[wrong] = rng.permutation(own)[wrong]
         on_reference.append(own)
-    return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference), residuals=np.zeros(len(names)))
+    return VertexMaps(names=names, reference=NAMES[0], places=tuple(on_reference))
 
 
 def with_maps(result, maps, to):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.tools.match.prepare import prepare_shape
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
@@ -22,7 +22,7 @@ def test_the_chain_runs_to_the_end(is_fast):
     posed = bent(shape, rng, angle=0.6)
     source, truth = shuffled(Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng)
     chain = PaperChain(is_fast=is_fast, num_source=20, bandwidth=1, time_limit_s=4.0, num_candidates=2)
-    match, status = match_by_paper(prepare_shape(shape, SMALL), prepare_shape(source, SMALL), chain)
+    match, status = match_by_paper(prepare_surface(shape, SMALL), prepare_surface(source, SMALL), chain)
     assert status in (Status.CONVERGED, Status.TIME_LIMIT, Status.STALLED)
     assert match.candidates[0].origin == ("fast" if is_fast else "paper")
     assert match.functional_map.shape == (31, 31)

@@ -14,6 +14,7 @@ from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
+from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 
@@ -34,7 +35,7 @@ class PosedSurface:
     descriptors : ndarray, shape (n, m)
         Heat kernel signature and average geodesic distance, standardised.
     spectral : SpectralShape
-        Its vertices are the dense samples; no triangles, descriptors or self-maps.
+        Its vertices are the dense samples; no triangles or descriptors.
     """
 
     points: FloatArray
@@ -90,10 +91,12 @@ def spectral_samples(**known: Any) -> SpectralShape:
         faces=read_only(np.empty((0, 3), dtype=np.int64)),
         to_working=none,
         to_original=none,
+        in_file=none,
+        points=read_only(np.empty((0, 3))),
+        places=SurfacePoints(corners=none.reshape(0, 3), weights=np.empty((0, 3))),
         waves=nothing,
         samples=none,
         dense=read_only(np.arange(num)),
-        self_maps=read_only(np.empty((0, 0, 0))),
         notes=(),
         **kept,
     )

@@ -17,9 +17,11 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
+from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
+from data_tools.threads import one_blas_thread
 
 #: Energies of the wave kernel signature.
 NUM_WAVES = 40
@@ -48,6 +50,10 @@ class SpectralShape:
         without a triangle that end the file are left out.
     to_original : ndarray of int, shape (w,)
         For each vertex of the working surface its vertex of the file.
+    in_file, points : ndarray, shapes (p,) and (p, 3)
+        The vertices of the file that the working surface stands for, ascending, and where they are.
+    places : SurfacePoints
+        Of these on the working surface, about.
     area : float
         In squared units of the file.
     eigenvalues : ndarray, shape (m,)
@@ -66,9 +72,6 @@ class SpectralShape:
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
-    self_maps : ndarray, shape (s, q, q)
-        Functional maps of the shape to itself that nearly preserve it, the identity left out: its symmetries, and
-        confusions like front for back.
     notes : tuple of str
         What a user should know about the preparation.
     """
@@ -78,6 +81,9 @@ class SpectralShape:
     faces: IntArray
     to_working: IntArray
     to_original: IntArray
+    in_file: IntArray
+    points: FloatArray
+    places: SurfacePoints
     area: float
     eigenvalues: FloatArray
     functions: FloatArray
@@ -88,7 +94,6 @@ class SpectralShape:
     samples: IntArray
     dense: IntArray
     orientation: FloatArray
-    self_maps: FloatArray
     notes: tuple[str, ...]
 
     @property
@@ -107,10 +112,11 @@ class SpectralShape:
         return Shape.from_arrays(self.vertices, self.faces, name=self.name)
 
 
+@one_blas_thread()
 def prepare_surface(
     shape: Shape, options: SurfaceOptions | None = None, *, spectrum_of: SpectrumOf | None = None
 ) -> SpectralShape:
-    """Prepare everything but the self-maps, which are found with the help of the rest.
+    """Prepare a shape for non-rigid matching.
 
     Parameters
     ----------
@@ -140,8 +146,9 @@ def prepare_surface(
     eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     in_file = shape.file_indices
+    places = _places(part.vertices, working.vertices)
     to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
-    to_working[in_file[kept]] = cKDTree(working.vertices).query(part.vertices)[1]
+    to_working[in_file[kept]] = places.nearest
     curvature, orientation = _outside(surface, working, eigen, dense)
     return SpectralShape(
         name=shape.name,
@@ -149,6 +156,9 @@ def prepare_surface(
         faces=working.faces,
         to_working=read_only(to_working),
         to_original=read_only(in_file[kept[surface.to_original]]),
+        in_file=read_only(in_file[kept]),
+        points=part.vertices,
+        places=places,
         area=surface.area,
         eigenvalues=eigen.values,
         functions=eigen.functions,
@@ -159,7 +169,6 @@ def prepare_surface(
         samples=samples,
         dense=dense,
         orientation=read_only(orientation),
-        self_maps=read_only(np.empty((0, 0, 0))),
         notes=(*notes, *surface.notes),
     )
 
@@ -185,6 +194,13 @@ def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
         )
     part = Shape.from_arrays(shape.vertices[kept], np.searchsorted(kept, faces), name=shape.name, file=shape.file)
     return part, kept, notes
+
+
+def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:
+    """Return points as means of the three vertices nearest to each, weighed by the inverse square of the distance."""
+    distances, corners = cKDTree(vertices).query(points, 3)
+    weights = 1.0 / np.maximum(distances, 1e-9 * float(np.ptp(vertices, axis=0).max())) ** 2
+    return SurfacePoints(corners=corners, weights=weights / weights.sum(axis=1, keepdims=True))
 
 
 def _spectrum(surface: WorkingSurface, dense: IntArray, num: int) -> Spectrum:

@@ -62,7 +62,7 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
     arrays |= _join("vertices", collection.vertices, 3, np.float64) | _join("faces", collection.faces, 3, np.int64)
     arrays |= _pair_arrays(collection) | _alternative_arrays(collection) | _incomplete_arrays(collection)
     if collection.places:
-        arrays |= _join("places", collection.places, 3, np.uint8)
+        arrays |= _join("places", collection.places, collection.places[0].shape[1], np.uint8)
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]  # the stubs see only the flag
     return path
 

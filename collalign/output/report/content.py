@@ -59,9 +59,7 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
         "orders": _orders(collection, shape_statistics),
         "map": shape_statistics,
         "incomplete": incomplete,
-        "places": [f"place-{at}" if f"place-{at}" in places else None for at in range(len(collection))]
-        if places
-        else [],
+        "places": [_place(at, colours) for at, colours in enumerate(collection.places)] if places else [],
         "cycles": cycle_histogram(collection),
         "excluded": [(one.file, one.reason) for one in collection.excluded],
         "options": options_record(collection),
@@ -90,6 +88,13 @@ def place_meshes(collection: Collection) -> dict[str, tuple[dict[str, Any], str]
         for at, colours in enumerate(collection.places)
         if len(colours)
     }
+
+
+def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
+    """Return the mesh in the colours of a shape's places, and the share of these that is expected to be right."""
+    if not len(colours):
+        return None
+    return {"mesh": f"place-{at}", "sure": colours[:, 3].mean() / 255.0 if colours.shape[1] > 3 else None}
 
 
 def _run_key(collection: Collection) -> str:

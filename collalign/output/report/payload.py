@@ -53,8 +53,8 @@ def pack_mesh(
     faces : ndarray of int, shape (f, 3)
     samples : ndarray, shape (k, 3)
         In the same coordinates; NaN where missing.
-    scalars : array_like, shape (v,) or (v, 3), optional
-        Values in [0, 1] to colour the vertices by, or red, green and blue.
+    scalars : array_like, shape (v,), (v, 3) or (v, 4), optional
+        Values in [0, 1] to colour the vertices by, or red, green and blue, or these and a value.
 
     Returns
     -------

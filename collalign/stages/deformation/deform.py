@@ -23,12 +23,13 @@ from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.percent import listed, percent
 from data_tools.rotations import rotation_angle_deg
 
+#: Triangles of a surface, at most: places of vertices are as exact as these.
+MAX_FACES = 50_000
 #: Poses that start maps of a pair: the common one, and candidates of the pair that are this far apart.
 MAX_STARTS, APART_DEG = 5, 25.0
-#: Shapes whose maps disagree this many times as much as the median shape's are named.
-SUSPECT = 1.5
 _SMALLEST = float(np.finfo(float).tiny)
 
 
@@ -51,7 +52,7 @@ def map_vertices(
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
     """
-    surfaces = prepare_all_detailed(session, shapes, SurfaceOptions())
+    surfaces = prepare_all_detailed(session, shapes, SurfaceOptions(max_faces=MAX_FACES))
     able = [pair for pair in pairs if pair.inlier and pair.target in surfaces and pair.source in surfaces]
     members, chosen = _linked(_similar(len(shapes.names), able))
     if not chosen:
@@ -90,7 +91,7 @@ def map_vertices(
     bases, residuals = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
     own = [residuals[(edges == position).any(axis=1)] for position in range(len(members))]
     typical = np.array([float(np.median(values)) for values in own])
-    return _vertices(session, shapes, members, bases, typical, surfaces)
+    return _vertices(session, shapes, members, bases, typical, rotations, surfaces)
 
 
 def _similar(num: int, pairs: Sequence[Pair]) -> list[Pair]:
@@ -157,6 +158,7 @@ def _vertices(
     members: Sequence[int],
     bases: FloatArray,
     residuals: FloatArray,
+    rotations: FloatArray,
     surfaces: Results[int, StoredSurface],
 ) -> VertexMaps:
     """Return the maps of all vertices that the bases give, through the most central shape."""
@@ -166,6 +168,8 @@ def _vertices(
             "reference": surfaces.shared(members[centre], VertexSurface),
             "shape": surfaces.shared(shape, VertexSurface),
             "bases": np.stack([bases[centre], bases[position]]),
+            "samples": (surfaces.shared(members[centre]), surfaces.shared(shape)),
+            "mirrored": bool(np.linalg.det(rotations[members[centre]] @ rotations[shape]) < 0),
         }
         for position, shape in enumerate(members)
     }
@@ -178,8 +182,9 @@ def _vertices(
     return VertexMaps(
         names=tuple(shapes.names[i] for i in members),
         reference=shapes.names[members[centre]],
-        places=tuple(read_only(found[shape]) for shape in members),
-        residuals=read_only(residuals),
+        places=tuple(read_only(found[shape][0]) for shape in members),
+        confidence=read_only(np.array([found[shape][1] for shape in members])),
+        vertex_confidence=tuple(read_only(found[shape][2]) for shape in members),
         left_out=tuple((shapes.names[i], reason) for i, reason in left_out.items()),
     )
 
@@ -189,8 +194,8 @@ def vertex_notes(found: VertexMaps | None) -> tuple[str, ...]:
     if found is None:
         return ("There are no maps of vertices: fewer than two meshes could be mapped to each other.",)
     notes = [f"No maps of the vertices of {name}: {reason}" for name, reason in found.left_out]
-    suspects = np.flatnonzero(found.residuals > SUSPECT * np.median(found.residuals))
-    if len(suspects):
-        names = ", ".join(found.names[i] for i in suspects)
-        notes.append(f"The maps of {names} disagree with each other more than those of other shapes: look at them.")
+    doubtful = np.flatnonzero(found.confidence < 0.5)
+    if len(doubtful):
+        names = listed([f"{found.names[i]} ({percent(found.confidence[i])})" for i in doubtful])
+        notes.append(f"Maps that are more likely wrong than right (the report shows where): those of {names}.")
     return tuple(notes)

@@ -74,9 +74,8 @@ def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray)
     refiner = Refiner(
         target,
         source,
-        num_dense=max(len(target.dense), len(source.dense)),
         first=FIRST_SIZE,
-        last=min(len(target.eigenvalues), len(source.eigenvalues)) + 1,
+        last=len(target.eigenvalues) + 1,
         factor=GROWTH,
     )
     return RefinedMap(map=refiner.from_functional_map(start).C_source_target)
@@ -85,5 +84,5 @@ def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray)
 #: Map a pair. The version changes whenever the same surfaces and starts would give other maps.
 CANDIDATES, REFINING = (
     Job(kind="evidence", version="consistent-2", run=candidate_maps, reader=CandidateMaps),
-    Job(kind="evidence", version="consistent-2", run=refine_map, reader=RefinedMap),
+    Job(kind="evidence", version="consistent-3", run=refine_map, reader=RefinedMap),
 )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Annotated
+
+import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
 from collalign.nonrigid.surface.posed import PosedSurface, posed_surface, prepare_posed, spectral_samples
@@ -41,6 +43,14 @@ class StoredSurface:
     def spectral(self) -> SpectralShape:
         """The surface as maps need it."""
         return spectral_samples(**{name: getattr(self, name) for name in OF_SPECTRAL})
+
+    @property
+    def mirrored(self) -> StoredSurface:
+        """The mirror image, its normals outward."""
+        flip = np.array([-1.0, 1.0, 1.0])
+        return replace(
+            self, vertices=self.vertices * flip, normals=self.normals * flip, orientation=-self.orientation
+        )
 
     @cached_property
     def posed(self) -> PosedSurface:

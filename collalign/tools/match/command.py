@@ -19,9 +19,8 @@ from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
 from collalign.tools.match.map_files import NONRIGID_FILES, stage_match
-from collalign.tools.match.nonrigid import match_prepared
+from collalign.tools.match.nonrigid import match_prepared, prepare_file
 from collalign.tools.match.pictures import draw_match
-from collalign.tools.match.prepare import prepare_file
 from collalign.tools.match.rigid import RigidMatch, match_rigid
 from data_tools.errors import OptionsError
 from data_tools.io.output_folder import OutputFolder

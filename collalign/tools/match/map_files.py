@@ -9,7 +9,8 @@ import numpy as np
 
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.templates import read_templates
-from collalign.tools.match.pictures import draw_match, transferred_colours, values_at_vertices, vertices_map
+from collalign.output.vertex_maps import at_vertices
+from collalign.tools.match.pictures import draw_match, transferred_colours, vertices_map
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
@@ -44,7 +45,7 @@ def stage_match(
     rows = carried_rows(found, {left.name: target, right.name: source}, (left, right), landmarks)
     found.stage(output)
     point_map = vertices_map(found.point_map_target_source, left, right)
-    confidence = values_at_vertices(found.vertex_confidence, right)
+    confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
     draw_match(output.stage("map.png"), left, right, point_map, confidence)
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
@@ -78,7 +79,7 @@ def carried_rows(
         on, other = shapes if is_target else shapes[::-1]
         to_source = vertices_map(found.point_map_source_target, shapes[1], shapes[0])
         to_target = vertices_map(found.point_map_target_source, *shapes)
-        confidence = values_at_vertices(found.vertex_confidence, shapes[1])
+        confidence = at_vertices(np.append(found.vertex_confidence, np.nan), shapes[1])
         for label, point in zip(marks.labels, marks.points, strict=True):
             own = int(((on.vertices - point) ** 2).sum(axis=1).argmin())
             image = int((to_source if is_target else to_target)[own])

@@ -7,18 +7,21 @@ from typing import Any
 
 import numpy as np
 
+from collalign.nonrigid.harmonic import HarmonicRefiner
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_trust import agreements, trust_of
-from collalign.nonrigid.portfolio import Refined, find_candidates, full_harmonic
+from collalign.nonrigid.portfolio import Refined, find_candidates
 from collalign.nonrigid.refine import between_files
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
-from collalign.tools.match.prepare import prepare_file
+from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
+from data_tools.options import AS_STORED
 from data_tools.threads import one_blas_thread
 
 #: The chosen map may be this much behind the best score. On 19 pairs, see
@@ -67,9 +70,13 @@ def match_shapes(
     """
     asked = as_options("options", options, NonrigidOptions, keywords)
     surface = as_options("surface_options", surface_options, SurfaceOptions)
-    to = prepare_file(as_origin(target, "target"), surface)
-    of = prepare_file(as_origin(source, "source"), surface)
+    to, of = (prepare_file(as_origin(file, role), surface) for file, role in ((target, "target"), (source, "source")))
     return match_prepared(to, of, asked)
+
+
+def prepare_file(file: Origin | str, options: SurfaceOptions | None = None) -> SpectralShape:
+    """Read and prepare a file: any mesh or point cloud that :func:`data_tools.io.shapes.read_shape` reads."""
+    return prepare_surface(read_shape(file, AS_STORED), options)
 
 
 @one_blas_thread()
@@ -87,7 +94,7 @@ def match_prepared(
     options = options or NonrigidOptions()
     _check_fit(target, source)
     found = chosen_first(target, find_candidates(target, source, options), options)
-    maps = full_harmonic(target, source).of_all_vertices(found[0].functional_map)
+    maps = HarmonicRefiner(target, source).of_all_vertices(found[0].functional_map)
     return match_of(target, source, found, maps, num_candidates=options.num_candidates)
 
 
@@ -105,8 +112,8 @@ def match_of(
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
-        point_map_target_source=read_only(between_files(forward, target.to_original, source.to_working)),
-        point_map_source_target=read_only(between_files(backward, source.to_original, target.to_working)),
+        point_map_target_source=read_only(between_files(forward, target, source)),
+        point_map_source_target=read_only(between_files(backward, source, target)),
         functional_map=read_only(found[0].functional_map.C_source_target),
         candidates=tuple(_public(target, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),

@@ -45,11 +45,6 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
     return places[point_map_target_source[of_source]]
 
 
-def values_at_vertices(values: FloatArray, shape: Shape) -> FloatArray:
-    """Return values of a file's vertices at the vertices of the shape as it was read, NaN where there is none."""
-    return np.asarray(np.append(values, np.nan)[np.minimum(shape.file_indices, len(values))])
-
-
 def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return colours in [0, 1] of the target's vertices and of the source's, shapes (u, 3) and (v, 3).
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
+from collalign.output.vertex_maps import at_vertices
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin
@@ -35,8 +36,7 @@ class NonrigidCandidate:
         Vertex of the target file for each of ``NonrigidMatch.dense_source``.
     evidence : Evidence
     origin : str
-        "signs", "descriptors", "relaxation", "paper" or "fast"; with "symmetry" if it was composed with a self-map
-        of the target.
+        "signs", "descriptors" or "poses"; in experiments also the paper's "relaxation".
     """
 
     functional_map: FloatArray
@@ -116,12 +116,12 @@ class NonrigidMatch:
         target, source : as in :func:`collalign.match_shapes`
             The shapes that were matched.
         """
-        from collalign.tools.match.pictures import match_figure, values_at_vertices, vertices_map
+        from collalign.tools.match.pictures import match_figure, vertices_map
 
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
         point_map = vertices_map(self.point_map_target_source, left, right)
-        return match_figure(left, right, point_map, values_at_vertices(self.vertex_confidence, right))
+        return match_figure(left, right, point_map, at_vertices(np.append(self.vertex_confidence, np.nan), right))
 
     def save(self, folder: Path | str) -> tuple[Path, ...]:
         """Write the files of :meth:`stage`, each complete or not at all; other files of these names stay.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
-from collalign.nonrigid.eigen_starts import candidate_mask, wave_gaps
-from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap, paired_forms
+from collalign.nonrigid.eigen_starts import candidate_mask
+from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.geodesics import GeodesicSolver
@@ -52,14 +52,6 @@ def test_equal_curvatures_have_no_gap():
     assert _curvature_gap(values, -values) == pytest.approx(2.0)
 
 
-def test_a_mirrored_form_has_the_other_sign():
-    forms = np.random.default_rng(1).standard_normal((7, 4, 4))
-    _, kept = paired_forms(forms, forms, np.eye(5))
-    _, swapped = paired_forms(forms, forms, np.eye(5), sign=-1.0)
-    np.testing.assert_allclose(swapped, -kept)
-    assert np.abs(kept).max() > 0
-
-
 def shapes(num, agd_target, agd_source):
     """Two shapes of which masks only need descriptors."""
     waves = np.random.default_rng(2).random((num, 3))
@@ -78,13 +70,6 @@ def test_masks_are_widened_by_half_until_a_map_fits():
     # 5 source samples need 5 targets: shares .05, .075, .1125, .169, .253 allow 1, 2, 2, 3, 5 of 20
     few = candidate_mask(agd_gaps(target, source, np.arange(5)), 0.05)
     assert (few.sum(axis=0) == 5).all()
-
-
-def test_wave_descriptors_differ_by_the_mean():
-    target, source = shapes(4, np.zeros(4), np.zeros(4))
-    gaps = wave_gaps(target, source, np.arange(4))
-    expected = np.abs(target.waves[1] - source.waves[2]).mean()
-    assert gaps[1, 2] == pytest.approx(expected)
 
 
 def test_neighbours_weigh_by_a_gaussian_of_the_paper_s_width():

@@ -386,9 +386,11 @@ def test_incomplete_shapes_have_a_section_of_their_own(browser, tmp_path):
 def test_maps_of_vertices_have_a_section_where_there_are_any(browser, tmp_path):
     with Page(browser, write_report(mapped_view(), tmp_path / "mapped")) as page:
         section = page.page.locator("#places")
-        assert section.locator("canvas").count() == 3
+        assert section.locator("canvas").count() == 6
         assert page.pixels("#places canvas", 0)["share"] > 0.05
+        assert page.pixels("#places canvas", 5)["share"] > 0.05
         assert "No maps: " in section.inner_text()
+        assert "20 %" in section.locator("figcaption").last.inner_text()
         section.locator("button").first.click()
         assert page.page.locator("dialog[open]").count() == 1
     with Page(browser, write_report(view_of(4), tmp_path / "plain")) as plain:

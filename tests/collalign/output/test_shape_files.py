@@ -1,5 +1,7 @@
 """Which shapes the contact sheet draws, and the colours of their places."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most,
 def test_colours_are_the_places_along_the_axes_of_the_reference():
     corners = np.stack(np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1).reshape(-1, 3)
     other = np.array([[0.5, 6.0, 0.5], [np.nan] * 3, [9.0, 9.0, 9.0]])
-    maps = VertexMaps(names=("a", "b"), reference="a", places=(corners, other), residuals=np.zeros(2), left_out=())
+    maps = VertexMaps(names=("a", "b"), reference="a", places=(corners, other))
     colours = PlaceColours(maps)
     of_corners = colours.of_file("a")
     np.testing.assert_allclose(np.unique(of_corners[:-1].round(9)), [0.08, 0.92])
@@ -35,6 +37,10 @@ def test_colours_are_the_places_along_the_axes_of_the_reference():
     assert set(outside.round(9)) <= {0.08, 0.92}
     for grey in (unknown, none, of_corners[-1], *colours.of_file("c")):
         np.testing.assert_array_equal(grey, 0.6)
+    sure = dataclasses.replace(maps, vertex_confidence=(np.linspace(0.0, 1.0, 8), np.array([0.9, np.nan, 0.2])))
+    known = PlaceColours(sure).of_file("b")
+    np.testing.assert_array_equal(known[:, :3], colours.of_file("b"))
+    np.testing.assert_array_equal(known[:, 3], [0.9, 0.0, 0.2, 0.0])
 
 
 def test_the_contact_sheet_shows_every_shape_before_and_after_in_its_own_cell():

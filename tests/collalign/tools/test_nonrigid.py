@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.tools.match.nonrigid import match_prepared, match_shapes
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
 from collalign.tools.match.pictures import draw_match, transferred_colours
-from collalign.tools.match.prepare import prepare_file, prepare_shape
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
@@ -35,7 +35,7 @@ def pair():
 
 @pytest.fixture(scope="module")
 def prepared(pair):
-    return prepare_shape(pair[0], SMALL), prepare_shape(pair[1], SMALL)
+    return prepare_surface(pair[0], SMALL), prepare_surface(pair[1], SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_portfolio_finds_the_dense_map(pair, match):
 
 def test_a_mirror_image_is_detected_as_such(pair, prepared):
     target, source, truth = pair
-    reflection = prepare_shape(mirrored(source), SMALL)
+    reflection = prepare_surface(mirrored(source), SMALL)
     match = match_prepared(prepared[0], reflection, replace(QUICK, orientation="any"))
     assert match.orientation == "reversing"
     assert mean_error(target, match.point_map_target_source, truth) < 0.03
@@ -104,13 +104,13 @@ def test_vertex_indices_are_those_of_the_file(tmp_path, pair, prepared):
 
 def test_large_meshes_are_decimated_and_small_ones_work(pair, prepared):
     target = pair[0]
-    coarse = prepare_shape(target, replace(SMALL, max_faces=1200))
+    coarse = prepare_surface(target, replace(SMALL, max_faces=1200))
     assert "decimated" in " ".join(coarse.notes)
     match = match_prepared(prepared[0], coarse, QUICK)
     own = np.arange(len(target.vertices))
     assert mean_error(target, match.point_map_target_source, own) < 0.05
     vertices, faces = coarse.vertices, coarse.faces
-    tiny = prepare_shape(Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000))
+    tiny = prepare_surface(Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000))
     assert len(tiny.dense) == len(vertices)
     assert match_prepared(tiny, tiny).confidence > 0.5
 
@@ -119,23 +119,20 @@ def test_poor_meshes_work_or_say_what_to_do(pair, prepared):
     target = pair[0]
     holed = Shape.from_arrays(target.vertices, target.faces[40:], name="holed")
     fin = np.vstack([target.faces, [[target.faces[0, 0], target.faces[0, 1], len(target.vertices)]]])
-    top = target.vertices[target.faces[0]].mean(axis=0) * 1.05
+    own, top = np.arange(len(target.vertices)), target.vertices[target.faces[0]].mean(axis=0) * 1.05
     finned = Shape.from_arrays(np.vstack([target.vertices, top]), fin, name="finned")
     for shape in (holed, finned):
-        match = match_prepared(prepare_shape(shape, SMALL), prepare_shape(target, SMALL), QUICK)
-        assert (
-            mean_error(target, match.point_map_source_target[: len(target.vertices)], np.arange(len(target.vertices)))
-            < 0.05
-        )
+        match = match_prepared(prepare_surface(shape, SMALL), prepare_surface(target, SMALL), QUICK)
+        assert mean_error(target, match.point_map_source_target[: len(own)], own) < 0.05
     few = Shape.from_arrays(target.vertices[target.faces[:40]].reshape(-1, 3), np.arange(120).reshape(-1, 3))
     with pytest.raises(InputError, match="num_functions"):
-        prepare_shape(few, SMALL)
+        prepare_surface(few, SMALL)
 
 
 @pytest.mark.parametrize("spectrum_of", [None, graph_spectrum_of])
 def test_point_clouds_match_without_normals(spectrum_of, pair, rng):
     options = replace(SMALL, num_functions=40)
-    clouds = [prepare_shape(point_cloud(shape, rng), options, spectrum_of=spectrum_of) for shape in pair[:2]]
+    clouds = [prepare_surface(point_cloud(shape, rng), options, spectrum_of=spectrum_of) for shape in pair[:2]]
     match = match_prepared(*clouds, QUICK)
     assert match.orientation == "unknown"
     assert match.confidence <= 0.5

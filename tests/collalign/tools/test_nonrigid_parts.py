@@ -15,7 +15,7 @@ from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
-from experiments.maps.evaluation import MapErrors, MapEvaluator, cumulative_curve, draw_curves, summary
+from experiments.maps.evaluation import MapEvaluator, cumulative_curve, draw_curves, summary
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
 
@@ -95,11 +95,6 @@ def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere):
         evaluator.errors([0, 1])
     with pytest.raises(InputError, match="truth"):
         MapEvaluator(sphere, [99999])
-
-
-def test_the_whole_map_is_flipped_or_not():
-    half = MapErrors(direct=np.array([0.0, 0.4]), mirrored=np.array([0.5, 0.0]))
-    assert half.accepting_flips.tolist() == [0.0, 0.4]
 
 
 def test_curves_count_points(tmp_path):

@@ -20,13 +20,14 @@ export class Assets {
     return group;
   }
 
-  // A layer: { object }, made already, or { mesh, matrix, color, opacity, points (a colour or null per sample), surface }.
-  async objects({ object, mesh: id, matrix, color, opacity = 1, points, surface = true }) {
+  // A layer: { object }, made already, or { mesh, matrix, color, opacity, points (a colour or null per sample), surface,
+  // values (whether vertices that have both, a colour and a value, are coloured by this) }.
+  async objects({ object, mesh: id, matrix, color, opacity = 1, points, surface = true, values = false }) {
     if (object) return [object];
     const mesh = await this.collection.mesh(id);
     const out = [];
     if (surface) {
-      const geometry = this.geometry(id, mesh);
+      const geometry = this.geometry(id, mesh, values);
       const object = mesh.faces.length
         ? new Mesh(geometry, this.surfaceMaterial(mesh.scalars.length ? null : color, opacity))
         : new Points(geometry, this.pointMaterial(color));
@@ -38,23 +39,29 @@ export class Assets {
     return out;
   }
 
-  geometry(id, mesh) {
-    if (!this.geometries.has(id)) {
+  geometry(id, mesh, values) {
+    const key = `${id} ${values}`;
+    if (!this.geometries.has(key)) {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(mesh.vertices, 3));
       if (mesh.scalars.length) {
-        const shares = [...mesh.scalars].map((value) => value / 255);
-        // As many as coordinates are red, green and blue; else there is one share for each vertex.
-        const colors = shares.length === mesh.vertices.length ? shares.flatMap(linear) : shares.flatMap((value) => viridis(value).toArray());
+        // Of each vertex a share, or red, green and blue, or these and a share.
+        const width = (3 * mesh.scalars.length) / mesh.vertices.length;
+        const byShare = width === 1 || (values && width === 4);
+        const colors = [];
+        for (let at = 0; at < mesh.scalars.length; at += width) {
+          const own = [...mesh.scalars.subarray(at, at + width)].map((value) => value / 255);
+          colors.push(...(byShare ? viridis(own[width - 1]).toArray() : own.slice(0, 3).map(linear)));
+        }
         geometry.setAttribute("color", new BufferAttribute(new Float32Array(colors), 3));
       }
       if (mesh.faces.length) {
         geometry.setIndex(new BufferAttribute(mesh.faces, 1));
         geometry.computeVertexNormals();
       }
-      this.geometries.set(id, geometry);
+      this.geometries.set(key, geometry);
     }
-    return this.geometries.get(id);
+    return this.geometries.get(key);
   }
 
   surfaceMaterial(color, opacity) {

@@ -1,21 +1,37 @@
-// Maps of all vertices: every shape in the colours of the reference's places.
+// Maps of all vertices: every shape in the colours of the reference's places, and in those of how sure they are.
 
+import { VIRIDIS_CSS } from "./colors.js";
 import { button, el } from "./dom.js";
-import { after } from "./layers.js";
+import { after, percent } from "./layers.js";
+
+function picture(app, at, label, look) {
+  const canvas = el("canvas", { role: "img", "aria-label": `${app.collection.shapes[at].name}, coloured by ${label}` });
+  const tile = app.stage.add(canvas, () => [after(app, at, look)], { fitted: true });
+  app.corrections.onchange(() => app.stage.refresh(tile));
+  return canvas;
+}
 
 export function placesSection(app) {
   const { places, shapes } = app.collection;
   const cards = [];
-  places.forEach((mesh, at) => {
-    if (mesh === null) return;
+  places.forEach((place, at) => {
+    if (place === null) return;
     const { name } = shapes[at];
-    const canvas = el("canvas", { role: "img", "aria-label": `${name}, coloured by correspondence` });
-    const tile = app.stage.add(canvas, () => [after(app, at, { mesh })], { fitted: true });
-    app.corrections.onchange(() => app.stage.refresh(tile));
-    cards.push(el("li", { class: "card" }, el("figure", null, canvas, el("figcaption", null, button(name, () => app.openShape(at), { class: "link" })))));
+    const { mesh, sure } = place;
+    const pictures = [picture(app, at, "correspondence", { mesh })];
+    const words = el("figcaption", null, button(name, () => app.openShape(at), { class: "link" }));
+    if (sure !== null) {
+      pictures.push(picture(app, at, "confidence", { mesh, values: true }));
+      words.append(el("span", { class: "muted" }, ` ${percent(sure)}`));
+    }
+    cards.push(el("li", { class: "card" }, el("figure", null, ...pictures, words)));
   });
   const without = shapes.filter((_, at) => places[at] === null).map(({ name }) => name);
   const parts = [el("p", { class: "muted" }, "Equal colours are corresponding places, grey has no counterpart: where colours run in another way than on the other shapes, look twice.")];
+  if (places.some((place) => place && place.sure !== null)) {
+    const ramp = el("span", { class: "ramp", style: `background:${VIRIDIS_CSS}` });
+    parts.push(el("div", { class: "legend" }, "0", ramp, "1", el("span", { class: "muted" }, "probability that a place is right within .1 of the square root of the area; the number is the share of places that are expected to be")));
+  }
   if (without.length) parts.push(el("p", null, `No maps: ${without.join(", ")}.`));
   return [...parts, el("ul", { class: "gallery small" }, ...cards)];
 }
