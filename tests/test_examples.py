@@ -13,6 +13,8 @@ import collalign
 import data_tools
 import pairwise
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 #: Names that examples use without importing them.
 KNOWN = {"np": np, "collalign": collalign, "pairwise": pairwise}
 #: Lines of a tall terminal window.

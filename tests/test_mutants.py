@@ -177,7 +177,7 @@ def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(t
             "from pathlib import Path",
             "from tests.mutants.place import Mutant",
             "from tests.mutants.runner import run_mutants",
-            f"for verdict in run_mutants({mutants!r}, Path({str(tmp_path)!r}), time_limit_s=20):",
+            f"for verdict in run_mutants({mutants!r}, Path({str(tmp_path)!r}), time_limit_s=5):",
             "    print(verdict.ending)",
         ]
     )

@@ -24,6 +24,7 @@ from data_tools.surface.topology import mesh_edges
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
+pytestmark = pytest.mark.usefixtures("quick_search")
 NUM_SHAPES, BROKEN = 5, "tooth3"
 #: Vertices with landmarks; the cut takes some of them.
 LANDMARKS = np.arange(10, 700, 45)
@@ -143,15 +144,9 @@ def test_every_export_says_what_is_missing(teeth, tmp_path):
     assert [one["positionStatus"] == "undefined" for one in markups] == lacking.tolist()
 
 
-def test_variation_leaves_broken_shapes_out_and_says_so(teeth, tmp_path):
-    found = collalign.write_surface_variation(teeth.result, tmp_path / "out", run=teeth.run, progress=False)
-    assert BROKEN not in found.names
-    assert len(found.names) == NUM_SHAPES - 1
-    assert f"Left out of the statistics: {BROKEN} (incomplete)." in (tmp_path / "out" / "variation.html").read_text()
-    assert (tmp_path / "out" / "left_out.csv").read_text().split() == ["name,reason", f"{BROKEN},incomplete"]
-
-
-def test_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_variation(teeth, tmp_path, capsys):
+def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_variation(
+    teeth, tmp_path, capsys
+):
     view = load(teeth.result)
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
@@ -160,6 +155,8 @@ def test_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_varia
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
     assert f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)" in capsys.readouterr().err
+    assert f"{BROKEN} (incomplete)." in (result / "variation" / "variation.html").read_text()
+    assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
     (tmp_path / "labels.csv").write_text("\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n")

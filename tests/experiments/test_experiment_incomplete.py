@@ -12,6 +12,8 @@ from experiments.pairs.incomplete_sets import (
     scan_row,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_search")
+
 
 def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole():
     settings = {"collection": "teeth", "share": 0.25, "way": "auto", "shapes": 4}

@@ -19,7 +19,7 @@ from experiments.maps import map_cells, map_sets, map_trials
 from experiments.write import write_experiment
 from pairwise.status import Status
 
-pytestmark = pytest.mark.usefixtures("few_source_samples")
+pytestmark = pytest.mark.usefixtures("quick_search")
 #: Height above which the scans of the generated bodies miss everything.
 CUT = 15.0
 

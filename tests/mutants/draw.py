@@ -3,6 +3,7 @@
 import ast
 import random
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 from tests.mutants.calls import PACKAGES
@@ -80,6 +81,7 @@ def draw(root, num, seed):
     ]
 
 
+@cache
 def changes(source):
     """Return the faults that may be put into a module, one per place: operators, numbers, conditions, calls."""
     at = _Offsets(source)
@@ -183,6 +185,7 @@ def _module(file):
     return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
+@cache
 def _imported(source):
     """Return the modules that a text imports, and those of which it imports names, by their dotted names."""
     found = set()

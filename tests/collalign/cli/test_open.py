@@ -102,8 +102,8 @@ def press(page, button, words):
 
 def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browser, tmp_path):
     folder, out, hostile = tmp_path / "shapes", tmp_path / "shapes-aligned", "<b>'$(x)"
-    write_collection(folder, chairs(4))
-    (folder / "chair4.ply").rename(folder / f"{hostile}.ply")
+    write_collection(folder, chairs(3))
+    (folder / "chair3.ply").rename(folder / f"{hostile}.ply")
     (tmp_path / "labels.csv").write_text("name,kind\nchair1,a\nchair2,b\n")
     points = read_shape(folder / "chair1.ply", AS_STORED).vertices[::40]
     rows = "".join(f"{name},{x},{y},{z}\n" for name, (x, y, z) in enumerate(points))
@@ -125,7 +125,7 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
 
 
 def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path):
-    write_collection(tmp_path / "shapes", chairs(8))
+    write_collection(tmp_path / "shapes", chairs(5))
     with shown(browser, tmp_path / "shapes") as (opened, _):
         page = opened.page
         page.get_by_role("button", name="Align this folder").click()

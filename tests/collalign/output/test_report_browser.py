@@ -51,6 +51,20 @@ def opened(browser, small_file):
     assert page.requests == [small_file.as_uri()]
 
 
+@pytest.fixture(scope="module")
+def common(browser, small_file):
+    with Page(browser, small_file) as page:
+        yield page
+
+
+@pytest.fixture
+def read(common):
+    """The same page for all tests that only read and open things: they must leave it as it was."""
+    yield common
+    common.page.keyboard.press("Escape")
+    assert common.page.locator("dialog[open], .decisions:visible").count() == 0
+
+
 def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser, tmp_path):
     with Page(browser, write_report(view_of(100), tmp_path)) as page:
         assert page.page.locator(".card").count() == 100
@@ -67,9 +81,9 @@ def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser, tmp_pa
         assert page.page.locator("dialog[open] canvas").count() == 3
 
 
-def test_alignment_is_visible(opened):
-    opened.page.wait_for_function(ALL_DRAWN)
-    shapes = np.array(opened.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool)
+def test_alignment_is_visible(read):
+    read.page.wait_for_function(ALL_DRAWN)
+    shapes = np.array(read.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool)
     before, after = shapes[::2], shapes[1::2]
 
     def overlap(masks):
@@ -78,7 +92,7 @@ def test_alignment_is_visible(opened):
     assert overlap(after) > 0.6 > 0.5 > overlap(before)
 
 
-def test_turning_one_shape_turns_all(opened):
+def test_turning_one_shape_turns_all_and_spinning_starts_and_stops(opened):
     others = [opened.image(".tile canvas", at) for at in (1, 2)]
     opened.page.locator(".tile").first.focus()
     opened.page.keyboard.press("ArrowRight")
@@ -92,9 +106,6 @@ def test_turning_one_shape_turns_all(opened):
     opened.page.mouse.up()
     opened.wait_until_changed(".tile canvas", turned, 2)
     assert opened.page.locator("dialog[open]").count() == 0
-
-
-def test_spinning_starts_and_stops(opened):
     spin = opened.page.locator("#spin")
     before = opened.image(".tile canvas", 0)
     spin.click()
@@ -150,11 +161,11 @@ def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened, smal
     assert title.inner_text() == "shape_002 – shape_005"
 
 
-def test_matched_points_carry_equal_colours(opened):
-    opened.page.locator("#pairs table button").first.click()
-    first, second = (opened.pixels("dialog[open] canvas", at) for at in (0, 1))
+def test_matched_points_carry_equal_colours(read):
+    read.page.locator("#pairs table button").first.click()
+    first, second = (read.pixels("dialog[open] canvas", at) for at in (0, 1))
     assert abs(first["share"] - second["share"]) < 0.2
-    assert opened.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
+    assert read.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
 
 
 def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
@@ -181,8 +192,8 @@ def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     assert opened.page.get_by_text("1 decision", exact=True).is_visible()
 
 
-def test_map_is_walked_by_keys_and_coloured_by_labels(opened):
-    points = opened.page.locator("#map g.dot")
+def test_map_is_walked_by_keys_and_coloured_by_labels(read):
+    points = read.page.locator("#map g.dot")
     assert points.count() == 9  # shape_001 is in doubt and stays out of statistics
     assert points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length") == 1
     assert points.first.locator("circle").get_attribute("fill") != points.nth(1).locator("circle").get_attribute(
@@ -191,39 +202,36 @@ def test_map_is_walked_by_keys_and_coloured_by_labels(opened):
     points.first.focus()
     reached = set()
     for key in ("ArrowRight", "ArrowLeft", "ArrowUp", "ArrowDown"):
-        opened.page.keyboard.press(key)
-        reached.add(opened.page.evaluate("document.activeElement.getAttribute('aria-label')"))
+        read.page.keyboard.press(key)
+        reached.add(read.page.evaluate("document.activeElement.getAttribute('aria-label')"))
     assert len(reached) > 1
-    name = opened.page.evaluate("document.activeElement.getAttribute('aria-label')").split(",")[0]
-    opened.page.keyboard.press("Enter")
-    assert opened.page.locator("dialog[open] h2").inner_text() == name
-    opened.page.keyboard.press("Escape")
-    assert "principal coordinate 1" in opened.page.locator("#map svg").text_content()
+    name = read.page.evaluate("document.activeElement.getAttribute('aria-label')").split(",")[0]
+    read.page.keyboard.press("Enter")
+    assert read.page.locator("dialog[open] h2").inner_text() == name
+    read.page.keyboard.press("Escape")
+    assert "principal coordinate 1" in read.page.locator("#map svg").text_content()
 
 
-def test_every_part_holds_what_it_should(opened):
+def test_every_part_holds_what_it_should_and_controls_have_names(read):
     text = {
-        part: opened.page.locator(f"#{part}").text_content()
+        part: read.page.locator(f"#{part}").text_content()
         for part in ("excluded", "run", "cycles", "tree", "confidence")
     }
     assert "folder/broken.ply" in text["excluded"]
     assert "export it again" in text["excluded"]
     assert all(word in text["run"] for word in ("sampling.num_points", "numpy", "12.3"))
     assert "Going around 400 cycles" in text["cycles"]
-    assert opened.page.locator("#cycles rect").count() == 36
-    assert opened.page.locator("#tree text").count() == 9
-    assert opened.page.locator("#map a").count() == 0  # the page of collalign variation may not be there
-    assert "variation/variation.html" in opened.page.locator("#map").text_content()
-    first = opened.page.locator("#confidence tbody tr").first.inner_text()
+    assert read.page.locator("#cycles rect").count() == 36
+    assert read.page.locator("#tree text").count() == 9
+    assert read.page.locator("#map a").count() == 0  # the page of collalign variation may not be there
+    assert "variation/variation.html" in read.page.locator("#map").text_content()
+    first = read.page.locator("#confidence tbody tr").first.inner_text()
     assert first.startswith("shape_001")
     assert "21 %" in first
-
-
-def test_controls_have_names_and_headings_follow_each_other(opened):
-    assert opened.page.evaluate(UNNAMED) == []
-    assert opened.page.locator("h1").inner_text() == "Ten bodies"
-    assert opened.page.locator("section[aria-labelledby] h2").count() == 9
-    assert opened.page.locator("details:not([open]) > summary h2").count() == 3
+    assert read.page.evaluate(UNNAMED) == []
+    assert read.page.locator("h1").inner_text() == "Ten bodies"
+    assert read.page.locator("section[aria-labelledby] h2").count() == 9
+    assert read.page.locator("details:not([open]) > summary h2").count() == 3
 
 
 def test_the_first_line_is_a_verdict_whose_names_open(opened):
@@ -272,19 +280,14 @@ def test_page_without_webgl_keeps_tables_and_charts(driver, small_file):
     chromium.close()
 
 
-def test_hostile_names_stay_text(browser, tmp_path):
+def test_hostile_names_stay_text_and_clouds_are_drawn(browser, tmp_path):
     bad = "</script><img src=x onerror=\"document.title='owned'\">"
-    view = dataclasses.replace(view_of(3), names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
+    clouds = dataclasses.replace(view_of(3), faces=(np.empty((0, 3), dtype=np.int64),) * 3)
+    view = dataclasses.replace(clouds, names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
     with Page(browser, write_report(view, tmp_path, title="safe")) as page:
         assert page.page.title() == "safe"
         assert page.page.locator("main img, main b, main i, main u").count() == 0
         assert bad in page.page.locator("#gallery").inner_text()
-
-
-def test_point_clouds_are_drawn(browser, tmp_path):
-    plain = view_of(3)
-    view = dataclasses.replace(plain, faces=(np.empty((0, 3), dtype=np.int64),) * 3)
-    with Page(browser, write_report(view, tmp_path)) as page:
         assert page.pixels(".tile canvas", 1)["share"] > 0.01
 
 
@@ -305,10 +308,10 @@ def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
     assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
 
 
-def test_chances_of_a_shape_add_up(opened):
+def test_chances_of_a_shape_add_up(read):
     """The doubtful shape is right with chance 21 %; its other pose, of log-odds 0.7, with 0.21 exp(-0.7) = 10 %."""
-    opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
-    text = opened.page.locator("dialog[open]").inner_text()
+    read.page.locator("#confidence").get_by_role("button", name="shape_001").click()
+    text = read.page.locator("dialog[open]").inner_text()
     assert "present pose: chance about 21 %" in text
     assert "pose 1: turned by 180.0°, chance about 10 %" in text
     assert "neither it nor another proposed pose is, 68 %" in text

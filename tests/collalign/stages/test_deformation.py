@@ -27,6 +27,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 
+pytestmark = pytest.mark.usefixtures("quick_search")
 NUM, SIZE = 6, 12
 #: Which vertex of the blob is each vertex of its bent copies.
 ORDERS = [np.random.default_rng(n).permutation(1500) for n in range(4)]

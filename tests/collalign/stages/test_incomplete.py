@@ -31,6 +31,7 @@ from tests.finished_runs import made_once
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.products import pair_of
 
+pytestmark = pytest.mark.usefixtures("quick_search")
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=200))
 BROKEN = ("tooth2",)
 
