@@ -11,7 +11,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.stages.forecast import RunEstimate, Workload, forecast, try_shapes
+from collalign.stages.forecast import RunEstimate, forecast, try_shapes
 from collalign.stages.pairs.choose import planned_edges
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.shape_stage import wanted_shapes
@@ -90,13 +90,13 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     options = replace(job.options, group="SO") if is_auto else job.options
     listing = list_shapes(job.folders, recursive=job.recursive, parts=job.parts)
     costs, start_s = try_shapes(listing, options, run)
-    work = _workload(listing, replace(job, options=options), run)
-    asks_sides = is_auto and work.missing_pairs > work.num_pairs // 2
-    return forecast(costs, replace(work, pilot=asks_sides), options, run.num_workers, start_s=start_s)
+    shapes, pairs = _workload(listing, replace(job, options=options), run)
+    asks_sides = is_auto and pairs[1] > pairs[0] // 2
+    return forecast(costs, shapes, pairs, options, run.num_workers, pilot=asks_sides, start_s=start_s)
 
 
-def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> Workload:
-    """Return what the job has to do and what its store lacks of it, counted as if no shape were bad."""
+def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the numbers of shapes and pairs, each with what the store lacks, counted as if no shape were bad."""
     wanted, _ = wanted_shapes(listing, job.options, {})
     keys = [one.key for one in wanted.values()]
     edges = planned_edges(len(keys), job.options)
@@ -105,12 +105,7 @@ def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> Workloa
         with Store.open(store, read_only=True) as opened:
             shapes, pairs = opened.keys("shapes"), opened.keys("pairs")
     done = sum(pair_key(keys[i], keys[j], job.options) in pairs for i, j in edges.tolist())
-    return Workload(
-        num_shapes=len(listing.names),
-        num_pairs=len(edges),
-        missing_shapes=len(set(keys) - shapes),
-        missing_pairs=len(edges) - done,
-    )
+    return (len(listing.names), len(set(keys) - shapes)), (len(edges), len(edges) - done)
 
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:

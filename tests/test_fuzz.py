@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -120,7 +118,7 @@ def test_damage_is_damage_and_repeats_with_its_seed(shape_files):
 
 
 def test_the_harness_notices_every_bad_ending(monkeypatch, tmp_path):
-    monkeypatch.setattr("tests.fuzz.harness.LIMITS", replace(LIMITS, time_limit_s=1.0))
+    monkeypatch.setattr("tests.fuzz.harness.LIMITS", LIMITS | {"time_limit_s": 1.0})
     monkeypatch.setattr("tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"richv"[i : i + 1]))
     report = fuzz(end_as_told, {"a.x": b""}, 5, keep=tmp_path / "bad")
     assert report.counts == {"valid": 1, "clear errors": 1, "unclear errors": 1, "crashes": 1, "hangs": 1}

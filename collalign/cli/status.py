@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 from collalign.cli.interruption import INCOMPLETE, UNFINISHED
@@ -26,27 +25,27 @@ def status(result: Path) -> int:
         failures = {kind: opened.failures(kind) for kind in counts}
     for kind, count in counts.items():
         failed = [{"label": one.label, "reason": one.reason} for one in failures[kind].values()]
-        tell(**{kind: asdict(count) | {"failures": failed}})
+        tell(**{kind: count | {"failures": failed}})
     num_files, stage = int(notes.get(NUM_FILES, 0)), notes.get(STAGE, FINISHED)
-    if num_files > counts["shapes"].planned:
-        say(f"files: {num_files}, of which {num_files - counts['shapes'].planned} hold what another one holds")
+    if num_files > (planned := counts["shapes"]["planned"]):
+        say(f"files: {num_files}, of which {num_files - planned} hold what another one holds")
     for kind, count in counts.items():
-        if not count.planned and kind not in ("shapes", "pairs"):
+        if not count["planned"] and kind not in ("shapes", "pairs"):
             continue
-        say(f"{kind}: {count.done} done, {count.failed} failed, {count.left} left of {count.planned}")
+        say("{kind}: {done} done, {failed} failed, {left} left of {planned}".format(kind=kind, **count))
         for failure in failures[kind].values():
             say(f"  {failure.label}: {failure.reason}")
     size = store.stat().st_size
     say(f"store: {size / 2**20:.1f} MiB")
     if stage != FINISHED:
         say(f"stage: {stage}")
-    is_complete = any(count.planned for count in counts.values()) and not any(count.left for count in counts.values())
-    finished = stage == FINISHED and is_complete
+    planned, left = (sum(count[state] for count in counts.values()) for state in ("planned", "left"))
+    finished = stage == FINISHED and planned > 0 and not left
     tell(run=notes, store_bytes=size, finished=finished)
     if not finished:
         say("Not finished: if it does not run any more, run the same command to go on.")
         return UNFINISHED
-    return INCOMPLETE if counts["shapes"].failed or counts["pairs"].failed else 0
+    return INCOMPLETE if counts["shapes"]["failed"] or counts["pairs"]["failed"] else 0
 
 
 def prune(result: Path) -> int:

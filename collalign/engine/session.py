@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, T, Wanted, run_task, table_of_stored
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
-from collalign.engine.jobs.run import Limits, Outcome, SharedTable, run_jobs
+from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.layout import KINDS, STAGE
 from collalign.engine.store.store import Store
@@ -146,15 +146,13 @@ class Session(Generic[OptionsT]):
         self.store.plan(job.kind, {key: one.label for key, one in by_key.items()})
         missing = self.store.missing(job.kind, by_key, again=again or strict)
         own = table_of_stored(self.store, (by_key[key].arguments for key in missing)) if shared is None else None
-        limits = Limits()
-        if time_limit_s is not None:
-            limits = Limits(time_limit_s=time_limit_s, memory_limit_bytes=self.run.memory_limit_bytes)
         with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
             outcomes = run_jobs(
                 partial(run_task, job.run, True),
                 takewhile(lambda _: time.monotonic() < until, ((key, by_key[key].arguments) for key in missing)),
                 num_jobs=self.run.num_workers,
-                limits=limits,
+                time_limit_s=time_limit_s,
+                memory_limit_bytes=None if time_limit_s is None else self.run.memory_limit_bytes,
                 scheduler=self.run.scheduler,
                 shared=own if shared is None else shared,
                 progress=report,

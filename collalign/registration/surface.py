@@ -15,7 +15,7 @@ from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.normals import outward_normals, vertex_normals
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +52,7 @@ class RegistrationSurface:
         if oriented and (normals * vertex_normals(shape.vertices, faces)).sum() < 0:
             faces = np.ascontiguousarray(faces[:, ::-1])
         on_rim = np.zeros(len(shape.vertices), dtype=bool)
-        on_rim[mesh_edges(faces).boundary.ravel()] = True
+        on_rim[boundary_edges(faces).ravel()] = True
         distinct = len(np.unique(shape.vertices, axis=0))
         spread = farthest_points(shape, min(num_points, distinct), metric="euclidean")
         centred = shape.vertices[spread] - shape.vertices[spread].mean(axis=0)

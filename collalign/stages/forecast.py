@@ -63,17 +63,6 @@ class RunEstimate:
         return f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {known}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Workload:
-    """How much a run has to do: of its shapes and pairs, those that no store holds; whether sides are asked for."""
-
-    num_shapes: int
-    num_pairs: int
-    missing_shapes: int = 0
-    missing_pairs: int = 0
-    pilot: bool = False
-
-
 def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> tuple[dict[str, float], float]:
     """Prepare and match some shapes of a folder, keep nothing of it, and return what each kind of record cost.
 
@@ -104,39 +93,50 @@ def costs_of(store: Store) -> dict[str, float]:
 
 
 def forecast(
-    costs: Mapping[str, float], work: Workload, options: AlignOptions, num_jobs: int, *, start_s: float = 0.0
+    costs: Mapping[str, float],
+    shapes: tuple[int, int],
+    pairs: tuple[int, int],
+    options: AlignOptions,
+    num_jobs: int,
+    *,
+    pilot: bool = False,
+    start_s: float = 0.0,
 ) -> RunEstimate:
-    """Return what a workload will take.
+    """Return what a run will take.
 
     Parameters
     ----------
     costs : mapping of str to float
         Of similar shapes and pairs, and of their maps, none where the collection needs none.
-    work : Workload
+    shapes, pairs : tuple of int
+        How many there are, and of how many no store holds anything.
     options : AlignOptions
     num_jobs : int
         Worker processes.
+    pilot : bool
+        Whether sides are asked for.
     start_s : float
-        Until they have started.
+        Until the workers have started.
     """
     match_s, prepare_s = costs["pairs"], costs["shapes"]
-    num, new = work.num_shapes, work.missing_pairs + work.pilot * PILOT * min(work.num_shapes, MOST_SHAPES)
+    (num, missing_shapes), (num_pairs, missing_pairs) = shapes, pairs
+    new = missing_pairs + pilot * PILOT * min(num, MOST_SHAPES)
     refines = float(options.refine)
-    shared = {"shapes": _times(work.missing_shapes, prepare_s), "pairs": _times(new, match_s)}
+    shared = {"shapes": _times(missing_shapes, prepare_s), "pairs": _times(new, match_s)}
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
-    if work.missing_pairs and not math.isnan(costs["evidence"]):
-        shared["maps"] = num * costs["surfaces"] + work.missing_pairs * costs["evidence"]
+    if missing_pairs and not math.isnan(costs["evidence"]):
+        shared["maps"] = num * costs["surfaces"] + missing_pairs * costs["evidence"]
     if options.synchronization == "robust":
         shared["poses"] = refines * LOCAL * num * match_s
-        alone["poses"] = SYNCHRONIZATION * work.num_pairs * match_s
+        alone["poses"] = SYNCHRONIZATION * num_pairs * match_s
         shared["confidence"] = refines * CONFIDENCE * num * match_s
     if options.incomplete == AUTO and num >= MIN_SHAPES:
         shared["incomplete shapes"] = refines * MISSING * num * match_s
     shared["outputs"] = OUTPUT * prepare_s * num
     speed = 1.0 + _EFFICIENCY * (num_jobs - 1)
     return RunEstimate(
-        num_shapes=work.missing_shapes,
-        num_pairs=work.missing_pairs,
+        num_shapes=missing_shapes,
+        num_pairs=missing_pairs,
         stages_s={
             stage: shared.get(stage, 0.0) / speed + alone.get(stage, 0.0)
             for stage in dict.fromkeys([*shared, *alone])

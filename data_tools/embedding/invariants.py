@@ -11,7 +11,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import Spectrum, vertex_areas
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import is_open_surface, mesh_edges
+from data_tools.surface.topology import boundary_edges, is_open_surface
 
 #: Times of the heat kernel signature.
 HKS_TIMES = (0.003, 0.01, 0.03, 0.1)
@@ -52,7 +52,7 @@ def boundary_distance(shape: Shape, solver: GeodesicSolver) -> FloatArray:
     """
     if not is_open_surface(shape.vertices, shape.faces):
         return np.zeros(len(shape.vertices))
-    rim = np.unique(mesh_edges(shape.faces).boundary)
+    rim = np.unique(boundary_edges(shape.faces))
     distances = solver.from_vertices(rim)
     reachable = np.isfinite(distances)
     return np.where(reachable, distances, distances.max(initial=0.0, where=reachable)) / np.sqrt(

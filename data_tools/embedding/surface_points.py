@@ -14,7 +14,7 @@ from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
@@ -63,7 +63,7 @@ def spread_points(shape: Shape, num: int) -> OrientedPoints:
 
 def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
     """Return which points are near the mesh's boundary."""
-    rim = np.unique(mesh_edges(mesh.faces).boundary)
+    rim = np.unique(boundary_edges(mesh.faces))
     if not len(rim):
         return np.zeros(len(points), dtype=np.bool_)
     spacing = np.median(cKDTree(points).query(points, k=2)[0][:, 1])

@@ -44,7 +44,7 @@ class GeodesicSolver:
     def __init__(self, shape: Shape) -> None:
         vertices = shape.vertices
         self._num_vertices = len(vertices)
-        self.edges = mesh_edges(shape.faces).vertices if shape.is_mesh else neighbour_edges(vertices)
+        self.edges = mesh_edges(shape.faces) if shape.is_mesh else neighbour_edges(vertices)
         self._graph = edge_graph(vertices, self.edges)
         self._heat = _heat_solver(shape, self.edges, self._graph) if shape.is_mesh else None
         self.method = "shortest paths" if self._heat is None else "heat"

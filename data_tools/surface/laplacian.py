@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas, mesh_edges
+from data_tools.surface.topology import counted_edges, face_areas
 from data_tools.threads import one_blas_thread
 
 #: Neighbours of a point in clouds.
@@ -218,4 +218,4 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
 def _is_good(vertices: FloatArray, faces: IntArray) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
         largest = np.abs(_cotangents(vertices, faces)).max()
-    return bool(largest < MAX_COTANGENT) and int(mesh_edges(faces).num_faces.max()) <= 2
+    return bool(largest < MAX_COTANGENT) and int(counted_edges(faces)[1].max()) <= 2

@@ -84,7 +84,7 @@ def _out_of_place(vertices: FloatArray, faces: IntArray, far: BoolArray, radius:
     More than two of them that are connected stay, as do those whose neighbours are spread over the shape: a bar may
     have vertices at its ends alone, a cone a fine rim and one tip.
     """
-    edges = mesh_edges(faces).vertices
+    edges = mesh_edges(faces)
     num, group = vertex_components(len(vertices), edges[far[edges].all(axis=1)])
     across = edges[far[edges].sum(axis=1) == 1]
     across = np.where(far[across[:, :1]], across, across[:, ::-1])  # from far to near

@@ -2,54 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 
 #: A boundary shorter than this times the square root of the area is a hole in a closed surface, not its rim.
 OPEN_BOUNDARY = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """The undirected edges of a mesh.
-
-    Attributes
-    ----------
-    vertices : ndarray of int, shape (e, 2)
-        Smaller index first, in lexicographic order.
-    num_faces : ndarray of int, shape (e,)
-        In how many triangles each edge is: 1 on the boundary, more than 2 where the mesh is not a manifold.
-    consistent : ndarray of bool, shape (e,)
-        Whether an inner edge runs in opposite directions in its two triangles.
-    """
-
-    vertices: IntArray
-    num_faces: IntArray
-    consistent: BoolArray
-
-    @property
-    def boundary(self) -> IntArray:
-        """Edges of exactly one triangle, shape (b, 2)."""
-        return self.vertices[self.num_faces == 1]
+def mesh_edges(faces: IntArray) -> IntArray:
+    """Return the undirected edges of triangles (f, 3), shape (e, 2): smaller index first, in lexicographic order."""
+    return counted_edges(faces)[0]
 
 
-def mesh_edges(faces: IntArray) -> Edges:
-    """Return the edges of triangles given as an (f, 3) array."""
+def boundary_edges(faces: IntArray) -> IntArray:
+    """Return the edges of exactly one triangle, shape (b, 2)."""
+    edges, num_faces = counted_edges(faces)
+    return edges[num_faces == 1]
+
+
+def counted_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the edges, and in how many triangles each is: 1 on the boundary, more than 2 where it is no manifold."""
     first, second = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
     num_vertices = int(faces.max(initial=0)) + 1
-    # One integer per directed edge, its direction in the last bit: sorting these is a hundred times as fast as rows.
-    keys = np.minimum(first, second) * num_vertices + np.maximum(first, second)
-    keys = np.sort(2 * keys + (first < second))
-    forward, keys = keys & 1, keys >> 1
+    # One integer per edge: sorting these is a hundred times as fast as rows.
+    keys = np.sort(np.minimum(first, second) * num_vertices + np.maximum(first, second))
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
-    counts = np.diff(starts, append=len(keys))
-    num_forward = np.add.reduceat(forward, starts) if len(starts) else counts
-    return Edges(np.stack(np.divmod(keys[starts], num_vertices), axis=1), counts, num_forward * 2 == counts)
+    return np.stack(np.divmod(keys[starts], num_vertices), axis=1), np.diff(starts, append=len(keys))
 
 
 def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -70,15 +51,10 @@ def vertex_components(num_vertices: int, edges: IntArray) -> tuple[int, IntArray
     return int(num), labels.astype(np.int64)
 
 
-def boundary_length(vertices: FloatArray, edges: Edges) -> float:
-    """Return the total length of the edges that belong to one triangle only."""
-    rim = edges.boundary
-    return float(np.linalg.norm(vertices[rim[:, 0]] - vertices[rim[:, 1]], axis=1).sum())
-
-
 def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
     """Whether a mesh has a rim: a boundary that is long compared with its size (small holes do not count)."""
     if not len(faces):
         return False
     size = float(np.sqrt(face_areas(vertices, faces).sum()))
-    return boundary_length(vertices, mesh_edges(faces)) > OPEN_BOUNDARY * size
+    one, other = boundary_edges(faces).T
+    return float(np.linalg.norm(vertices[one] - vertices[other], axis=1).sum()) > OPEN_BOUNDARY * size

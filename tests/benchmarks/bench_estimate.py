@@ -17,7 +17,7 @@ time.perf_counter = time.process_time  # all stages are timed by it
 from collalign import RunOptions, align_collection  # noqa: E402
 from collalign.batch import BatchJob, estimate_job  # noqa: E402
 from collalign.engine import session  # noqa: E402
-from collalign.engine.jobs.worker import Limits  # noqa: E402
+from collalign.engine.jobs.run import run_jobs  # noqa: E402
 from collalign.options import AlignOptions  # noqa: E402
 from data_tools.io.files import natural_key  # noqa: E402
 from tests.benchmarks.bench_scale import generate  # noqa: E402
@@ -70,7 +70,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME-NUM")
     arguments = parser.parse_args()
-    session.Limits = lambda **ignored: Limits()  # no limits: no worker processes
+    unlimited = {"time_limit_s": None, "memory_limit_bytes": None}  # no worker processes
+    session.run_jobs = lambda *given, **options: run_jobs(*given, **options | unlimited)
     for name, _, num in (folder.partition("-") for folder in arguments.names):
         measure(name, int(num))
 

@@ -13,7 +13,7 @@ from collalign.batch import estimate_job, read_batch
 from collalign.cli import main
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
-from collalign.stages.forecast import Workload, forecast
+from collalign.stages.forecast import forecast
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from tests.finished_runs import chairs
@@ -127,8 +127,7 @@ def test_one_bad_folder_does_not_stop_the_others(folder):
 def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
     costs = 1.0
     kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
-    work = Workload(num_shapes=num_shapes, num_pairs=10, missing_pairs=10)
-    estimate = forecast(kinds, work, AlignOptions(incomplete=incomplete), 1)
+    estimate = forecast(kinds, (num_shapes, 0), (10, 10), AlignOptions(incomplete=incomplete), 1)
     assert ("incomplete shapes" in estimate.stages_s) == looked_for
     assert estimate.stages_s["maps"] == num_shapes + 10.0
 

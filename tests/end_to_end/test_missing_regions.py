@@ -20,7 +20,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
@@ -67,7 +67,7 @@ class Teeth:
 
     def inside(self, vertices):
         """Whether vertices of the broken tooth, as it was, are left and farther than .1 radii from any rim."""
-        rim = self.broken[np.unique(mesh_edges(self.broken_faces).boundary)]
+        rim = self.broken[np.unique(boundary_edges(self.broken_faces))]
         gaps = np.linalg.norm(vertices[:, None] - rim, axis=2).min(axis=1) / self.size
         return np.asarray((gaps > 0.1) & (self.lost(vertices) < 1e-6))
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.engine.jobs.run import Limits, run_jobs
+from collalign.engine.jobs.run import run_jobs
 from tests.fuzz.mutations import mutate
 
-LIMITS = Limits(time_limit_s=60.0, memory_limit_bytes=2 * 2**30)
+LIMITS = {"time_limit_s": 60.0, "memory_limit_bytes": 2 * 2**30}
 
 
 @dataclass
@@ -40,12 +40,14 @@ def fuzz(target, files, num, *, seed=0, num_jobs=1, keep=None):
             made[key] = damaged(files, seed, i)
             yield key, made[key]
 
-    jobs = run_jobs(target, tasks(), num_jobs=num_jobs, limits=LIMITS)
+    jobs = run_jobs(target, tasks(), num_jobs=num_jobs, **LIMITS)
     for job in jobs:
         name, data = made.pop(job.key)
         kind = how_it_ended(job)
         report.counts[kind] += 1
-        report.slowest_s = max(report.slowest_s, job.seconds if job.seconds == job.seconds else LIMITS.time_limit_s)
+        report.slowest_s = max(
+            report.slowest_s, job.seconds if job.seconds == job.seconds else LIMITS["time_limit_s"]
+        )
         if kind not in ("valid", "clear errors"):
             report.bad[f"{job.key}-{name}"] = f"{kind}: {job.failure}"
             if keep is not None:

@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Generator, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -107,7 +108,7 @@ def run_batch(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]
     if table_name is not None:
         if table_name not in _TABLES:
             raise TableMissing(table_name)
-        call = Call(function=call.function, limits=call.limits, table=_TABLES[table_name])
+        call = replace(call, table=_TABLES[table_name])
     return [run_guarded(call, task, None) for task in batch]
 
 
@@ -117,7 +118,7 @@ class _DaskRun:
     def __init__(self, cluster: Cluster, call: Call) -> None:
         self._cluster = cluster
         self._plugin = None if call.table is None else _plugin_for(call.table)
-        self._call = Call(function=call.function, limits=call.limits, table=None)
+        self._call = replace(call, table=None)
         self._ended: SimpleQueue[Future] = SimpleQueue()
         self._suspects: list[Task] = []
         self._resubmissions: dict[int, int] = {}  # by the first task's token

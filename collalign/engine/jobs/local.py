@@ -171,7 +171,7 @@ class _LocalRun:
     def _cause_of_death(self, pid: int, error: BaseException) -> str:
         trace = self._guard.trace(pid)
         if trace.is_file() and trace.stat().st_size:
-            return f"ran past the time limit of {self._call.limits.time_limit_s:g} s"
+            return f"ran past the time limit of {self._call.time_limit_s:g} s"
         return _cause(error)
 
 

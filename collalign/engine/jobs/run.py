@@ -12,10 +12,10 @@ from typing import Any
 
 from collalign.engine.jobs.local import run_local
 from collalign.engine.jobs.shared_table import SharedTable
-from collalign.engine.jobs.worker import Call, Limits, Outcome, Task, run_in_process
+from collalign.engine.jobs.worker import Call, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
-__all__ = ["Limits", "Outcome", "SharedTable", "run_jobs"]
+__all__ = ["Outcome", "SharedTable", "run_jobs"]
 
 
 def run_jobs(
@@ -23,10 +23,10 @@ def run_jobs(
     tasks: Iterable[tuple[str, Any]],
     *,
     num_jobs: int = 1,
-    limits: Limits = Limits(),  # noqa: B008
     scheduler: str | None = None,
     shared: SharedTable | None = None,
     progress: Callable[[Outcome], None] | None = None,
+    **limits: Any,
 ) -> Generator[Outcome]:
     """Run ``function`` on every task and yield each result as soon as it is there, in no particular order.
 
@@ -42,14 +42,14 @@ def run_jobs(
         Worker processes on this machine; ignored with a ``scheduler``. With 1 and no limits the tasks run inside this
         process, where nothing isolates a crash. With 1 and a limit they run in a worker process, one at a time: a
         hang or an exhausted memory cannot be ended from inside.
-    limits : Limits
-        Of each task; none by default.
     scheduler : str, optional
         Address of a Dask scheduler, ``tcp://host:port``; its workers need the same versions installed.
     shared : SharedTable, optional
         Records that tasks look up by key; sent once per machine, or per Dask worker, and read on demand.
     progress : callable, optional
         Called with each result, for instance a :class:`collalign.engine.jobs.progress.ProgressBar`.
+    **limits
+        Of each task, ``time_limit_s`` and ``memory_limit_bytes``, see :class:`collalign.engine.jobs.worker.Call`.
 
     Yields
     ------
@@ -60,13 +60,13 @@ def run_jobs(
     Raises
     ------
     OptionsError
-        If the number of processes is impossible.
+        If the number of processes or a limit is impossible.
     CollalignError
         If workers cannot be started at all.
     """
     if num_jobs < 1:
         raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
-    call = Call(function=function, limits=limits, table=shared)
+    call = Call(function=function, table=shared, **limits)
     numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
     return _stream(_outcomes(call, numbered, num_jobs, scheduler), progress)
 
@@ -76,7 +76,7 @@ def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str |
         from collalign.engine.jobs.dask import run_dask  # an optional dependency
 
         return run_dask(call, tasks, scheduler=scheduler)
-    if num_jobs == 1 and call.limits == Limits():
+    if num_jobs == 1 and not call.is_limited:
         return (run_in_process(call, task) for task in tasks)
     return run_local(call, tasks, num_jobs=num_jobs)
 

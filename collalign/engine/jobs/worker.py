@@ -27,11 +27,13 @@ _ORPHAN_POLL_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What one task may use; None is no limit.
+class Call:
+    """What every task of a run has in common; None is no limit.
 
     Attributes
     ----------
+    function : callable
+    table : SharedTable or None
     time_limit_s : float, optional
         Seconds that a task may take; its worker is ended then, even where it holds the interpreter lock.
     memory_limit_bytes : int, optional
@@ -43,8 +45,15 @@ class Limits:
         If a limit is impossible.
     """
 
+    function: Callable[..., Any]
+    table: SharedTable | None = None
     time_limit_s: float | None = None
     memory_limit_bytes: int | None = None
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether there is a limit."""
+        return self.time_limit_s is not None or self.memory_limit_bytes is not None
 
     def __post_init__(self) -> None:
         seconds, num_bytes = self.time_limit_s, self.memory_limit_bytes
@@ -52,15 +61,6 @@ class Limits:
             raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {seconds}")
         if num_bytes is not None and num_bytes < 2**20:
             raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {num_bytes}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Call:
-    """What every task of a run has in common."""
-
-    function: Callable[..., Any]
-    limits: Limits
-    table: SharedTable | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,8 +158,8 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
         if guard is not None:
             guard.note("S", task.token)
             stack.callback(guard.note, "E", task.token)
-        stack.enter_context(_time_limit(call.limits.time_limit_s, guard))
-        stack.enter_context(_memory_limit(call.limits.memory_limit_bytes))
+        stack.enter_context(_time_limit(call.time_limit_s, guard))
+        stack.enter_context(_memory_limit(call.memory_limit_bytes))
         return run_in_process(call, task)
 
 

@@ -52,16 +52,6 @@ class Failure:
     crashed: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Counts:
-    """How far a run is with one kind of record: ``planned == done + failed + left``."""
-
-    planned: int
-    done: int
-    failed: int
-    left: int
-
-
 def table_of(kind: str) -> str:
     """Return the table of a kind of records.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.store.file import open_connection, open_memory, reason_of
-from collalign.engine.store.layout import KINDS, MAX_TEXT, Counts, Failure, table_of
+from collalign.engine.store.layout import KINDS, MAX_TEXT, Failure, table_of
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 from data_tools.io.locks import LockFile
@@ -220,8 +220,8 @@ class Store:
         settled = self.keys(kind).union(key for key, failure in failures.items() if not failure.crashed)
         return [key for key in keys if key not in settled]
 
-    def status(self) -> dict[str, Counts]:
-        """Return, for each kind, how much of the plan is done, failed and left."""
+    def status(self) -> dict[str, dict[str, int]]:
+        """Return, for each kind, how much is ``planned``, and of that ``done``, ``failed`` and ``left``."""
         return {kind: self._counts(kind) for kind in KINDS}
 
     def mean_seconds(self, kind: str) -> float:
@@ -233,13 +233,13 @@ class Store:
     def _name(self) -> str:
         return "store in memory" if self.path is None else str(self.path)
 
-    def _counts(self, kind: str) -> Counts:
+    def _counts(self, kind: str) -> dict[str, int]:
         done = f"EXISTS (SELECT 1 FROM {table_of(kind)} AS t WHERE t.key = plan.key)"
         failed = "EXISTS (SELECT 1 FROM failures AS f WHERE f.kind = plan.kind AND f.key = plan.key)"
         sql = f"SELECT count(*), total({done}), total(NOT {done} AND {failed}) FROM plan WHERE kind = ?"
         ((planned, num_done, num_failed),) = self._query(sql, (kind,))
         num_done, num_failed = int(num_done), int(num_failed)
-        return Counts(planned=planned, done=num_done, failed=num_failed, left=planned - num_done - num_failed)
+        return {"planned": planned, "done": num_done, "failed": num_failed, "left": planned - num_done - num_failed}
 
     def _query(self, sql: str, values: tuple[Any, ...] = ()) -> list[Any]:
         try:

@@ -16,7 +16,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import moved_by
 from data_tools.surface.closest import lies_beyond
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 
 #: Incomplete shapes that are drawn, those that cover least.
 MOST_DRAWN = 40
@@ -43,7 +43,7 @@ class _Posed:
         if not len(self.faces):
             return cloud_rim(self.vertices, plane_normals(self.vertices, self.vertices))
         found = np.zeros(len(self.vertices), dtype=bool)
-        found[mesh_edges(self.faces).boundary.ravel()] = True
+        found[boundary_edges(self.faces).ravel()] = True
         return found
 
     @cached_property

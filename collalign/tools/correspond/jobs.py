@@ -18,7 +18,7 @@ from collalign.registration.missing import mean_of_what_is_there, missing_vertic
 from collalign.registration.register import register
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
-from collalign.tools.correspond.map_starts import START_VERSION, MapStart, map_starts
+from collalign.tools.correspond.map_starts import START_VERSION, BothWays, goals_of, map_starts
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.working_surface import WorkingSurface
@@ -93,7 +93,7 @@ def correspond(
         If fewer than two shapes can be registered.
     """
     source, file_vertices = posed_shape(files[reference])
-    starts: Mapping[str, MapStart] = {}
+    starts: Mapping[str, BothWays] = {}
     if maps is not None:
         starts = map_starts(maps, stored_shape(files[reference]), source, file_vertices)
     for _ in range(NUM_ROUNDS):
@@ -135,7 +135,7 @@ def _register_all(
     session: Session[None],
     files: Sequence[PosedFile],
     source: Shape,
-    starts: Mapping[str, MapStart],
+    starts: Mapping[str, BothWays],
 ) -> Results[str, Registered]:
     """Return the registrations of a source to every file, by name."""
     lent = SourceSurface(vertices=source.vertices, faces=source.faces)
@@ -156,7 +156,7 @@ def _register_all(
         return session.compute(REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table)
 
 
-def _key(file: PosedFile, source_key: str, start: MapStart | None) -> str:
+def _key(file: PosedFile, source_key: str, start: BothWays | None) -> str:
     settings = {
         "cleaning": file.cleaning,
         "suffix": file.path.suffix.lower(),
@@ -164,18 +164,18 @@ def _key(file: PosedFile, source_key: str, start: MapStart | None) -> str:
         "incomplete": file.incomplete,
     }
     if start is not None:
-        settings["start"] = fingerprint(START_VERSION, {"onto": start.onto, "back": start.back})
+        settings["start"] = fingerprint(START_VERSION, dict(zip(("onto", "back"), start, strict=True)))
     return REGISTERING.key(settings, file.digest, source_key)
 
 
-def register_file(source: SourceSurface, target: PosedFile, start: MapStart | None) -> Registered:
+def register_file(source: SourceSurface, target: PosedFile, start: BothWays | None) -> Registered:
     """Register a source to one file, from where a map between both takes it if there is one; runs inside a worker."""
     shape, _ = posed_shape(target)
     surface = RegistrationSurface.from_shape(shape)
     if target.incomplete:
         surface = with_cloud_rim(surface)
     first = Shape.from_arrays(source.vertices, source.faces, name="mean")
-    bent = None if start is None else bent_by_map(shape, first, start.goals(stored_shape(target)))
+    bent = None if start is None else bent_by_map(shape, first, goals_of(*start, stored_shape(target)))
     if bent is not None:
         first = Shape.from_arrays(bent, source.faces, name="mean")
     found = register(surface, RegistrationSurface.from_shape(first))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,44 +16,34 @@ from data_tools.surface.shape import Shape
 
 #: Changes whenever the same maps would start another registration.
 START_VERSION = "map-start-1"
+BothWays: TypeAlias = tuple[IntArray, IntArray]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapStart:
-    """A map between the registered surface and one shape, both ways; -1 where there is none.
+def goals_of(onto: IntArray, back: IntArray, stored: Shape) -> MapGoals:
+    """Return where a map takes the vertices of the registered surface.
 
-    Attributes
+    Parameters
     ----------
     onto : ndarray of int, shape (v,)
-        The file's vertex for each vertex of the surface.
+        The file's vertex for each vertex of the surface, -1 where there is none.
     back : ndarray of int, shape (w,)
         The surface's vertex for each vertex of the file.
+    stored : Shape
+        The posed shape with the vertices of its file.
+
+    Raises
+    ------
+    InputError
+        If the map is of a file with another number of vertices.
     """
-
-    onto: IntArray
-    back: IntArray
-
-    def goals(self, stored: Shape) -> MapGoals:
-        """Return where the map takes the surface's vertices.
-
-        Parameters
-        ----------
-        stored : Shape
-            The posed shape with the vertices of its file.
-
-        Raises
-        ------
-        InputError
-            If the map is of a file with another number of vertices.
-        """
-        num = len(stored.vertices)
-        if len(self.back) != num or self.onto.max(initial=-1) >= num:
-            raise InputError(f"{stored.name}: its maps are of {len(self.back)} vertices, its file has {num}")
-        forth, back = np.flatnonzero(self.onto >= 0), np.flatnonzero(self.back >= 0)
-        return np.concatenate([forth, self.back[back]]), stored.vertices[np.concatenate([self.onto[forth], back])]
+    num = len(stored.vertices)
+    if len(back) != num or onto.max(initial=-1) >= num:
+        raise InputError(f"{stored.name}: its maps are of {len(back)} vertices, its file has {num}")
+    forth, known = np.flatnonzero(onto >= 0), np.flatnonzero(back >= 0)
+    return np.concatenate([forth, back[known]]), stored.vertices[np.concatenate([onto[forth], known])]
 
 
-def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices: IntArray) -> Mapping[str, MapStart]:
+def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices: IntArray) -> Mapping[str, BothWays]:
     """Return the maps between a surface, whose triangles a shape lends, and all shapes that have maps.
 
     Parameters
@@ -68,7 +58,7 @@ def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices:
 
     Returns
     -------
-    mapping of str to MapStart
+    mapping of str to ``onto`` and ``back`` of :func:`goals_of`
         By name; empty where the reference itself has no maps.
     """
     if reference.name not in maps.names:
@@ -82,5 +72,5 @@ def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices:
         )
         if len(onto) != len(own):
             raise InputError(f"{name}: its maps are of {len(onto)} vertices of {reference.name}, not {len(own)}")
-        starts[name] = MapStart(onto=onto[file_vertices], back=nearest[back])
+        starts[name] = onto[file_vertices], nearest[back]
     return starts

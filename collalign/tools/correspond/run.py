@@ -22,7 +22,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import as_options
 from data_tools.io.listing import hash_shape
 from data_tools.poses import moved_by
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
 
 #: Points of each cloud whose nearest points on the others are looked up.
@@ -111,7 +111,7 @@ def _of_unit_size(cloud: FloatArray) -> FloatArray:
 
 def _is_closed(faces: IntArray) -> bool:
     """Whether a mesh has no rim: one that lends its triangles should not have a hole where others have something."""
-    return bool(len(faces)) and not len(mesh_edges(faces).boundary)
+    return bool(len(faces)) and not len(boundary_edges(faces))
 
 
 def medoid(clouds: Sequence[FloatArray], candidates: Sequence[int] = ()) -> int:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.shape_statistics import statistics_tables
-from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import file_stems, write_atomic
@@ -33,7 +33,7 @@ def write_variation(
     *,
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
-    symmetry: SurfaceSymmetry | None = None,
+    symmetry: ObjectSymmetry | None = None,
     version: str = "",
     who: Members,
     notes: Sequence[str] = (),
@@ -48,7 +48,7 @@ def write_variation(
         Labels of the shapes.
     landmarks : (names, points)
         On the mean, see :func:`collalign.tools.variation.page_content.build_variation`.
-    symmetry : SurfaceSymmetry, optional
+    symmetry : ObjectSymmetry, optional
         Of bilateral shapes.
     version : str
         Of the toolkit, for the page's last line.
@@ -111,7 +111,7 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
         write("specimens", stem, shape)
 
 
-def _write_asymmetry(variation: SurfaceVariation, symmetry: SurfaceSymmetry, output: OutputFolder) -> None:
+def _write_asymmetry(variation: SurfaceVariation, symmetry: ObjectSymmetry, output: OutputFolder) -> None:
     """Write the symmetric mean and, on it, the asymmetric component of all together and of every specimen."""
     stems = ["mean", *(f"specimens/{stem}" for stem in file_stems(variation.names))]
     for stem, parts in zip(stems, [symmetry.directional, *symmetry.asymmetric], strict=True):

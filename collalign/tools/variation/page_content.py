@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
 from collalign.tools.variation.r_tables import ANOVA_HEADING, Rows, anova_rows, procrustes_scores
-from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.surface.closest import SurfaceLocator
@@ -31,7 +31,7 @@ def build_variation(
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
     tables: Mapping[str, Rows],
-    symmetry: SurfaceSymmetry | None = None,
+    symmetry: ObjectSymmetry | None = None,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
 
@@ -44,7 +44,7 @@ def build_variation(
         Points (l, 3) on the mean, in its coordinates; NaN where a landmark is on no template.
     tables : mapping of str to rows
         See :func:`collalign.tools.variation.shape_statistics.statistics_tables`.
-    symmetry : SurfaceSymmetry, optional
+    symmetry : ObjectSymmetry, optional
 
     Returns
     -------
@@ -61,8 +61,6 @@ def build_variation(
     count = min(NUM_COMPONENTS, len(variation.components.shares))
     deviations = np.sqrt(variation.components.variances[:count])
     axes = [d * places.on(axis) for d, axis in zip(deviations, variation.components.axes[:count], strict=True)]
-    arrays: dict[str, NDArray[Any]] = {}
-    steps: dict[str, Any] = {}
     surfaces = {
         "mean": mean,
         "axes": np.array(axes),
@@ -74,15 +72,14 @@ def build_variation(
             "symmetricMean": places.on(symmetry.mean),
             "asymmetric": np.stack([places.on(part) for part in parts]),
         }
-    for name, values in surfaces.items():
-        steps[name] = float(np.abs(values).max()) / _LARGEST or 1.0
-        arrays[name] = np.round(values / steps[name]).astype(np.int16)
-    arrays["faces"] = faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32)
-    arrays["colors"] = np.round(255 * sample_colors(mean[None])).astype(np.uint8)
+    steps = {name: float(np.abs(values).max()) / _LARGEST or 1.0 for name, values in surfaces.items()}
+    arrays: dict[str, NDArray[Any]] = {
+        **{name: np.round(values / steps[name]).astype(np.int16) for name, values in surfaces.items()},
+        "faces": faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32),
+        "colors": np.round(255 * sample_colors(mean[None])).astype(np.uint8),
+    }
     fields, text = pack(arrays)
     view = camera([(mean, faces)])
-    names, points = landmarks
-    known = np.asarray(np.isfinite(points).all(axis=1))
     document = {
         "kind": "variation",
         "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},
@@ -96,17 +93,13 @@ def build_variation(
         "shares": variation.components.shares[:count],
         "deviations": deviations,
         "scores": procrustes_scores(variation.components)[:, :count],
-        "landmarks": {
-            "names": [name for name, there in zip(names, known, strict=True) if there],
-            "points": points[known],
-            "normals": _normals(variation, points[known]),
-        },
+        "landmarks": _shown(variation, *landmarks),
         "symmetry": None if symmetry is None else _asymmetries(symmetry),
     }
     return dict(json_types(document)), {"variation": text}
 
 
-def _asymmetries(symmetry: SurfaceSymmetry) -> dict[str, Any]:
+def _asymmetries(symmetry: ObjectSymmetry) -> dict[str, Any]:
     return {
         "asymmetry": symmetry.asymmetry,
         "fluctuating": symmetry.fluctuating,
@@ -114,9 +107,12 @@ def _asymmetries(symmetry: SurfaceSymmetry) -> dict[str, Any]:
     }
 
 
-def _normals(variation: SurfaceVariation, points: FloatArray) -> FloatArray:
-    """Outward directions at points on the mean, by which the page hides those behind; zero on a cloud."""
-    if not len(points) or not len(variation.faces):
-        return np.zeros_like(points)
-    places = SurfaceLocator(variation.mean, variation.faces).closest(points)
-    return places.on(vertex_normals(variation.mean, variation.faces))
+def _shown(variation: SurfaceVariation, names: tuple[str, ...], points: FloatArray) -> dict[str, Any]:
+    """Return the landmarks on the mean with outward directions, by which the page hides some; 0 on a cloud."""
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    points, normals = points[known], np.zeros((int(known.sum()), 3))
+    if len(points) and len(variation.faces):
+        places = SurfaceLocator(variation.mean, variation.faces).closest(points)
+        normals = places.on(vertex_normals(variation.mean, variation.faces))
+    shown = [name for name, there in zip(names, known, strict=True) if there]
+    return {"names": shown, "points": points, "normals": normals}

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from collalign.analysis.procrustes import PrincipalComponents
+from collalign.analysis.procrustes import PrincipalComponents, principal_components
 from collalign.analysis.shape_tests import AnovaRow
-from collalign.tools.variation.surface_symmetry import SurfaceSymmetry
+from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.io.csv_cells import csv_text
@@ -32,12 +32,12 @@ def write_tables(
 
 
 def write_symmetry_tables(
-    names: Sequence[str], symmetry: SurfaceSymmetry, columns: Columns, output: OutputFolder
+    names: Sequence[str], symmetry: ObjectSymmetry, columns: Columns, output: OutputFolder
 ) -> None:
     """Write ``symmetry/``: asymmetries, both sets of scores, and the ANOVA."""
     numbers = {"asymmetry": symmetry.asymmetry, "fluctuating": symmetry.fluctuating}
-    symmetric = score_rows(names, columns, symmetry.symmetric_components, {})
-    asymmetric = score_rows(names, columns, symmetry.asymmetric_components, numbers)
+    symmetric = score_rows(names, columns, principal_components(symmetry.symmetric), {})
+    asymmetric = score_rows(names, columns, principal_components(symmetry.asymmetric), numbers)
     _csv(output, [SYMMETRY_FOLDER, "symmetric.csv"], symmetric)
     _csv(output, [SYMMETRY_FOLDER, "asymmetric.csv"], asymmetric)
     _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], [[*ANOVA_HEADING], *anova_rows(symmetry.anova)])

@@ -15,6 +15,7 @@ from collalign.landmarks.carry import template
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
+from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.correspond.result import DenseCorrespondence
@@ -113,26 +114,11 @@ def write_surface_variation(
         column: tuple(values[at] for at in rows)
         for column, values in (collection.labels if labels is None else labels).items()
     }
-    marked: tuple[tuple[str, ...], FloatArray] = ((), np.empty((0, 3)))
-    notes: tuple[str, ...] = ()
-    if landmarks:
-        given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
-        files = {name: collection.file(collection.index(name)) for name in given}
-        placed, notes, _ = place_templates(
-            given, files, tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
-        )
-        table = landmark_table(placed, {name: collection.transforms[collection.index(name)] for name in given})
-        alone = table.landmark_rows
-        posed = {
-            name: moved_by(collection.transforms[collection.index(name)], one[alone])
-            for name, one in table.points.items()
-        }
-        marked = tuple(table.labels[row] for row in alone), _on_mean(dense, found.mean, posed)
+    marked, notes = _marked(collection, dense, found.mean, landmarks)
     components = None
     if symmetry is not None:
         components = surface_symmetry(
             vertices,
-            dense.faces,
             _counterparts(found, symmetry, marked),
             mirrored=collection.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
@@ -149,6 +135,26 @@ def write_surface_variation(
         notes=notes,
     )
     return found
+
+
+def _marked(
+    collection: Collection,
+    dense: DenseCorrespondence,
+    mean: FloatArray,
+    landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
+) -> tuple[tuple[tuple[str, ...], FloatArray], tuple[str, ...]]:
+    """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
+    if not landmarks:
+        return ((), np.empty((0, 3))), ()
+    given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
+    transforms = {name: collection.transforms[collection.index(name)] for name in given}
+    files = {name: collection.file(collection.index(name)) for name in given}
+    surfaces = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
+    placed, notes, _ = place_templates(given, files, surfaces)
+    table = landmark_table(placed, transforms)
+    alone = table.landmark_rows
+    posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}
+    return (tuple(table.labels[row] for row in alone), _on_mean(dense, mean, posed)), notes
 
 
 def _counterparts(

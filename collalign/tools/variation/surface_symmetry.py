@@ -3,64 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from collalign.analysis.procrustes import PrincipalComponents, principal_components
-from collalign.analysis.shape_tests import AnovaRow
-from collalign.analysis.symmetry import object_symmetry
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
+from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.surface.closest import SurfacePoints
 from data_tools.threads import one_blas_thread
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SurfaceSymmetry:
-    """Bilateral surfaces, superimposed; the mirror plane is x = 0, lengths are in root mean square radii.
-
-    Arrays are read-only.
-
-    Attributes
-    ----------
-    mean, directional : ndarray, shape (v, 3)
-        The symmetric mean, and the mean of the asymmetric components.
-    asymmetric : ndarray, shape (N, v, 3)
-        What each vertex of each surface differs by from where symmetry would have it.
-    asymmetry, fluctuating : ndarray, shape (N,)
-        Root mean square of the asymmetric component, and of what it differs by from the directional one.
-    symmetric_components, asymmetric_components : PrincipalComponents
-        Of each component of shape variation.
-    anova : tuple of AnovaRow
-    """
-
-    mean: FloatArray
-    directional: FloatArray
-    asymmetric: FloatArray
-    asymmetry: FloatArray
-    fluctuating: FloatArray
-    symmetric_components: PrincipalComponents
-    asymmetric_components: PrincipalComponents
-    anova: tuple[AnovaRow, ...]
 
 
 @one_blas_thread()
 def surface_symmetry(
     vertices: FloatArray,
-    faces: IntArray,
     counterparts: SurfacePoints,
     *,
     mirrored: BoolArray | None = None,
     individuals: Sequence[str] | None = None,
-) -> SurfaceSymmetry:
-    """Split surfaces into symmetric and asymmetric components.
+) -> ObjectSymmetry:
+    """Split surfaces into symmetric and asymmetric components, lengths in root mean square radii.
 
     Every vertex and its counterpart are a pair, so that the pairing is exact whatever the triangulation is.
 
     Parameters
     ----------
     vertices : ndarray, shape (N, v, 3)
-    faces : ndarray of int, shape (f, 3)
     counterparts : SurfacePoints
         Of every vertex, on the triangulation; see :func:`collalign.tools.variation.mirror.mirror_map`.
     mirrored : ndarray of bool, shape (N,), optional
@@ -80,14 +47,10 @@ def surface_symmetry(
         both[mirrored] = both[mirrored][:, partner] * np.array([-1.0, 1.0, 1.0])
     found = object_symmetry(both, partner, individuals=individuals)
     unit = float(np.sqrt(2 * num))
-    mean = unit * found.mean[:num]
-    return SurfaceSymmetry(
-        mean=read_only(mean),
-        directional=read_only(unit * found.directional[:num]),
+    return replace(
+        found,
+        mean=read_only(unit * found.mean[:num]),
+        symmetric=read_only(unit * found.symmetric[:, :num]),
         asymmetric=read_only(unit * found.asymmetric[:, :num]),
-        asymmetry=found.asymmetry,
-        fluctuating=found.fluctuating,
-        symmetric_components=principal_components(unit * found.symmetric[:, :num]),
-        asymmetric_components=principal_components(unit * found.asymmetric[:, :num]),
-        anova=found.anova,
+        directional=read_only(unit * found.directional[:num]),
     )

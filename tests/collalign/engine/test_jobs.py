@@ -11,7 +11,7 @@ import pytest
 
 import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.progress import ProgressBar
-from collalign.engine.jobs.run import Limits, SharedTable, run_jobs
+from collalign.engine.jobs.run import SharedTable, run_jobs
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, process_id, spectrum
@@ -35,7 +35,7 @@ def test_serial_workers_and_any_order_give_the_same_bytes():
     runs = [
         collect(spectrum, SPECTRA, num_jobs=2),
         collect(spectrum, SPECTRA[::-1], num_jobs=2),
-        collect(spectrum, SPECTRA, num_jobs=1, limits=Limits(time_limit_s=60.0)),
+        collect(spectrum, SPECTRA, num_jobs=1, time_limit_s=60.0),
     ]
     for run in runs:
         assert {key: result.value.tobytes() for key, result in run.items()} == serial
@@ -45,7 +45,7 @@ def test_serial_workers_and_any_order_give_the_same_bytes():
 def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it():
     tasks = [(str(i), i) for i in range(8)]
     assert {result.value for result in collect(process_id, tasks).values()} == {os.getpid()}
-    isolated = {result.value for result in collect(process_id, tasks, limits=Limits(time_limit_s=60.0)).values()}
+    isolated = {result.value for result in collect(process_id, tasks, time_limit_s=60.0).values()}
     assert os.getpid() not in isolated
     assert len({result.value for result in collect(process_id, tasks, num_jobs=2).values()}) == 2
 
@@ -69,7 +69,7 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     for place, action in ((3, "raise"), (15, "segfault"), (21, "hang"), (27, "fill")):
         tasks.insert(place, (action, (action, 7)))
     tasks.insert(33, ("killed-once", ("killed-once", str(tmp_path / "killed"))))  # type: ignore[arg-type]
-    results = collect(misbehave, tasks, num_jobs=2, limits=Limits(time_limit_s=2.5, memory_limit_bytes=2**31))
+    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5, memory_limit_bytes=2**31)
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(40))
     assert results["killed-once"].value == str(tmp_path / "killed")
@@ -205,6 +205,6 @@ def test_progress_is_told_of_every_result():
 def test_impossible_limits_are_refused():
     for limits in (*({"time_limit_s": wrong} for wrong in (0.0, np.nan, np.inf)), {"memory_limit_bytes": 5}):
         with pytest.raises(OptionsError):
-            Limits(**limits)
+            run_jobs(spectrum, SPECTRA, **limits)
     with pytest.raises(OptionsError):
         run_jobs(spectrum, SPECTRA, num_jobs=0)

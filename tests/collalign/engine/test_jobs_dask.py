@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import Limits, SharedTable, run_jobs
+from collalign.engine.jobs.run import SharedTable, run_jobs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
@@ -105,15 +105,8 @@ def test_a_table_is_taken_from_the_workers_when_its_run_ends(cluster):
 def test_tasks_that_kill_workers_cost_only_themselves(cluster):
     tasks = [(f"r{i}", ("return", i)) for i in range(20)]
     tasks[3:3] = [("raise", ("raise", 1)), ("segfault", ("segfault", 1)), ("fill", ("fill", 1))]
-    results = {
-        result.key: result
-        for result in run_jobs(
-            misbehave,
-            tasks,
-            scheduler=cluster.scheduler_address,
-            limits=Limits(time_limit_s=300.0, memory_limit_bytes=2**31),
-        )
-    }
+    limits = {"time_limit_s": 300.0, "memory_limit_bytes": 2**31}
+    results = {one.key: one for one in run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address, **limits)}
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(20))
     assert {key for key, result in results.items() if result.failure} == {"raise", "segfault", "fill"}

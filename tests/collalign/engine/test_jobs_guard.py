@@ -6,14 +6,14 @@ import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from collalign.engine.jobs.local import _LocalRun
-from collalign.engine.jobs.worker import Call, Guard, Limits, Outcome, Task, describe, run_guarded
+from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, describe, run_guarded
 from data_tools.errors import InputError
 
 TASK = Task(token=7, key="a", payload=3)
 
 
 def call_of(function, **limits):
-    return Call(function=function, limits=Limits(**limits), table=None)
+    return Call(function=function, **limits)
 
 
 class DeadlyRun(_LocalRun):

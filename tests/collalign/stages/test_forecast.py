@@ -6,15 +6,15 @@ import pytest
 
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.stages.forecast import Workload, costs_of, forecast
+from collalign.stages.forecast import costs_of, forecast
 
 NOTHING = math.nan
 COSTS = 2.0
 KINDS = {"shapes": COSTS, "pairs": COSTS, "surfaces": NOTHING, "evidence": NOTHING}
 
 
-def estimate(num_jobs=1, costs=KINDS, pilot=False, **work):
-    return forecast(costs, Workload(num_shapes=10, num_pairs=45, pilot=pilot, **work), AlignOptions(), num_jobs)
+def estimate(num_jobs=1, costs=KINDS, pilot=False, missing_shapes=0, missing_pairs=0):
+    return forecast(costs, (10, missing_shapes), (45, missing_pairs), AlignOptions(), num_jobs, pilot=pilot)
 
 
 def test_time_follows_what_a_store_holds(tmp_path):

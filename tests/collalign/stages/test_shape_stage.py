@@ -8,7 +8,7 @@ import pytest
 
 from collalign import AlignOptions, RunOptions
 from collalign.engine.jobs.job import run_task
-from collalign.engine.jobs.worker import Call, Limits, Task, run_in_process
+from collalign.engine.jobs.worker import Call, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded
@@ -65,7 +65,7 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(f
 
 def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_not(folder):
     (folder / "bad.ply").write_text("ply\nnonsense")
-    call = Call(function=partial(run_task, stage.SAMPLING.run, True), limits=Limits(), table=None)
+    call = Call(function=partial(run_task, stage.SAMPLING.run, True))
     again = {}
     for token, file in enumerate([*sorted(folder.iterdir()), folder / "missing.ply"]):
         task = Task(token=token, key=file.name, payload=arguments(file))

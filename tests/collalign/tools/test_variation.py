@@ -89,7 +89,7 @@ def written(variation, tmp_path_factory):
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     mean, faces = sphere_mesh(300)
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
-    symmetry = surface_symmetry(stretched()[0], faces, other_side)
+    symmetry = surface_symmetry(stretched()[0], other_side)
     paths = write_variation(
         variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL, symmetry=symmetry
     )

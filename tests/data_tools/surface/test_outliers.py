@@ -9,7 +9,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import boundary_edges
 
 
 def with_slips(shape, rng, num=3):
@@ -54,7 +54,7 @@ def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num, rn
     found = without_outliers(slipped)
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
     np.testing.assert_array_equal(found.vertices, slipped.vertices[found.source_indices])
-    assert not len(mesh_edges(found.faces).boundary)
+    assert not len(boundary_edges(found.faces))
     assert len(found.faces) == len(slipped.faces) - 2 * num
     assert np.bincount(found.faces.ravel(), minlength=400 - num).min() > 0
     said = re.search(rf"left out {num} vert.* \(up to (\S+) times", found.notes[0])
@@ -68,7 +68,7 @@ def test_two_that_share_an_edge_are_left_out_together(rng):
     vertices[pair] *= 20.0
     found = without_outliers(Shape.from_arrays(vertices, shape.faces))
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), pair))
-    assert not len(mesh_edges(found.faces).boundary)
+    assert not len(boundary_edges(found.faces))
 
 
 def test_stray_points_of_a_cloud_are_left_out(rng):
@@ -82,7 +82,7 @@ def test_stray_points_of_a_cloud_are_left_out(rng):
 @pytest.mark.parametrize("num_rings", [1, 2, 60])
 def test_thin_parts_stay(num_rings, length):
     shape = bar_on_sphere(num_rings, length)
-    assert not len(mesh_edges(shape.faces).boundary)
+    assert not len(boundary_edges(shape.faces))
     assert without_outliers(shape) is shape
 
 
