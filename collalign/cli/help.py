@@ -22,42 +22,13 @@ Excluded = Annotated[
 HELP_ALL = "--help-all"
 #: What most people need of a command with many options.
 _BASIC = frozenset(
-    {
-        "--by",
-        "--certify",
-        "--check",
-        "--clusters",
-        "--budget-s",
-        "--corrections",
-        "--curves",
-        "--shapes",
-        "--dry-run",
-        "--file",
-        "--folder",
-        "--format",
-        "--group",
-        "--jobs",
-        "--labels",
-        "--landmarks",
-        "--leave-one-out",
-        "--nonrigid",
-        "--num-shapes",
-        "--num-points",
-        "--num-seeds",
-        "--num-subsets",
-        "--out",
-        "--partial",
-        "--parts",
-        "--patches",
-        "--recursive",
-        "--result",
-        "--sampling.num-points",
-        "--scaling",
-        "--source",
-        "--symmetry",
-        "--target",
-        "--to",
-    }
+    f"--{name}"
+    for name in (
+        *("by", "certify", "check", "clusters", "budget-s", "corrections", "curves", "shapes", "dry-run", "file"),
+        *("folder", "format", "group", "jobs", "labels", "landmarks", "leave-one-out", "nonrigid", "num-shapes"),
+        *("num-points", "num-seeds", "num-subsets", "out", "partial", "parts", "patches", "recursive", "result"),
+        *("sampling.num-points", "scaling", "source", "symmetry", "target", "to"),
+    )
 )
 #: Title of each further group, and how the names of its options begin.
 _GROUPS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from collalign.registration.field import SmoothField, gaussian_kernel
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.poses import fitting_similarity, moved_by, scales_of
 from data_tools.threads import one_blas_thread
@@ -30,32 +30,37 @@ _Pulls: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Registration:
-    """A source surface laid onto a target.
+    """A source surface laid onto a target. Arrays are read-only.
 
     Attributes
     ----------
     vertices : ndarray, shape (v, 3)
-        The source's vertices, moved. Read-only.
+        The source's vertices, moved.
     residual : ndarray, shape (v,)
-        Distance of each to the target's surface. Read-only.
+        Distance of each to the target's surface.
     quality : ndarray, shape (v,)
-        Between 0 (no counterpart: beyond the rim, too far, or facing elsewhere) and 1. Read-only.
+        Between 0 (no counterpart: beyond the rim, too far, or facing elsewhere) and 1.
     pose : ndarray, shape (4, 4)
-        Similarity that lays the source, once it is bent, onto the target. Read-only.
-    field : SmoothField
-        Bends the source where it was; the pose comes after it.
+        Similarity that lays the source, once it is bent, onto the target.
+    missing : ndarray of bool, shape (v,)
+        Vertices of parts that the target is known to lack.
     """
 
-    vertices: FloatArray
-    residual: FloatArray
-    quality: FloatArray
-    pose: FloatArray
-    field: SmoothField
+    vertices: Annotated[FloatArray, Holds(shape="v 3")]
+    residual: Annotated[FloatArray, Holds(shape="v")]
+    quality: Annotated[FloatArray, Holds(shape="v")]
+    pose: Annotated[FloatArray, Holds(shape="4 4")]
+    missing: Annotated[BoolArray, Holds(shape="v")]
+
+    @property
+    def unposed(self) -> FloatArray:
+        """The vertices without the similarity: what is averaged differs in shape alone."""
+        return moved_by(np.asarray(np.linalg.inv(self.pose), dtype=np.float64), self.vertices)
 
 
 @one_blas_thread()
-def register(target: RegistrationSurface, source: RegistrationSurface) -> Registration:
-    """Deform a source onto a target that it is posed on already.
+def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[Registration, SmoothField]:
+    """Deform a source onto a target that it is posed on already, and return the field that does it before the pose.
 
     The common poses of a collection fit a pair but roughly, above all in size. So the source is shifted and scaled,
     and in a second attempt turned as well, by closest points; kept is the attempt from which the surface has to be
@@ -138,17 +143,18 @@ class _Fit:
         squares = (offsets**2).sum(axis=1) / (noise * self.radius) ** 2
         return self.field.bending + TUNED.num_independent * float(np.average(squares, weights=weights))
 
-    def result(self, noise: float) -> Registration:
+    def result(self, noise: float) -> tuple[Registration, SmoothField]:
         """Bring everything back to the target."""
         moved = self.solver.moved(self.field)
         residual, quality = self.search.fit(moved, noise)
-        return Registration(
+        found = Registration(
             vertices=read_only(moved_by(self.pose, moved)),
             residual=read_only(float(scales_of(self.pose)) * residual),
             quality=read_only(quality),
             pose=read_only(self.pose),
-            field=self.field,
+            missing=read_only(np.zeros(len(moved), dtype=bool)),
         )
+        return found, self.field
 
 
 class _Search:

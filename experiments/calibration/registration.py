@@ -38,7 +38,7 @@ class LandmarkedPair:
     def error(self) -> float:
         """Return the mean distance of carried landmarks from their goals, in the target's radii."""
         places = SurfaceLocator(self.source.vertices, self.source.faces).closest(self.landmarks)
-        found = register.register(self.target, self.source)
+        found, _ = register.register(self.target, self.source)
         return float(np.linalg.norm(places.on(found.vertices) - self.goals, axis=1).mean() / self.target.radius)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -15,16 +15,16 @@ from collalign.engine.store.typed import to_record
 from collalign.products.deformation import VertexMaps
 from collalign.products.posed_file import PosedFile
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
-from collalign.registration.register import register
+from collalign.registration.register import Registration, register
 from collalign.registration.start import bent_by_map, unbent
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond.map_starts import START_VERSION, BothWays, goals_of, map_starts
 from collalign.tools.correspond.result import DenseCorrespondence
-from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError
 from data_tools.options import AS_STORED, SamplingOptions
-from data_tools.poses import fitting_similarity, moved_by
+from data_tools.poses import fitting_similarity
 from data_tools.surface.shape import Shape
 
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
@@ -32,33 +32,6 @@ from data_tools.surface.shape import Shape
 NUM_ROUNDS = 2
 #: Larger meshes are decimated to so many triangles before they are registered.
 MAX_FACES = 25_000
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Registered:
-    """A surface registered to a file.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (v, 3)
-    residual, quality : ndarray, shape (v,)
-        See :class:`collalign.tools.correspond.result.DenseCorrespondence`.
-    pose : ndarray, shape (4, 4)
-        The similarity that lays the surface onto its registered copy best.
-    missing : ndarray of bool, shape (v,)
-        Vertices of parts that the file lacks.
-    """
-
-    vertices: Annotated[FloatArray, Holds(shape="v 3")]
-    residual: Annotated[FloatArray, Holds(shape="v")]
-    quality: Annotated[FloatArray, Holds(shape="v")]
-    pose: Annotated[FloatArray, Holds(shape="4 4")]
-    missing: Annotated[BoolArray, Holds(shape="v")]
-
-    @property
-    def unposed(self) -> FloatArray:
-        """The vertices without the similarity: what is averaged differs in shape alone."""
-        return moved_by(np.asarray(np.linalg.inv(self.pose), dtype=np.float64), self.vertices)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +92,7 @@ def correspond(
     )
 
 
-def _mean(found: Sequence[Registered], source: Shape, *, is_bent: bool) -> FloatArray:
+def _mean(found: Sequence[Registration], source: Shape, *, is_bent: bool) -> FloatArray:
     """Return the mean of registered copies of a source, each where its shape is there; if bent, unbent."""
     centred = source.vertices - source.vertices.mean(axis=0)
     copies = [one.unposed for one in found]
@@ -136,7 +109,7 @@ def _register_all(
     files: Sequence[PosedFile],
     source: Shape,
     starts: Mapping[str, BothWays],
-) -> Results[str, Registered]:
+) -> Results[str, Registration]:
     """Return the registrations of a source to every file, by name."""
     lent = SourceSurface(vertices=source.vertices, faces=source.faces)
     source_key = fingerprint(REGISTERING.version, to_record(lent))
@@ -168,7 +141,7 @@ def _key(file: PosedFile, source_key: str, start: BothWays | None) -> str:
     return REGISTERING.key(settings, file.digest, source_key)
 
 
-def register_file(source: SourceSurface, target: PosedFile, start: BothWays | None) -> Registered:
+def register_file(source: SourceSurface, target: PosedFile, start: BothWays | None) -> Registration:
     """Register a source to one file, from where a map between both takes it if there is one; runs inside a worker."""
     shape, _ = posed_shape(target)
     surface = RegistrationSurface.from_shape(shape)
@@ -178,19 +151,14 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
     bent = None if start is None else bent_by_map(shape, first, goals_of(*start, stored_shape(target)))
     if bent is not None:
         first = Shape.from_arrays(bent, source.faces, name="mean")
-    found = register(surface, RegistrationSurface.from_shape(first))
-    lacks = missing_vertices(surface, found.vertices) if target.incomplete else np.zeros(len(found.vertices), bool)
-    return Registered(
-        vertices=found.vertices,
-        residual=found.residual,
-        quality=found.quality,
-        pose=found.pose if bent is None else _pose(found.vertices, source.vertices),
-        missing=lacks,
-    )
+    found, _ = register(surface, RegistrationSurface.from_shape(first))
+    if bent is not None:
+        found = replace(found, pose=_pose(found.vertices, source.vertices))
+    return replace(found, missing=missing_vertices(surface, found.vertices)) if target.incomplete else found
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-7", run=register_file, reader=Registered)
+REGISTERING = Job(kind="registrations", version="dense-7", run=register_file, reader=Registration)
 
 
 def _pose(vertices: FloatArray, source: FloatArray) -> FloatArray:

@@ -62,7 +62,7 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
             f"{shape.name}: is not bilateral: its mirror image fits to {unlikeness:.2f} of the radius at best, "
             f"{MOST_UNLIKE} at most is meant"
         )
-    return surface.locator.closest(register(surface, source).vertices)
+    return surface.locator.closest(register(surface, source)[0].vertices)
 
 
 def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoints:
