@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from collalign.output.verification import CheckedCollection
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
+from pairwise.certificates.verify import CLAIM_TOL
 from pairwise.certificates.verify_cells import tilted_bound
 from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.local_search import MatchingCosts
@@ -18,8 +19,6 @@ from pairwise.problem.problem import Problem
 
 #: The arrays of the file beside the samples.
 PROOF_ARRAYS = ("edges", "frames", "tilts", "diagonal", "num_cells", "depths", "bound")
-#: A recomputed bound may fall short of the stated one by this share of the energy.
-_CLAIM_TOL = 1e-9
 #: Numbers beyond this are refused: their products would overflow.
 _LARGEST = 1e50
 
@@ -74,7 +73,7 @@ def _check(
             energy += one.energy(rotation, MatchingCosts(one).assign(rotation[None])[0])
         proven = max(0.0, pair_sum + gram_bound(edges, tilts, diagonal))  # no energy is negative
     claim = float(as_floats(arrays["bound"], "bound", shape=()))
-    if not proven >= claim - _CLAIM_TOL * max(energy, abs(claim)):
+    if not proven >= claim - CLAIM_TOL * max(energy, abs(claim)):
         raise InputError(f"it claims the bound {claim:.12g} but proves {proven:.12g}")
     return CheckedCollection(
         num_shapes=num_shapes,

@@ -21,14 +21,13 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray
+from pairwise.certificates.verify_cells import REACH_MARGIN
 from pairwise.problem.problem import Problem
 
 #: Assignments are solved to this share of what the cell's size loses anyway.
 _SLACK_SHARE = 0.05
 #: Maps that are remembered.
 _NUM_KEPT = 256
-#: Added to sines of half angles: rounding of centres and corners.
-_REACH_MARGIN = 1e-7
 _EPS = float(np.finfo(np.float64).eps)
 
 
@@ -138,7 +137,7 @@ class Curvature:
         levels = ((reach @ forms) * reach).sum(axis=2).max(axis=1)
         largest = self._most * (reach**2).sum(axis=2).max(axis=1)
         level = np.where(levels <= self._least, levels, largest)
-        return np.asarray((np.sqrt(level) + _REACH_MARGIN * np.sqrt(self._most)) ** 2 * (1.0 + 64.0 * _EPS))
+        return np.asarray((np.sqrt(level) + REACH_MARGIN * np.sqrt(self._most)) ** 2 * (1.0 + 64.0 * _EPS))
 
 
 def _in_space(points: FloatArray) -> FloatArray:

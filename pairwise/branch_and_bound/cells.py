@@ -22,8 +22,6 @@ from pairwise.local.rotation_sets import quaternions_to_rotations
 
 #: Added to radii: covers the rounding of centres, corners and arc cosines.
 _RADIUS_MARGIN = 1e-7
-#: Cells of this depth are not split: their path would not fit 63 bits; their rotations differ by 1e-6 rad.
-MAX_DEPTH = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,10 +17,10 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.cells import MAX_DEPTH
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
+from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.local.screening import screen
 from pairwise.problem.chirality import chiralities
@@ -202,7 +202,7 @@ def _proof(searches: list[RotationSearch], time_s: float) -> Proof:
 def depths_of(searches: Sequence[RotationSearch]) -> list[IntArray]:
     """Return the depths of the leaves in the order of faces and paths, of rotations and then of reflections."""
     leaves = [search.leaves.cells for search in sorted(searches, key=lambda one: one.reflected)]
-    return [one.depths[np.lexsort((one.paths << (MAX_DEPTH - one.depths), one.faces))] for one in leaves]
+    return [one.depths[np.lexsort((one.paths << (DEEPEST - one.depths), one.faces))] for one in leaves]
 
 
 def make_certificate(problem: Problem, searches: Sequence[RotationSearch]) -> Certificate:

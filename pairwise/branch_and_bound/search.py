@@ -9,7 +9,8 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, Rows
 from pairwise.branch_and_bound.bounds import QuasiBounds
-from pairwise.branch_and_bound.cells import MAX_DEPTH, Cells, radii_of
+from pairwise.branch_and_bound.cells import Cells, radii_of
+from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.local_search import minimise
 from pairwise.problem.chirality import mirror
 from pairwise.problem.problem import Problem, energy_scale
@@ -179,7 +180,7 @@ class RotationSearch:
         is_settled = cells.proven_bounds >= self.threshold(best)
         self._settled_bound = min(self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf)))
         self._settled.append(cells.take(np.flatnonzero(is_settled)))
-        is_smallest = cells.cells.depths >= MAX_DEPTH
+        is_smallest = cells.cells.depths >= DEEPEST
         is_small = ~is_settled & (is_smallest | (cells.radii <= self._resolution_rad))
         self.is_stuck |= bool((is_small & is_smallest).any())
         self._collected = self._collected.join(cells.take(np.flatnonzero(is_small)))

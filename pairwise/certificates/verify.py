@@ -21,7 +21,7 @@ from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
 from pairwise.problem.problem import Problem
 
 #: A recomputed bound may fall short of the claimed one by this much of the problem's scale (other BLAS, other order).
-_CLAIM_TOL = 1e-9
+CLAIM_TOL = 1e-9
 
 #: In the problem's own unit, more than all that underflow can have added to a bound: verifiers refuse numbers, and
 #: quotients, beyond 1e200, and underflow loses 1e-323 of a factor.
@@ -84,7 +84,7 @@ def verify_certificate(
     with np.errstate(over="ignore"):
         squares = (stated.target**2).sum() + (stated.weights * (stated.source**2).sum(axis=1)).sum()
         scale = min(float(squares) + _largest(stated.constant_cost), np.finfo(np.float64).max)
-    if not bound >= claim - _CLAIM_TOL * (scale + abs(claim)):
+    if not bound >= claim - CLAIM_TOL * (scale + abs(claim)):
         raise InputError(f"certificate: claims the bound {claim:.12g} but proves {bound:.12g}")
     return bound - deviation
 

@@ -30,8 +30,8 @@ _EPS = float(np.finfo(np.float64).eps)
 #: Rounding allowances are multiples of eps, the number of terms and their sizes.
 _SAFETY = 64.0
 #: Added to every |v|: rounding of centres and corners.
-_REACH_MARGIN = 1e-7
-#: Deepest cells: their paths are numbers of 63 bits.
+REACH_MARGIN = 1e-7
+#: Deepest cells, which are not split: their paths are numbers of 63 bits, their rotations differ by 1e-6 rad.
 DEEPEST = 60
 #: Numbers held at once.
 _CHUNK_NUMBERS = 1_000_000
@@ -152,7 +152,7 @@ def _drops(
     values = np.einsum("mca,mab,mcb->mc", corners, forms, corners).max(axis=1)
     spectrum = np.linalg.eigvalsh(forms)
     largest = spectrum[:, -1] * (corners**2).sum(axis=2).max(axis=1)
-    drops = np.sqrt(np.where(values <= spectrum[:, 0], values, largest)) + _REACH_MARGIN * np.sqrt(spectrum[:, -1])
+    drops = np.sqrt(np.where(values <= spectrum[:, 0], values, largest)) + REACH_MARGIN * np.sqrt(spectrum[:, -1])
     return np.asarray(drops**2 * (1.0 + _SAFETY * _EPS * (len(first) + len(second))))
 
 

@@ -22,11 +22,10 @@ from data_tools.arrays import IntArray
 from data_tools.io.files import read_text, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.percent import listed
+from data_tools.poses import AGREE_DEG
 
 JSON_FILE = "certification.json"
 FILES = (JSON_FILE, PROOF_FILE)
-#: A shape that the cheapest known arrangement turns by more than this is posed otherwise there.
-OTHERWISE_DEG = 20.0
 
 
 def write_certification(certified: CertifiedCollection, output: OutputFolder) -> tuple[Path, ...]:
@@ -110,10 +109,10 @@ def certification_record(certified: CertifiedCollection) -> dict[str, object]:
 def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
     """Return what is proven, what the result has to do with it, and what is not proven, one sentence each."""
     joint, names = certified.joint, certified.names
-    turned = np.flatnonzero((certified.changes_deg > OTHERWISE_DEG) | ~certified.same_chirality)
+    turned = np.flatnonzero((certified.changes_deg > AGREE_DEG) | ~certified.same_chirality)
     saving = 1.0 - share_of(joint.bound, joint.near_energy)
     less = _percent(1.0 - share_of(joint.energy, joint.near_energy))
-    own = f"The poses of the result are those of the cheapest arrangement known, up to {OTHERWISE_DEG:.0f} deg."
+    own = f"The poses of the result are those of the cheapest arrangement known, up to {AGREE_DEG:.0f} deg."
     if len(turned):
         own = f"Refuted: turning {listed([names[i] for i in turned])} costs {less} less. "
         own += _evidence(certified, turned)
