@@ -112,7 +112,7 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
         with patched(match, changed):
             return float(np.mean([pair.right[pair.chosen()] for pair in drawn[collection]]))
 
-    return found | scan(constants_of(match, "CHOICE_MARGIN"), collections, share, quick=quick)
+    return found | scan(constants_of(match, "ORIENTATION_WEIGHT"), collections, share, quick=quick)
 
 
 def _fitted(
@@ -151,8 +151,8 @@ def _fit(terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArra
 CALIBRATION = Calibration(
     module=map_model.__name__,
     constants=constants_of(map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT")
-    | constants_of(match, "CHOICE_MARGIN"),
+    | constants_of(match, "ORIENTATION_WEIGHT"),
     measure=measure_maps,
     collections=("scape", "tosca", *SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS),
-    score="1 - expected calibration error of chosen maps; of CHOICE_MARGIN the share of them that is right",
+    score="1 - expected calibration error of chosen maps; of ORIENTATION_WEIGHT the share of them that is right",
 )

@@ -8,7 +8,7 @@ import pytest
 from collalign.confidence.map_model import MOST_CONFIDENT, WITHOUT_SIDES, map_probability, point_probability
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
-from collalign.tools.match.nonrigid import CHOICE_MARGIN, chosen_first
+from collalign.tools.match.nonrigid import chosen_first
 
 NUM = 50
 ANGLES = np.arange(NUM) * 2 * np.pi / NUM
@@ -41,12 +41,12 @@ def test_agreement_and_lead_are_those_of_the_candidates():
 
 def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():
     best, many = candidate(TURNED, -2.0), [candidate(np.roll(SAME, shift), -1.9) for shift in (0, 0)]
-    found = [*many, best]
-    first, second, _ = chosen_first(SHAPE, found, NonrigidOptions())
+    first, second, _ = chosen_first(SHAPE, [*many, best], NonrigidOptions())
     assert first is many[0]
     assert second is best
-    far = [candidate(SAME, -2.0 + 1.1 * CHOICE_MARGIN), best]
-    assert chosen_first(SHAPE, far, NonrigidOptions())[0] is best
+    mixed = [candidate(SAME, -2.0, orientation=0.1), candidate(TURNED, -2.0), candidate(SAME, -2.0, orientation=0.2)]
+    assert chosen_first(SHAPE, mixed[:2], NonrigidOptions())[0] is mixed[1]
+    assert chosen_first(SHAPE, mixed, NonrigidOptions())[0] is mixed[2]
     swapped = [candidate(BACKWARDS, -2.0, orientation=-1.0), candidate(SAME, -1.9)]
     assert chosen_first(SHAPE, swapped, NonrigidOptions())[0] is swapped[1]
     assert chosen_first(SHAPE, swapped, NonrigidOptions(orientation="any"))[0] is swapped[0]
