@@ -42,13 +42,13 @@ def names(planted, *positions):
     return tuple(planted.shapes[i].name for i in positions)
 
 
-def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted):
+def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(planted, store):
     first, second, *others = names(planted, 0, 1, 2, 3)
     # One pose of a pair finds few candidates: the right pose is new to it, and a wrong one is never believed.
     few = {"matching": {"strategy": "search", "max_candidates": 1}}
     wrong = random_rotation(np.random.default_rng(1))
     right = planted.relative_rotation(0, 1)
-    found = align(planted, candidates={(second, first): [right.T, wrong.T], tuple(others): wrong}, **few)
+    found = align(planted, store=store, candidates={(second, first): [right.T, wrong.T], tuple(others): wrong}, **few)
     pair = found.pairs[first, second]
     assert len(pair.energies) > 1
     assert (np.diff(pair.energies) >= 0).all()
@@ -59,26 +59,26 @@ def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(plant
         assert rotation_angle_deg(found.rotations[i].T @ found.rotations[j], true) < 15
 
 
-def test_matched_vertices_give_a_pose_of_the_pair(planted):
+def test_matched_vertices_give_a_pose_of_the_pair(planted, store):
     few = {"matching": {"strategy": "search", "max_candidates": 1}}
     first, second = names(planted, 0, 1)
     right = planted.relative_rotation(0, 1)
     posed = planted.shapes[1].vertices @ right.T
     _, near = cKDTree(planted.shapes[0].vertices).query(posed)
     rows = np.column_stack([np.arange(len(posed)), near])[::7]
-    found = align(planted, correspondences={(second, first): rows}, **few)
+    found = align(planted, store=store, correspondences={(second, first): rows}, **few)
     assert found.own == ("correspondences",)
     assert any("poses of 1 pairs, 1 within 20 deg" in note for note in found.notes)
     assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
     with pytest.raises(InputError, match=r"correspondences\[.*\]: expected three or more matches that do not lie"):
-        align(planted, correspondences={(second, first): rows[[0, 0, 0]]})
+        align(planted, store=store, correspondences={(second, first): rows[[0, 0, 0]]})
     with pytest.raises(InputError, match=r"of .*: indices run from .* to 99999"):
-        align(planted, correspondences={(second, first): [[0, 99999], [1, 1], [2, 2]]})
+        align(planted, store=store, correspondences={(second, first): [[0, 99999], [1, 1], [2, 2]]})
 
 
-def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted):
+def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted, store):
     first, second, third = names(planted, 0, 1, 2)
-    found = align(planted, pair_weights={(second, first): 0, (first, third): 0.25})
+    found = align(planted, store=store, pair_weights={(second, first): 0, (first, third): 0.25})
     assert (first, second) not in found.pairs
     assert found.pairs[first, third].weight == 0.25
     graph = collalign.pair_graph(found.pairs, len(found), found.group)
@@ -193,12 +193,12 @@ def test_what_cannot_be_meant_is_refused_by_its_name(given, words):
         align_collection({"a": points, "b": points[::-1]}, progress=False, **given)
 
 
-def test_the_order_in_which_things_are_given_changes_nothing(planted):
+def test_the_order_in_which_things_are_given_changes_nothing(planted, store):
     given = {
         names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j)) for i, j in ((0, 1), (2, 1), (3, 4))
     }
-    found = align(planted, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
+    found = align(planted, store=store, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
     turned = {pair[::-1]: given[pair].T for pair in reversed(given)}
-    again = align(planted, candidates=turned, pair_weights=dict.fromkeys(turned, 0.5))
+    again = align(planted, store=store, candidates=turned, pair_weights=dict.fromkeys(turned, 0.5))
     np.testing.assert_array_equal(found.transforms, again.transforms)
     assert found.notes == again.notes

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,39 +25,22 @@ _NONE = np.empty((0, 3))
 Meshes = dict[str, tuple[dict[str, Any], str]]
 
 
-@dataclass(frozen=True, eq=False)
-class _Posed:
-    """A display mesh in the common frame."""
+def counterparts_on(vertices: FloatArray, faces: IntArray) -> Callable[[FloatArray], BoolArray]:
+    """Return a function that says which places have a counterpart on a display mesh."""
+    tree, on_rim = cKDTree(vertices), np.zeros(len(vertices), dtype=bool)
+    if len(faces):
+        on_rim[boundary_edges(faces).ravel()] = True
+    else:
+        on_rim = cloud_rim(vertices, plane_normals(vertices, vertices))
+    radius = float(np.sqrt(((vertices - vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    # So much nearer than its nearest vertex is its surface, at most.
+    spacing = float(np.median(tree.query(vertices, k=2)[0][:, 1]))
 
-    vertices: FloatArray
-    faces: IntArray
+    def has(places: FloatArray) -> BoolArray:
+        distances, nearest = tree.query(places)
+        return ~lies_beyond(np.maximum(distances - spacing, 0.0), on_rim[nearest], radius)
 
-    @cached_property
-    def tree(self) -> cKDTree:
-        return cKDTree(self.vertices)
-
-    @cached_property
-    def on_rim(self) -> BoolArray:
-        """Which vertices lie on the rim."""
-        if not len(self.faces):
-            return cloud_rim(self.vertices, plane_normals(self.vertices, self.vertices))
-        found = np.zeros(len(self.vertices), dtype=bool)
-        found[boundary_edges(self.faces).ravel()] = True
-        return found
-
-    @cached_property
-    def radius(self) -> float:
-        return float(np.sqrt(((self.vertices - self.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-    @cached_property
-    def spacing(self) -> float:
-        """How far its vertices lie apart: so much nearer is its surface than its nearest vertex, at most."""
-        return float(np.median(self.tree.query(self.vertices, k=2)[0][:, 1]))
-
-    def has(self, places: FloatArray) -> BoolArray:
-        """Return which places have a counterpart on this surface."""
-        distances, nearest = self.tree.query(places)
-        return ~lies_beyond(np.maximum(distances - self.spacing, 0.0), self.on_rim[nearest], self.radius)
+    return has
 
 
 def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
@@ -74,18 +56,19 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
     if not collection.incomplete:
         return {}, {}
     listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
-    posed = {i: _posed(collection, i) for one in listed for i in (one.shape, *one.partners.tolist())}
+    drawn, vertices, faces = listed[:MOST_DRAWN], collection.vertices, collection.faces
+    partners = {i for one in drawn for i in one.partners.tolist()}
+    has = {i: counterparts_on(moved_by(collection.transforms[i], vertices[i]), faces[i]) for i in partners}
     meshes: Meshes = {}
     content: dict[str, Any] = {
         "shapes": [_entry(collection, one) for one in listed],
-        "drawn": min(len(listed), MOST_DRAWN),
+        "drawn": len(drawn),
     }
-    for entry, one in zip(content["shapes"], listed[:MOST_DRAWN], strict=False):
-        others = [posed[i] for i in one.partners.tolist()]
-        own = posed[one.shape]
-        shares = np.mean([other.has(own.vertices) for other in others], axis=0)
+    for entry, one in zip(content["shapes"], drawn, strict=False):
+        own = moved_by(collection.transforms[one.shape], vertices[one.shape])
+        shares = np.mean([has[i](own) for i in one.partners.tolist()], axis=0)
         entry["own"] = name = f"coverage-{one.shape}"
-        meshes[name] = pack_mesh(collection.vertices[one.shape], own.faces, _NONE, shares)
+        meshes[name] = pack_mesh(vertices[one.shape], faces[one.shape], _NONE, shares)
     return content, meshes
 
 
@@ -102,8 +85,3 @@ def _entry(collection: Collection, one: Incomplete) -> dict[str, Any]:
             collection.landmarks.shape[1],
         ],
     }
-
-
-def _posed(collection: Collection, at: int) -> _Posed:
-    T = collection.transforms[at]
-    return _Posed(moved_by(T, collection.vertices[at]), collection.faces[at])

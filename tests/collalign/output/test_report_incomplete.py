@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from collalign.output.report.content import build_content
-from collalign.output.report.coverage import _posed, incomplete_content
+from collalign.output.report.coverage import counterparts_on, incomplete_content
 from collalign.output.write import _incomplete
 from collalign.products.incomplete import Incomplete
+from data_tools.poses import moved_by
 from tests.collalign.output.test_report_content import rendered, unpack
 from tests.view_problems import view_of
 
@@ -55,11 +56,9 @@ def test_colours_tell_where_the_plane_was():
     (entry,) = content["shapes"]
     assert entry["coverage"] == pytest.approx(0.7)
     assert entry["own"] == f"coverage-{BROKEN}"
-    T = view.transforms[BROKEN]
-    height = (view.vertices[BROKEN] @ T[:3, :3].T + T[:3, 3])[:, 0].max()
+    whole, broken = (moved_by(view.transforms[at], view.vertices[at]) for at in (0, BROKEN))
     assert mesh_of(meshes, f"coverage-{BROKEN}")[1].min() == 1.0
-    whole = _posed(view, next(at for at in range(len(view)) if at != BROKEN))
-    beyond, found = whole.vertices[:, 0] - height, _posed(view, BROKEN).has(whole.vertices)
+    beyond, found = whole[:, 0] - broken[:, 0].max(), counterparts_on(broken, view.faces[BROKEN])(whole)
     assert not found[beyond > 0.15].any()
     assert found[beyond < -0.05].all()
 

@@ -204,8 +204,8 @@ def posed(data, folder, num, seed, *, chirality=None):
 def test_teeth_of_both_sides_or_of_one(chirality, shared_data, tmp_path):
     teeth = read_teeth(shared_data / "teeth_pnas116")
     truth = posed(teeth, tmp_path, 14, 1, chirality=chirality)
-    options = AlignOptions(pairs="sparse", refine=False, maps="never")
-    found = align_collection(tmp_path, options=options)
+    sampling = SamplingOptions(num_points=48, num_dense_points=500)
+    found = align_collection(tmp_path, pairs="sparse", refine=False, maps="never", sampling=sampling)
     assert found.group == ("O" if chirality is None else "SO")
     assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
 
