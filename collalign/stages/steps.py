@@ -12,6 +12,8 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
@@ -32,6 +34,7 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trust.assess import gather_trust, with_trust
+from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.remedies import remedies
 from collalign.stages.trust.witnesses import witness_notes
 from collalign.stages.trust.words import trust_notes
@@ -157,32 +160,52 @@ def pose(run: Run, matched: Matched) -> Posed:
             known = matched.solution if parts is None else None
             first = synchronize_shapes(options, samples, linked, constraints, known=known)
         pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
-        rotations = refine_poses(session, samples, pairs, solution, constraints)
-        with session.alone("common matches"):
-            rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-            pairs = with_common_match(samples, pairs, solution, rotations)
-            labels = labels_at_common_poses(samples, pairs, rotations)
-        transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
+        return _settled(run, pairs, linked, solution, matched.may_be_mirrored)
+
+
+def _settled(
+    run: Run,
+    pairs: list[Pair],
+    matched: list[Pair],
+    solution: SynchronizationResult,
+    may_be_mirrored: tuple[int, ...],
+) -> Posed:
+    """Refine synchronized poses, and settle frame, labels and places."""
+    session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
+    rotations = refine_poses(session, samples, pairs, solution, constraints)
+    with session.alone("common matches"):
+        rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
+        pairs = with_common_match(samples, pairs, solution, rotations)
+        labels = labels_at_common_poses(samples, pairs, rotations)
+    transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     return Posed(
         pairs=pairs,
-        matched=linked,
+        matched=matched,
         solution=solution,
         rotations=rotations,
         transforms=transforms,
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
         notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
-        may_be_mirrored=matched.may_be_mirrored,
+        may_be_mirrored=may_be_mirrored,
     )
 
 
 def state_trust(run: Run, posed: Posed) -> Posed:
-    """State how far each pose can be trusted."""
-    if run.session.options.synchronization != "robust":
+    """State how far each pose can be trusted; a rival that dense points of most shapes prefer takes its place."""
+    session, samples, constraints = run.session, run.shapes.samples, run.constraints
+    if session.options.synchronization != "robust":
         return posed
     names, rotations = run.shapes.names, posed.rotations
     with run.stage("confidence"):
-        trust = gather_trust(run.session, run.shapes.samples, posed.matched, rotations, posed.solution.components)
+        trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
+        kept = {*constraints.fixed, constraints.reference}
+        better = preferred_poses(session, samples, posed.matched, trust, rotations, kept)
+        if not np.array_equal(better, rotations):
+            start = replace(posed.solution, rotations=better)
+            posed = _settled(run, posed.pairs, posed.matched, start, posed.may_be_mirrored)
+            rotations = posed.rotations
+            trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
         solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
         notes = trust_notes(names, trust, solution.confidence, run.constraints)
         helps = remedies(run.session, run.shapes, posed.matched, solution.confidence)
