@@ -21,7 +21,7 @@ from data_tools.embedding.embedding import Samples
 from data_tools.rotations import nearest_orthogonal
 
 #: A rival is better where the mean of its excesses is below minus this many of their standard deviations: -1.9 and
-#: -.9 for the two of fifty generated long bones that stood half turned, 1.1 and more for those tried that stood right,
+#: -.9 for the two of fifty generated long bones that stood half turned, 1.1 and more for those tried that were right,
 #: .3 for the one that was tried among 140 planes, birds, glasses, fish and teeth.
 SPREADS = 0.8
 
