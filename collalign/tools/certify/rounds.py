@@ -158,10 +158,14 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
         _add(master, proofs)
         bounds.append(sum(proof.lower_bound for proof in proofs) + gram_bound(edges, master.tilts, master.diagonal))
         if bounds[-1] == max(bounds):
-            proven = master.tilts, master.diagonal, proofs
+            proven = {
+                "tilts": master.tilts,
+                "diagonal": master.diagonal,
+                "depths": np.concatenate([proof.depths for proof in proofs]).astype(np.uint8),
+                "num_cells": np.stack([proof.num_cells for proof in proofs]),
+            }
         next_end = 2.0 * time.monotonic() - began
         ended = _ended(bounds, promised, energy, master.is_large, next_end > deadline)
-    tilts, diagonal, proofs = proven
     return JointBound(
         edges=read_only(edges),
         stated_energy=float(energies.at(frames).sum()),
@@ -171,12 +175,7 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
         bounds=tuple(bounds),
         ended=ended,
         bound=max(0.0, *bounds),
-        proof={
-            "tilts": tilts,
-            "diagonal": diagonal,
-            "depths": np.concatenate([proof.depths for proof in proofs]).astype(np.uint8),
-            "num_cells": np.stack([proof.num_cells for proof in proofs]),
-        },
+        proof=proven,
     )
 
 

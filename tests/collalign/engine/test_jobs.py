@@ -203,8 +203,7 @@ def test_progress_is_told_of_every_result():
 
 
 def test_impossible_limits_are_refused():
-    for limits in (*({"time_limit_s": wrong} for wrong in (0.0, np.nan, np.inf)), {"memory_limit_bytes": 5}):
+    wrong = [("time_limit_s", 0.0), ("time_limit_s", np.nan), ("time_limit_s", np.inf), ("memory_limit_bytes", 5)]
+    for limit in (*wrong, ("num_jobs", 0)):
         with pytest.raises(OptionsError):
-            run_jobs(spectrum, SPECTRA, **limits)
-    with pytest.raises(OptionsError):
-        run_jobs(spectrum, SPECTRA, num_jobs=0)
+            run_jobs(spectrum, SPECTRA, **dict([limit]))
