@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from collalign.engine.jobs.job import Job, Wanted
@@ -142,6 +143,7 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
     for pair, (problem, some) in enumerate(zip(energies.problems, rounds.candidates, strict=True)):
         master.add(pair, some, least_energies(problem, some))
     bounds: list[float] = []
+    proven: dict[str, NDArray[Any]] = {}
     ended = ""
     while not ended:
         began, promised = time.monotonic(), np.inf
