@@ -16,16 +16,7 @@ from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollalignError
 
 #: Nothing of these is needed to align shapes and to match pairs.
-OPTIONAL = (
-    "cvxpy",
-    "clarabel",
-    "scs",
-    "matplotlib",
-    "open3d",
-    "pandas",
-    "distributed",
-    "dask",
-)
+OPTIONAL = ("cvxpy", "clarabel", "scs", "matplotlib", "open3d", "pandas", "distributed", "dask")
 ALIGN_WITHOUT = """
 import sys
 for name in {blocked}:

@@ -143,11 +143,7 @@ def chirality(seeds):
     )
 
 
-PARTS = {
-    "poses": poses,
-    "blocks": blocks,
-    "chirality": chirality,
-}
+PARTS = {"poses": poses, "blocks": blocks, "chirality": chirality}
 
 
 def main(arguments=None):

@@ -143,20 +143,16 @@ def compare(folder, options):
 
 def command(shapes, out, options):
     """Return the command that aligns the shapes, with its store in the output folder."""
-    words = [
-        sys.executable,
-        "-m",
-        "collalign",
-        "align",
-        str(shapes),
-        "--out",
-        str(out),
-        "--jobs",
-        "2",
+    words = [sys.executable, "-m", "collalign", "align", str(shapes), "--out", str(out), "--jobs", "2"]
+    return [
+        *words,
         "--pairs",
         "all",
+        "--sampling.num-points",
+        str(options.points),
+        "--sampling.num-dense-points",
+        "0",
     ]
-    return [*words, "--sampling.num-points", str(options.points), "--sampling.num-dense-points", "0"]
 
 
 if __name__ == "__main__":

@@ -293,19 +293,10 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     shapes = json.loads((out / "alignment.json").read_text())["shapes"]
     linear = np.array(shapes[2]["transform"])[:3, :3]
     flipped = np.diag([1.0, -1.0, -1.0]) @ linear / np.cbrt(np.linalg.det(linear))
-    decisions = {
-        "format": "collalign-corrections",
-        "version": 1,
-        "frame": {shapes[0]["name"]: np.eye(3).tolist()},
-        "decisions": [
-            {
-                "shape": shapes[2]["name"],
-                "decision": "pose",
-                "rotation": flipped.tolist(),
-                "compared_with": shapes[0]["name"],
-            }
-        ],
-    }
+    first, third = shapes[0]["name"], shapes[2]["name"]
+    pose = {"shape": third, "decision": "pose", "rotation": flipped.tolist(), "compared_with": first}
+    frame = {first: np.eye(3).tolist()}
+    decisions = {"format": "collalign-corrections", "version": 1, "frame": frame, "decisions": [pose]}
     (tmp_path / "decisions.json").write_text(json.dumps(decisions))
     assert main([*command, "--corrections", str(tmp_path / "decisions.json")]) == 0
     corrected = np.array(json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"])[:3, :3]
