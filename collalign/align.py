@@ -24,8 +24,15 @@ from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import MIN_SHAPES, find_incomplete, told_incomplete
-from collalign.stages.incomplete.grow import OPEN, align_scans, are_scans
+from collalign.stages.incomplete.detect import (
+    MIN_SHAPES,
+    OPEN,
+    find_incomplete,
+    open_among_closed,
+    told_incomplete,
+    turned_out_whole,
+)
+from collalign.stages.incomplete.grow import IN_DOUBT, align_scans, are_scans
 from collalign.stages.own_knowledge import given_constraints, own_note, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
@@ -152,22 +159,19 @@ def align_listing(
         constraints = given_constraints(shapes, session.options, own, fixed)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+    if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
+        kept = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
+        missing = {i: why for i, why in open_among_closed(shapes).items() if i not in kept}
     if len(missing) == len(shapes.names):
         decided, matched, posed = _pose(run)
         posed = _judged(decided, posed)
         posed = align_scans(with_group(run, matched.group), posed, missing)
         matched = replace(matched, notes=())  # they speak of other poses
     else:
-        decided, matched, posed = _pose_others(run, missing)
-        if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
-            missing, (decided, matched, posed) = _without_found(run, (decided, matched, posed))
-        posed = _judged(decided, posed)
-        if missing:
-            posed = with_incomplete(with_group(run, matched.group), posed, missing)
-        elif _asks_for_scans(decided, posed):
-            scans = align_scans(with_group(run, matched.group), posed, dict.fromkeys(range(len(shapes.names)), OPEN))
-            if are_scans(scans):
-                posed, matched = scans, replace(matched, notes=())
+        matched, posed = _pose_all(run, missing)
+        whole = turned_out_whole(posed.incomplete)
+        if whole:
+            matched, posed = _pose_all(run, {i: why for i, why in missing.items() if i not in whole})
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
     found = _collected(run, matched, posed, listing.skipped_names)
@@ -179,13 +183,29 @@ def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
     return prepare_shapes(session, listing)
 
 
-def _without_found(run: Run, answer: _Answer) -> tuple[dict[int, str], _Answer]:
+def _pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
+    """Pose complete shapes and judge that, then the others on them, or all on each other."""
+    session, names = run.session, run.shapes.names
+    decided, matched, posed = _pose_others(run, missing)
+    if {*missing.values()} <= {OPEN} and session.options.incomplete == AUTO and session.options.clusters == 1:
+        missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
+    posed = _judged(decided, posed)
+    if missing:
+        posed = with_incomplete(with_group(run, matched.group), posed, missing)
+    elif _asks_for_scans(decided, posed):
+        scans = align_scans(with_group(run, matched.group), posed, dict.fromkeys(range(len(names)), IN_DOUBT))
+        if are_scans(scans):
+            posed, matched = scans, replace(matched, notes=())
+    return matched, posed
+
+
+def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tuple[dict[int, str], _Answer]:
     """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
 
     Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
     asked tell nothing.
     """
-    missing: dict[int, str] = {}
+    missing = dict(missing)
     for _ in range(MAX_ROUNDS if answer[1].search_gain is None else 0):
         posed = answer[2]
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]

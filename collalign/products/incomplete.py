@@ -21,12 +21,15 @@ class Incomplete:
         The shapes that it was posed on.
     overlaps : ndarray, shape (n, 2)
         Share of each partner's points with a counterpart on this shape, and of this shape's points on the partner.
+    beyond : float
+        Share of their points that lie beyond its rim.
     """
 
     shape: int
     reason: str
     partners: IntArray
     overlaps: FloatArray
+    beyond: float = float("nan")
 
     @property
     def coverage(self) -> float:

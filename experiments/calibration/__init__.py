@@ -14,6 +14,7 @@ from data_tools.errors import OptionsError
 from experiments.calibration import (
     confidence,
     evidence,
+    fragments,
     incomplete,
     maps,
     margins,
@@ -28,6 +29,7 @@ from experiments.tables import Column, Table
 CALIBRATIONS = {
     "confidence": confidence.CALIBRATION,
     "evidence": evidence.CALIBRATION,
+    "fragments": fragments.CALIBRATION,
     "incomplete": incomplete.CALIBRATION,
     "maps": maps.CALIBRATION,
     "margins": margins.CALIBRATION,

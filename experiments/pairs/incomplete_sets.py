@@ -14,13 +14,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.align import align_collection
-from collalign.confidence.overlap_model import certainty, rival_margin
+from collalign.confidence.incomplete_model import PAIR_WEIGHT, share_of_best
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import InputError
@@ -119,13 +119,13 @@ def measure_scan_collection(cell: Cell) -> Record:
 
 
 def measure_scan_pairs(cell: Cell) -> Record:
-    """Match every two range scans that overlap enough, sizes kept: overlaps, errors in degrees, margins."""
+    """Match every two range scans that overlap enough, sizes kept: overlaps, errors in degrees, chances."""
     settings = cell.settings
     dataset = read_range_scans(cell.data / SCANS_FOLDER)
     rng, chosen = np.random.default_rng(settings["seed"]), range(min(settings["scans"], len(dataset)))
     sampling = SamplingOptions(metric="euclidean", normalisation="none")
     samples = [sample_shape(dataset.shape(i), sampling, EmbeddingOptions(kind="xyz")) for i in chosen]
-    found: dict[str, list[float]] = {key: [] for key in ("overlap", "best", "margin", "seconds")}
+    found: dict[str, list[float]] = {key: [] for key in ("overlap", "best", "chance", "seconds")}
     for i, j in itertools.combinations(chosen, 2):
         turn, overlap = random_rotation(rng), overlap_share(dataset, samples, i, j)
         if overlap < MIN_OVERLAP:
@@ -133,10 +133,10 @@ def measure_scan_pairs(cell: Cell) -> Record:
         shape = dataset.shape(j)
         source = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
         with stopwatch() as elapsed:
-            poses = match_partial(surface_of(dataset.shape(i)), surface_of(source), estimate_scale=False)
+            poses = match_partial(surface_of(dataset.shape(i)), surface_of(source), scale_range=(1.0, 1.0))
         found["overlap"].append(overlap)
         found["best"].append(float(rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ turn.T)))
-        found["margin"].append(margin_of(poses))
+        found["chance"].append(chance_of(poses))
         found["seconds"].append(elapsed.processor_s)
     return dict(found)
 
@@ -147,10 +147,10 @@ def surface_of(shape: Shape) -> PartialSurface:
     return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
 
 
-def margin_of(poses: Sequence[PartialPose]) -> float:
-    """Return by how much the best pose beats its best rival."""
+def chance_of(poses: Sequence[PartialPose]) -> float:
+    """Return the chance that the best pose is right, as ``collalign match --partial`` states it."""
     turns = np.stack([found.pose.rotation for found in poses])
-    return rival_margin(turns, np.array([[found.energy] for found in poses]))
+    return share_of_best(turns, -PAIR_WEIGHT * np.log([found.energy for found in poses]))
 
 
 def measure_complete_collection(cell: Cell) -> Record:
@@ -260,7 +260,7 @@ def scan_row(record: Record) -> Row:
 def scan_pair_rows(record: Record) -> list[Row]:
     """Return the shares of right pairs of scans by their overlap."""
     overlap, errors, seconds = (np.array(record[key]) for key in ("overlap", "best", "seconds"))
-    wrong, doubtful = errors > RIGHT_DEG, in_doubt(record["margin"])
+    wrong, doubtful = errors > RIGHT_DEG, np.array(record["chance"]) < DOUBT
     rows: list[Row] = []
     for low, high in ((0.3, 0.5), (0.5, 0.7), (0.7, 1.01)):
         chosen = (overlap >= low) & (overlap < high)
@@ -277,11 +277,6 @@ def scan_pair_rows(record: Record) -> list[Row]:
                 }
             )
     return rows
-
-
-def in_doubt(margins: Sequence[float]) -> BoolArray:
-    """Return which pairs are in doubt by their margins."""
-    return np.array([certainty(margin) < DOUBT for margin in margins])
 
 
 def complete_row(settings: dict[str, Any], record: Record) -> Row:

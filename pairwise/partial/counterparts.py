@@ -94,7 +94,7 @@ def step(
     *,
     num_points: int,
     cutoff: float | None,
-    scale_range: tuple[float, float],
+    scale_range: tuple[float | FloatArray, float | FloatArray],
     hold_turns: bool = False,
 ) -> Similarity:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
@@ -127,7 +127,7 @@ def _similarities(
     of: FloatArray,
     weights: FloatArray,
     poses: Similarity,
-    scale_range: tuple[float, float],
+    scale_range: tuple[float | FloatArray, float | FloatArray],
     *,
     hold_turns: bool,
 ) -> Similarity:

@@ -1,25 +1,25 @@
 """Matches two surfaces that overlap in part: rotations, shifts and scales searched, then trimmed closest points.
 
 Centroids and sizes of different parts of a shape say nothing, so all seven unknowns are searched: a low-discrepancy
-set of rotations, a lattice of shifts, a few scales. The best of each rotation are refined by closest points of both
-surfaces, of which those without a counterpart have no say, and compared by the energy of :class:`Counterparts`.
+set of rotations, the places where a part of the source's size has its centroid, a few scales. The best are refined by
+closest points of both surfaces, of which those without a counterpart have no say, and compared by the energy of
+:class:`pairwise.partial.counterparts.Counterparts`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
 from data_tools.poses import Similarity, turn_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.partial.counterparts import Counterparts, counterparts, step
+from pairwise.partial.counterparts import counterparts, step
 from pairwise.partial.surface import PartialSurface
 from pairwise.partial.tuning import TUNED
 
@@ -54,7 +54,7 @@ def match_partial(
     source: PartialSurface,
     *,
     group: str = "SO",
-    estimate_scale: bool = True,
+    scale_range: tuple[float, float] | None = None,
     num_candidates: int = 16,
 ) -> tuple[PartialPose, ...]:
     """Return distinct poses of a source on a target, the least energy first.
@@ -64,8 +64,9 @@ def match_partial(
     target, source : PartialSurface
     group : {"SO", "O"}
         O looks among mirror images as well.
-    estimate_scale : bool
-        Without it the units of both are the same.
+    scale_range : pair of float, optional
+        The least and the largest factor of the source; (1, 1) where both have the same units. Without it, those of
+        shapes of about the same size.
     num_candidates : int
         At most so many poses.
 
@@ -75,23 +76,30 @@ def match_partial(
         If the group is unknown.
     """
     check_choice("group", group, ("SO", "O"))
-    scale_range = scales_allowed(target, source, estimate_scale=estimate_scale)
-    starts = _starts(target, source, group, estimate_scale=estimate_scale)
+    scale_range = scale_range or scales_allowed([target], source)
+    starts = _starts(target, source, group, scale_range)
     few, many = TUNED.num_points
     poses = refine([target], source, starts, TUNED.few_steps, num_points=few, scale_range=scale_range)
     found = counterparts(target, source, poses, few)
     poses = poses[distinct_similarities(poses, found.energies, TUNED.num_refined, target.radius)]
     poses = refine([target], source, poses, TUNED.many_steps, num_points=many, scale_range=scale_range)
     found = counterparts(target, source, poses, many)
-    return ranked(target, poses, found, num_candidates)
+    energies, overlaps = found.energies, found.overlaps()
+    return tuple(
+        PartialPose(
+            pose=poses[int(p)],
+            energy=float(energies[p]),
+            overlap_target=float(overlaps[p, 0]),
+            overlap_source=float(overlaps[p, 1]),
+        )
+        for p in distinct_similarities(poses, energies, num_candidates, target.radius)
+    )
 
 
-def scales_allowed(target: PartialSurface, source: PartialSurface, *, estimate_scale: bool) -> tuple[float, float]:
-    """Return the least and the largest factor of the source."""
-    if not estimate_scale:
-        return 1.0, 1.0
-    ratio = target.radius / source.radius
-    return TUNED.scale_range[0] * ratio, TUNED.scale_range[1] * ratio
+def scales_allowed(targets: Sequence[PartialSurface], source: PartialSurface) -> tuple[float, float]:
+    """Return the least and the largest factor of a source of unknown size."""
+    ratios = [target.radius / source.radius for target in targets]
+    return TUNED.scale_range[0] * min(ratios), TUNED.scale_range[1] * max(ratios)
 
 
 def refine(
@@ -101,7 +109,7 @@ def refine(
     cutoffs: Sequence[float | None] = TUNED.many_steps,
     *,
     num_points: int = TUNED.num_points[1],
-    scale_range: tuple[float, float],
+    scale_range: tuple[float | FloatArray, float | FloatArray],
     hold_turns: bool = False,
 ) -> Similarity:
     """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
@@ -121,22 +129,6 @@ def refine(
     return poses
 
 
-def ranked(
-    target: PartialSurface, poses: Similarity, found: Counterparts, num_candidates: int
-) -> tuple[PartialPose, ...]:
-    """Return the distinct poses, the least energy first."""
-    energies, overlaps = found.energies, found.overlaps()
-    return tuple(
-        PartialPose(
-            pose=poses[int(p)],
-            energy=float(energies[p]),
-            overlap_target=float(overlaps[p, 0]),
-            overlap_source=float(overlaps[p, 1]),
-        )
-        for p in distinct_similarities(poses, energies, num_candidates, target.radius)
-    )
-
-
 def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
     """Return at most so many poses that differ, the least energy first."""
     kept: list[int] = []
@@ -150,31 +142,44 @@ def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, rad
     return np.array(kept, dtype=np.int64)
 
 
-def _starts(target: PartialSurface, source: PartialSurface, group: str, *, estimate_scale: bool) -> Similarity:
+def _starts(
+    target: PartialSurface, source: PartialSurface, group: str, scale_range: tuple[float, float]
+) -> Similarity:
     """Return the best pose of each rotation, the most promising rotations."""
     from pairwise.partial.screen import screen_similarities  # compiled, and loads Numba
 
     turns = rotation_set(3, TUNED.num_turns)
     if group == "O":
         turns = np.concatenate([turns, -turns])
-    ratio = target.radius / source.radius if estimate_scale else 1.0
-    scales = ratio * np.array(TUNED.scales) if estimate_scale else np.ones(1)
     # Surfaces are searched about their centres, in radii of the target.
     to, of = target.centred(target.radius), source.centred(target.radius)
-    lattice = _lattice()
-    costs, which_shift, which_scale = screen_similarities(to, of, turns, lattice, scales)
+    num_scales = 1 + int(np.log(scale_range[1] / scale_range[0]) / TUNED.scale_step)
+    scales = np.geomspace(*scale_range, num_scales + 2)[1:-1]
+    shifts = [centres_of_parts(to, float(scale) * of.radius) for scale in scales]
+    found = [screen_similarities(to, of, turns, *each) for each in zip(shifts, scales, strict=True)]
+    which = np.argmin([costs for costs, _ in found], axis=0)
+    costs = np.array([found[s][0][r] for r, s in enumerate(which)])
     best = np.argsort(costs, kind="stable")[: TUNED.num_starts * (2 if group == "O" else 1)]
-    turns, factors = turns[best], scales[which_scale[best]]
-    shifts = target.centre + target.radius * lattice[which_shift[best]]
-    return Similarity(rotation=turns, scale=factors, shift=shifts - factors[:, None] * (turns @ source.centre))
+    places = np.array([shifts[which[r]][found[which[r]][1][r]] for r in best])
+    turns, factors = turns[best], scales[which[best]]
+    shift = target.centre + target.radius * places - factors[:, None] * (turns @ source.centre)
+    return Similarity(rotation=turns, scale=factors, shift=shift)
 
 
-@lru_cache(maxsize=1)
-def _lattice() -> FloatArray:
-    """Return the shifts of a cubic lattice within reach, the shortest first, shape (t, 3)."""
-    most = int(TUNED.reach / TUNED.spacing)
-    steps = TUNED.spacing * np.arange(-most, most + 1)
-    shifts = np.array(list(product(steps, steps, steps)))
-    lengths = np.linalg.norm(shifts, axis=1)
-    order = np.argsort(lengths, kind="stable")
-    return read_only(shifts[order[lengths[order] <= TUNED.reach + 1e-9]])
+def centres_of_parts(surface: PartialSurface, radius: float) -> FloatArray:
+    """Return where shapes of this root mean square radius may have their centroids on a surface about its origin.
+
+    Large ones lie on it as a whole, on a lattice; smaller ones are parts of it.
+    """
+    if radius >= TUNED.part:
+        steps = np.arange(-TUNED.reach, TUNED.reach + 1e-9, TUNED.shift)
+        lattice = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+        return np.asarray(lattice[np.linalg.norm(lattice, axis=1) <= TUNED.reach + 1e-9])
+    points = surface.points[: TUNED.num_points[1]]
+    near = cKDTree(points).query_ball_point(points[: TUNED.num_points[0]], TUNED.extent * radius)
+    means = np.concatenate([np.zeros((1, 3)), [points[members].mean(axis=0) for members in near]])
+    kept, gaps = [0], np.linalg.norm(means, axis=1)
+    while len(kept) < TUNED.most_shifts and gaps.max() > TUNED.spacing * radius:
+        kept.append(int(gaps.argmax()))
+        gaps = np.minimum(gaps, np.linalg.norm(means - means[kept[-1]], axis=1))
+    return np.asarray(means[kept])

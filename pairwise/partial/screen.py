@@ -14,9 +14,9 @@ NUM_POINTS, CUTOFF = 64, 0.35
 
 
 def screen_similarities(
-    target: PartialSurface, source: PartialSurface, turns: FloatArray, shifts: FloatArray, scales: FloatArray
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return the least mean truncated cost at each rotation, and which shift and which scale it has.
+    target: PartialSurface, source: PartialSurface, turns: FloatArray, shifts: FloatArray, scale: float
+) -> tuple[FloatArray, IntArray]:
+    """Return the least mean truncated cost at each rotation, and which shift it has.
 
     Points of both surfaces look up the nearest one of the other in its grid; a cost is the squared distance plus the
     weighted squared difference of normals, where both know their signs, at most the squared cutoff.
@@ -27,18 +27,18 @@ def screen_similarities(
         In radii of the target.
     turns : ndarray, shape (r, 3, 3)
     shifts : ndarray, shape (t, 3)
-    scales : ndarray, shape (s,)
+    scale : float
 
     Returns
     -------
     costs : ndarray, shape (r,)
-    which_shift, which_scale : ndarray of int, shape (r,)
+    which_shift : ndarray of int, shape (r,)
     """
     to, of = (
         (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
     )
     weight = TUNED.normal_weight if target.oriented and source.oriented else 0.0
-    return _screen(to, of, np.ascontiguousarray(turns), shifts, scales, weight**2)
+    return _screen(to, of, np.ascontiguousarray(turns), shifts, scale, weight**2)
 
 
 @numba.njit(cache=True)
@@ -76,10 +76,9 @@ def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-
 
 
 @numba.njit(cache=True)
-def _screen(target, source, turns, shifts, scales, weight):  # type: ignore[no-untyped-def]
+def _screen(target, source, turns, shifts, scale, weight):  # type: ignore[no-untyped-def]
     costs = np.full(turns.shape[0], np.inf)
     which_shift = np.zeros(turns.shape[0], np.int64)
-    which_scale = np.zeros(turns.shape[0], np.int64)
     to, to_normals = target[3][:NUM_POINTS], target[4][:NUM_POINTS]
     of, of_normals = source[3][:NUM_POINTS], source[4][:NUM_POINTS]
     back = np.empty(3)
@@ -87,19 +86,15 @@ def _screen(target, source, turns, shifts, scales, weight):  # type: ignore[no-u
         turn = np.ascontiguousarray(turns[r].T)
         turned = of @ turn, of_normals @ turn
         unturned = to @ turns[r], to_normals @ turns[r]
-        for s in range(scales.shape[0]):
-            scale = scales[s]
-            for t in range(shifts.shape[0]):
-                shift = shifts[t]
-                cost = _mean_cost(target, turned, scale, shift, (1.0, weight), 2.0 * costs[r])
-                if cost >= 2.0 * costs[r]:
-                    continue
-                for a in range(3):
-                    back[a] = (
-                        -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
-                    )
-                rest = 2.0 * costs[r] - cost
-                cost += _mean_cost(source, unturned, 1.0 / scale, back, (scale**2, weight), rest)
-                if cost < 2.0 * costs[r]:
-                    costs[r], which_shift[r], which_scale[r] = 0.5 * cost, t, s
-    return costs, which_shift, which_scale
+        for t in range(shifts.shape[0]):
+            shift = shifts[t]
+            cost = _mean_cost(target, turned, scale, shift, (1.0, weight), 2.0 * costs[r])
+            if cost >= 2.0 * costs[r]:
+                continue
+            for a in range(3):
+                back[a] = -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
+            rest = 2.0 * costs[r] - cost
+            cost += _mean_cost(source, unturned, 1.0 / scale, back, (scale**2, weight), rest)
+            if cost < 2.0 * costs[r]:
+                costs[r], which_shift[r] = 0.5 * cost, t
+    return costs, which_shift

@@ -109,20 +109,11 @@ class PartialSurface:
 
     def centred(self, unit: float) -> PartialSurface:
         """Return the surface about its centre, in the given unit of length."""
-        return self.moved(np.eye(3), 1.0 / unit, -self.centre / unit)
-
-    def moved(self, turn: FloatArray, scale: float, shift: FloatArray) -> PartialSurface:
-        """Return the surface elsewhere; only turns that keep the grid's axes keep the grid."""
-        points = scale * self.points @ turn.T + shift
-        if not np.array_equal(turn, np.eye(3)):
-            return PartialSurface.from_user(
-                points, self.normals @ turn.T, np.array(self.on_rim), oriented=self.oriented
-            )
         return replace(
             self,
-            points=read_only(points),
-            centre=read_only(scale * self.centre + shift),
-            radius=scale * self.radius,
-            corner=read_only(scale * self.corner + shift),
-            cell=scale * self.cell,
+            points=read_only((self.points - self.centre) / unit),
+            centre=read_only(np.zeros(3)),
+            radius=self.radius / unit,
+            corner=read_only((self.corner - self.centre) / unit),
+            cell=self.cell / unit,
         )

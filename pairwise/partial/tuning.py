@@ -16,12 +16,19 @@ class PartialTuning(NamedTuple):
     num_turns: int = 1500
     """Rotations that are searched, about 20 degrees apart; per chirality."""
     reach: float = 0.6
-    """Shifts of the centroids that are searched, ..."""
-    spacing: float = 0.3
+    """Shifts of the centroids of large sources that are searched, ..."""
+    shift: float = 0.3
     """... and the spacing of their lattice."""
-    scales: tuple[float, ...] = (1.15, 1.0, 0.87, 0.75)
-    """Sizes of the source relative to the target's that are searched: a shape without a quarter is smaller by up to a
-    third than the whole one of the same root mean square radius."""
+    part: float = 0.7
+    """A source of a smaller radius is searched as a part of the target."""
+    extent: float = 1.5
+    """A part's centroid is that of the target's points within so many of the part's radii of one of them, ..."""
+    spacing: float = 0.25
+    """... at most so many of these radii from one that is searched, ..."""
+    most_shifts: int = 60
+    """... of which there are no more than this."""
+    scale_step: float = 0.35
+    """Logarithm of the ratio of scales that are searched, about."""
     scale_range: tuple[float, float] = (0.6, 1.6)
     """Scales, relative to equal radii, beyond which refinement does not go."""
     num_points: tuple[int, int] = (150, 500)

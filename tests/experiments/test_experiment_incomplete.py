@@ -32,7 +32,7 @@ def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole():
     assert (row["worst"], row["noticed"], row["same"], row["way"]) == (90.0, "1 of 2", "no", "looked for")
     scans = scan_row({"shape_deg": [1.0, 6.0, 40.0], "confidence": [0.99, 0.5, 0.5], "processor_s": 1.0})
     assert (scans["within_5"], scans["within_20"], scans["noticed"], scans["doubtful"]) == (1, 2, "1 of 1", 1)
-    pairs = {"overlap": [0.35, 0.4, 0.9], "best": [1.0, 90.0, 2.0], "margin": [0.9, 0.1, 0.9], "seconds": [1.0] * 3}
+    pairs = {"overlap": [0.35, 0.4, 0.9], "best": [1.0, 90.0, 2.0], "chance": [0.99, 0.6, 0.99], "seconds": [1.0] * 3}
     rows = scan_pair_rows(pairs)
     assert [(one["overlap"], one["pairs"], one["right"]) for one in rows] == [
         ("30 to 50", 2, 50.0),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.incomplete_model import log_odds
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
@@ -14,13 +15,13 @@ from collalign.products.incomplete import Incomplete
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
-from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_certainty
+from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_chance
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import percent
-from data_tools.poses import AGREE_DEG, Similarity, turn_deg
+from data_tools.poses import AGREE_DEG, turn_deg
 from pairwise.status import Status
 
 #: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
@@ -30,14 +31,8 @@ MAX_PARTNERS = 8
 def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Posed:
     """Return the poses of all shapes: the incomplete ones are posed on the complete ones, which stay as they are.
 
-    Parameters
-    ----------
-    run : Run
-        Of all shapes; its group is decided.
-    complete : Posed
-        The other shapes, in their order.
-    reasons : mapping of int to str
-        Positions of the incomplete shapes among all, and why they count as such.
+    The run is that of all shapes, its group decided; ``complete`` holds the others in their order, and ``reasons``
+    why shapes count as incomplete, by their positions among all.
     """
     shapes = run.shapes
     at = np.array([i for i in range(len(shapes.names)) if i not in reasons])
@@ -101,10 +96,8 @@ def _merged(
         alternatives[i] = solution.alternatives[c]
     for i, record in found.items():
         rotations[i] = record["turns"][0]
-        transforms[i, :3, :3] = record["scales"][0] * record["turns"][0]
-        transforms[i, :3, 3] = record["shifts"][0]
-        transforms[i] = run.constraints.fixed_transforms.get(i, transforms[i])
-        confidence[i] = pose_certainty(record)
+        transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
+        confidence[i] = pose_chance(record)
         alternatives[i] = alternatives_of(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
@@ -141,20 +134,23 @@ def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps 
 def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -> Incomplete:
     """Return what is known of an incomplete shape."""
     return Incomplete(
-        shape=i, reason=reason, partners=read_only(partners), overlaps=read_only(np.array(record["overlaps"]))
+        shape=i,
+        reason=reason,
+        partners=read_only(partners),
+        overlaps=read_only(np.array(record["overlaps"])),
+        beyond=record["beyond"],
     )
 
 
 def alternatives_of(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first, in the frame in which it is ``transform`` (4, 4)."""
-    energies = np.log(record["energies"]).mean(axis=1)
     apart = turn_deg(record["turns"], record["turns"][0]) > AGREE_DEG
-    poses = Similarity(rotation=record["turns"], scale=record["scales"], shift=record["shifts"]).transform
-    poses = transform @ np.linalg.inv(poses[0]) @ poses
+    odds = log_odds(record["evidence"])
+    poses = transform @ np.linalg.inv(record["transforms"][0]) @ record["transforms"]
     return tuple(
         Alternative(
             rotation=read_only(record["turns"][m]),
-            log_odds=float(energies[m] - energies[0]),
+            log_odds=float(odds[0] - odds[m]),
             transform=read_only(poses[m]),
         )
         for m in np.flatnonzero(apart)[:MAX_ALTERNATIVES]
@@ -164,29 +160,29 @@ def alternatives_of(record: Record, transform: FloatArray) -> tuple[Alternative,
 def incomplete_pairs(
     i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray
 ) -> list[Pair]:
-    """Return the pairs of an incomplete shape: what each partner asks for alone, and the map at the common poses."""
+    """Return the pairs of an incomplete shape: how each partner likes its poses, and the map at the common ones."""
     pairs = []
-    for n, partner in enumerate(partners[: len(record["proposed"])].tolist()):
+    for n, partner in enumerate(partners.tolist()):
         first, second = min(i, partner), max(i, partner)
-        asked = rotations[partner].T @ record["proposed"][n]
+        energies = np.asarray(record["energies"])[:, n]
+        order = np.argsort(energies, kind="stable")
+        asked = rotations[partner].T @ np.asarray(record["turns"])[order]
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
-        common = rotations[first].T @ rotations[second]
-        angles = turn_deg(asked, common)
-        choice = int(np.argmin(angles))
-        agrees = bool(angles[choice] <= AGREE_DEG)
+        angles = turn_deg(asked, rotations[first].T @ rotations[second])
+        agrees = bool(angles[0] <= AGREE_DEG)
         pairs.append(
             Pair(
                 target=first,
                 source=second,
                 rotations=read_only(np.ascontiguousarray(asked)),
                 maps=read_only(np.full((len(asked), labels.shape[1]), -1)),
-                energies=read_only(record["proposed_energies"][n]),
+                energies=read_only(energies[order]),
                 status=Status.LOCAL_OPTIMUM.name,
-                choice=choice if agrees else -1,
+                choice=0 if agrees else -1,
                 inlier=agrees,
-                disagreement_deg=float(angles[choice]),
+                disagreement_deg=float(angles[0]),
                 map_target_source=read_only(_label_map(labels[first], labels[second])),
-                energy=float(record["energies"][0, n]),
+                energy=float(energies[0]),
             )
         )
     return pairs
@@ -203,19 +199,24 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
     """Return the evidence of all shapes; nothing of this kind was gathered for the incomplete ones."""
     if trust is None:
         return None
-    evidence = np.full((num, len(KINDS)), np.nan)
-    evidence[at] = trust.evidence
     position = {int(i): c for c, i in enumerate(at)}
-    none = read_only(np.zeros((0, 3, 3))), read_only(np.zeros(0))
-    up_to_symmetry = np.full((num, len(KINDS)), np.nan)
-    up_to_symmetry[at] = trust.up_to_symmetry
+    none, nothing = read_only(np.zeros((0, 3, 3))), read_only(np.zeros(0))
+
+    def rows(known: FloatArray) -> FloatArray:
+        spread = np.full((num, len(KINDS)), np.nan)
+        spread[at] = known
+        return read_only(spread)
+
+    def each(known: Sequence[FloatArray], other: FloatArray) -> tuple[FloatArray, ...]:
+        return tuple(known[position[i]] if i in position else other for i in range(num))
+
     return Trust(
-        evidence=read_only(evidence),
-        rivals=tuple(trust.rivals[position[i]] if i in position else none[0] for i in range(num)),
-        excess=tuple(trust.excess[position[i]] if i in position else none[1] for i in range(num)),
-        leads=tuple(trust.leads[position[i]] if i in position else none[1] for i in range(num)),
-        symmetries=tuple(trust.symmetries[position[i]] if i in position else none[0] for i in range(num)),
-        up_to_symmetry=read_only(up_to_symmetry),
+        evidence=rows(trust.evidence),
+        rivals=each(trust.rivals, none),
+        excess=each(trust.excess, nothing),
+        leads=each(trust.leads, nothing),
+        symmetries=each(trust.symmetries, none),
+        up_to_symmetry=rows(trust.up_to_symmetry),
     )
 
 

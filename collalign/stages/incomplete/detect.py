@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.spatial import cKDTree
 
-from collalign.confidence.incomplete_model import BEYOND, MISSING_SHARE
+from collalign.confidence.incomplete_model import MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
+from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.incomplete.posed_points import surface_from_record
+from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
@@ -26,8 +24,8 @@ from data_tools.surface.topology import is_open_surface
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
-#: Said of shapes that a person named, and of those that were found when others were aligned.
-TOLD, FOUND = "as told", "as found before"
+#: Said of shapes that a person named, of those that were found when others were aligned, and of broken ones.
+TOLD, FOUND, OPEN = "as told", "as found before", "its surface is open, the others are closed"
 #: Shapes that each is compared with: those of least energy.
 NUM_PARTNERS = 6
 #: Steps from the common pose, which centroids and sizes of different parts have shifted.
@@ -56,21 +54,30 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
+def open_among_closed(shapes: Shapes) -> dict[int, str]:
+    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are closed."""
+    # The last invariant is the distance to the rim: zero on closed surfaces and point clouds.
+    lasts = [item.invariants[:, -1:] for item in shapes.samples]
+    suspects = [i for i, last in enumerate(lasts) if last.any()]
+    num_closed = len(lasts) - len(suspects)
+    if num_closed < MIN_SHAPES or len(suspects) > MOST_MISSING * len(lasts):
+        return {}
+    return dict.fromkeys(suspects, OPEN)
+
+
+def turned_out_whole(incomplete: Iterable[Incomplete]) -> set[int]:
+    """Return the shapes that were taken for broken, but are open at a hole: no part of them is missing."""
+    return {one.shape for one in incomplete if one.reason == OPEN and one.beyond < MISSING_SHARE}
+
+
 def find_incomplete(
     session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], transforms: FloatArray
 ) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
-    Works on the dense samples at the common poses, from which each shape is first refined on its partners; nothing is
-    found where shapes have too few of them. A mesh can only be incomplete if its surface is open.
-
-    Parameters
-    ----------
-    session : Session
-    shapes : Shapes
-    pairs : sequence of Pair
-    transforms : ndarray, shape (N, 4, 4)
-        The poses of these shapes, as if all were complete.
+    Works on the dense samples at the poses (N, 4, 4) that they have as if all were complete, from which each shape is
+    first refined on its partners; nothing is found where shapes have too few of them. A mesh can only be incomplete
+    if its surface is open.
     """
     samples = shapes.samples
     if len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
@@ -81,7 +88,7 @@ def find_incomplete(
         surfaces = [Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH) for i in range(len(samples))]
         tasks = {
             i: {"surface": surfaces[i], "partners": tuple(surfaces[j] for j in nearest[i])}
-            for i in _neighbours_together(nearest)
+            for i in sorted(range(len(nearest)), key=lambda i: sorted(nearest[i]))  # partners in common together
             if nearest[i] and points[i].on_rim.any()
         }
         shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
@@ -91,14 +98,6 @@ def find_incomplete(
     if len(missing) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}
-
-
-def _neighbours_together(nearest: Sequence[Sequence[int]]) -> list[int]:
-    """Return all shapes in an order in which those that have partners in common are near each other."""
-    ends = np.array([(i, j) for i, near in enumerate(nearest) for j in near], dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(nearest), len(nearest))).tocsr()
-    order: list[int] = reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True).tolist()
-    return order
 
 
 def may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
@@ -119,22 +118,10 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:
     """Return the share of its partners' points that lie beyond a surface's rim, their median; runs in a worker."""
-    ranges = [scales_allowed(partner, surface, estimate_scale=True) for partner in partners]
     start = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
-    pose = refine(
-        partners,
-        surface,
-        start,
-        _STEPS,
-        num_points=_NUM_POINTS,
-        scale_range=(min(low for low, _ in ranges), max(high for _, high in ranges)),
-    )
-    tree = cKDTree(pose.apply(surface.points)[0])
-    shares = []
-    for partner in partners:
-        distances, nearest = tree.query(partner.points)
-        shares.append(float(((distances > BEYOND * partner.radius) & surface.on_rim[nearest]).mean()))
-    return float(np.median(shares))
+    scales = scales_allowed(partners, surface)
+    pose = refine(partners, surface, start, _STEPS, num_points=_NUM_POINTS, scale_range=scales)
+    return beyond_rim(surface, partners, pose)
 
 
 def _nearest(pairs: Iterable[Pair], num: int) -> list[list[int]]:

@@ -23,13 +23,7 @@ from collalign.stages.incomplete.add import (
     incomplete_pairs,
     incomplete_record,
 )
-from collalign.stages.incomplete.place import (
-    NUM_PROPOSED,
-    nearest_labels,
-    pose_certainty,
-    pose_record,
-    settle,
-)
+from collalign.stages.incomplete.place import NUM_PROPOSED, Sizes, nearest_labels, pose_chance, pose_record, settle
 from collalign.stages.incomplete.posed_points import posed_points, prepare_points
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.poses.placement import common_positions
@@ -47,17 +41,17 @@ NUM_SWEEPS = 3
 #: Ten scans of a bunny cover .43 to .54 of each other, cut crowns .87, doubtful whole ones .65 to .82, wrong at .99.
 MOST_COVERED = 0.6
 #: Why shapes count as incomplete that nobody called so.
-OPEN = "most were in doubt, with open borders"
+IN_DOUBT = "most were in doubt, with open borders"
 
 
 @one_blas_thread()
-def match_scans(target: OrientedPoints, source: OrientedPoints, group: str, estimate_scale: bool) -> Record:
+def match_scans(target: OrientedPoints, source: OrientedPoints, group: str, sizes: Sizes | None) -> Record:
     """Return ``transforms`` (m, 4, 4) of the source's file coordinates to the target's, and ``energies`` (m,)."""
     found = match_partial(
         posed_points(target),
         posed_points(source),
         group=group,
-        estimate_scale=estimate_scale,
+        scale_range=sizes,
         num_candidates=NUM_PROPOSED,
     )
     transforms = np.stack([one.pose.transform for one in found])
@@ -88,7 +82,7 @@ def align_scans(run: Run, outline: Posed, reasons: Mapping[int, str]) -> Posed:
             "incomplete: poses of shapes none of which is complete are found together, for at most "
             f"{MAX_ALL_PAIRS} shapes and without fixed poses"
         )
-    estimate_scale = session.options.scaling == "similarity"
+    sizes = None if session.options.scaling == "similarity" else (1.0, 1.0)
     with run.stage("incomplete shapes"):
         surfaces = prepare_points(session, shapes, range(num))
         tasks = {
@@ -96,25 +90,19 @@ def align_scans(run: Run, outline: Posed, reasons: Mapping[int, str]) -> Posed:
                 "target": surfaces.shared(i),
                 "source": surfaces.shared(j),
                 "group": session.options.group,
-                "estimate_scale": estimate_scale,
+                "sizes": sizes,
             }
             for i, j in itertools.combinations(range(num), 2)
         }
         found = session.spread("incomplete shapes", match_scans, tasks)
         points = [surfaces[i] for i in range(num)]
-        transforms, settled = _settled(points, found, constraints.reference, estimate_scale=estimate_scale)
+        transforms, settled = _settled(points, found, constraints.reference, sizes)
     transforms = _framed(shapes, transforms, session.options.scaling, constraints.reference)
     return _collected(shapes, outline, transforms, settled, reasons)
 
 
 def are_scans(posed: Posed) -> bool:
-    """Whether shapes that were posed on each other share so little, and fit so surely, that none is complete.
-
-    Parameters
-    ----------
-    posed : Posed
-        From :func:`align_scans`.
-    """
+    """Whether shapes that :func:`align_scans` posed share so little, and fit so surely, that none is complete."""
     covered = float(np.median([one.coverage for one in posed.incomplete]))
     return covered < MOST_COVERED and bool((posed.solution.confidence >= DOUBT).all())
 
@@ -140,7 +128,7 @@ def _relative(found: Mapping[tuple[int, int], Record], target: int, source: int)
 
 @one_blas_thread()
 def _settled(
-    points: Sequence[OrientedPoints], found: Mapping[tuple[int, int], Record], root: int, *, estimate_scale: bool
+    points: Sequence[OrientedPoints], found: Mapping[tuple[int, int], Record], root: int, sizes: Sizes | None
 ) -> tuple[FloatArray, dict[int, Record]]:
     """Return poses in the root's coordinates, each the best on all others, and what is known of them."""
     num = len(points)
@@ -155,20 +143,12 @@ def _settled(
             poses = Similarity.of_transforms(transforms[i][None])
             if i != root:
                 every = Similarity.of_transforms(np.concatenate([transforms[i][None], *proposed]))
-                poses = settle(targets, source, every, estimate_scale=estimate_scale)
+                poses = settle(targets, source, every, sizes=sizes, complete=False)
             transforms[i] = poses[0].transform
             posed[i] = posed_points(points[i], transforms[i])
             if sweep == NUM_SWEEPS - 1:
-                asked = [Similarity.of_transforms(transforms[j] @ _relative(found, j, i)).rotation for j in others]
-                energies = [found[min(i, j), max(i, j)]["energies"] for j in others]
-                settled[i] = pose_record(targets, source, poses, _padded(asked), _padded(energies))
+                settled[i] = pose_record(targets, source, poses, complete=False)
     return transforms, settled
-
-
-def _padded(rows: list[FloatArray]) -> FloatArray:
-    """Return rows of different lengths as one array, filled up by what each starts with."""
-    most = max(len(row) for row in rows)
-    return np.stack([np.concatenate([row, np.repeat(row[:1], most - len(row), axis=0)]) for row in rows])
 
 
 def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
@@ -213,7 +193,7 @@ def _collected(
     )
     solution = replace(
         outline.solution,
-        confidence=np.array([pose_certainty(settled[i]) for i in range(num)]),
+        confidence=np.array([pose_chance(settled[i]) for i in range(num)]),
         alternatives=tuple(alternatives_of(settled[i], transforms[i]) for i in range(num)),
         parts=(everyone,),
         warnings=(),

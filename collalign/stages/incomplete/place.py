@@ -8,28 +8,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from collalign.confidence.overlap_model import certainty, rival_margin
+from collalign.confidence.incomplete_model import KNOWN_SIZES, log_odds, share_of_best
 from collalign.engine.store.records import Record
-from collalign.stages.incomplete.posed_points import posed_points
+from collalign.stages.incomplete.posed_points import beyond_rim, posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import OrientedPoints
-from data_tools.poses import AGREE_DEG, Similarity, turn_deg
+from data_tools.poses import Similarity, scales_of, turn_deg
 from data_tools.threads import one_blas_thread
-from pairwise.partial.counterparts import counterparts
+from pairwise.partial.counterparts import Counterparts, counterparts
 from pairwise.partial.match import distinct_similarities, match_partial, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 from pairwise.partial.tuning import TUNED
 
 #: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
-NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 6
-#: Poses beyond twice a rival's angle from the best one that are refined as well: without rivals nothing is in doubt.
-NUM_RIVALS = 3
+NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 24
+#: The least and the largest scale.
+Sizes: TypeAlias = tuple[float, float]
 
 
 @one_blas_thread()
@@ -44,75 +46,54 @@ def place_shape(
 ) -> Record:
     """Return the poses of a shape on its partners, the best first; runs inside a worker.
 
-    Parameters
-    ----------
-    shape : OrientedPoints
-    partners : tuple of OrientedPoints
-    transforms : ndarray, shape (n, 4, 4)
-        File coordinates of the partners to the common frame.
-    group : {"SO", "O"}
-    estimate_scale : bool
-    fixed : ndarray, shape (3, 3), or None
-        A rotation that a person has decided.
-    fixed_transform : ndarray, shape (4, 4), or None
-        A whole transform that stays: nothing is searched then.
+    Transforms (n, 4, 4) take file coordinates of the partners to the common frame. A person may have decided a
+    rotation, ``fixed`` (3, 3), or a whole transform (4, 4) that stays: nothing is searched then.
 
     Returns
     -------
     dict
-        ``turns`` (m, 3, 3), ``scales`` (m,), ``shifts`` (m, 3): file coordinates to the common frame; ``energies``
-        (m, n) with each partner; ``overlaps`` (n, 2), see :class:`collalign.products.incomplete.Incomplete`;
-        ``proposed`` (q, p, 3, 3) and ``proposed_energies`` (q, p), what each of the first partners alone asks for,
-        padded by its best.
+        ``turns`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
+        (2, m), see :func:`pose_evidence`;
+        ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
+        :class:`collalign.products.incomplete.Incomplete`.
     """
     source = posed_points(shape)
     targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]
+    sizes = known_sizes(transforms, estimate_scale=estimate_scale)
     if fixed_transform is not None:
-        pose = Similarity.of_transforms(fixed_transform[None])
-        return pose_record(targets, source, pose, np.zeros((0, 1, 3, 3)), np.zeros((0, 1)))
+        return pose_record(targets, source, Similarity.of_transforms(fixed_transform[None]))
+    asked = [sizes] * (NUM_PROPOSERS - 1) + [sizes if not estimate_scale else None]  # files may be of one size each
     alone = [
-        match_partial(
-            target,
-            source,
-            group=group,
-            estimate_scale=estimate_scale,
-            num_candidates=NUM_PROPOSED,
-        )
-        for target in targets[:NUM_PROPOSERS]
+        match_partial(target, source, group=group, scale_range=size, num_candidates=NUM_PROPOSED)
+        for target, size in zip(targets, asked, strict=False)
     ]
-    every = [pose for poses in alone for pose in poses]
-    proposed = Similarity(
-        rotation=np.stack([one.pose.rotation for one in every]),
-        scale=np.array([one.pose.scale for one in every]),
-        shift=np.stack([one.pose.shift for one in every]),
-    )
-    padded = [[*asked, *[asked[0]] * (NUM_PROPOSED - len(asked))] for asked in alone]
-    return pose_record(
-        targets,
-        source,
-        settle(targets, source, proposed, estimate_scale=estimate_scale, fixed=fixed),
-        np.array([[one.pose.rotation for one in asked] for asked in padded]),
-        np.array([[pose.energy for pose in asked] for asked in padded]),
-    )
+    proposed = np.stack([found.pose.transform for poses in alone for found in poses])
+    poses = settle(targets, source, Similarity.of_transforms(proposed), sizes=sizes, fixed=fixed)
+    return pose_record(targets, source, poses)
+
+
+def known_sizes(transforms: FloatArray, *, estimate_scale: bool) -> Sizes | None:
+    """Return the scales that an incomplete shape may have by those of complete ones, if they say anything."""
+    if not estimate_scale:
+        return 1.0, 1.0
+    logs, (deviations, least, most) = np.log(scales_of(transforms)), KNOWN_SIZES
+    spread = max(float(logs.std(ddof=1)), least) if len(logs) > 1 else np.inf
+    low, high = np.exp(logs.mean() + deviations * min(spread, most) * np.array([-1.0, 1.0]))
+    return (float(low), float(high)) if spread < most else None
 
 
 def pose_record(
-    targets: Sequence[PartialSurface],
-    source: PartialSurface,
-    poses: Similarity,
-    proposed: FloatArray,
-    proposed_energies: FloatArray,
+    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, *, complete: bool = True
 ) -> Record:
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
-    found = [counterparts(target, source, poses[:1], TUNED.num_points[1]) for target in targets]
+    found = [counterparts(target, source, poses, TUNED.num_points[1]) for target in targets]
     return {
         "turns": poses.rotation,
-        "scales": poses.scale,
-        "shifts": poses.shift,
-        "energies": energies_on(targets, source, poses, TUNED.num_points[1]),
-        "overlaps": np.concatenate([item.overlaps() for item in found]),
-        "proposed": proposed,
-        "proposed_energies": proposed_energies,
+        "transforms": poses.transform,
+        "evidence": pose_evidence(targets, source, poses, found, complete=complete),
+        "energies": np.stack([item.energies for item in found], axis=1),
+        "overlaps": np.stack([item.overlaps()[0] for item in found]),
+        "beyond": beyond_rim(source, targets, poses),
     }
 
 
@@ -121,71 +102,93 @@ def settle(
     source: PartialSurface,
     proposed: Similarity,
     *,
-    estimate_scale: bool,
+    sizes: Sizes | None,
     fixed: FloatArray | None = None,
+    complete: bool = True,
 ) -> Similarity:
-    """Return the proposed poses that fit all targets best, refined on all, the best first.
+    """Return the proposed poses that are likeliest on targets in one frame, refined on all, the best first.
 
-    Parameters
-    ----------
-    targets : sequence of PartialSurface
-        In one frame.
-    source : PartialSurface
-    proposed : Similarity
-    estimate_scale : bool
-    fixed : ndarray, shape (3, 3), optional
-        A rotation that stays.
+    Scales stay within ``sizes`` where they are known; a rotation (3, 3) that is ``fixed`` stays.
     """
-    radius = float(np.mean([target.radius for target in targets]))
-    ranges = [scales_allowed(target, source, estimate_scale=estimate_scale) for target in targets]
-    scale_range = min(low for low, _ in ranges), max(high for _, high in ranges)
+    few, many = TUNED.num_points
     if fixed is not None:
-        apart = turn_deg(proposed.rotation, fixed)
-        kept = np.argsort(apart, kind="stable")[:NUM_REFINED]
+        kept = np.argsort(turn_deg(proposed.rotation, fixed), kind="stable")[:NUM_REFINED]
         proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
-    else:
-        energies = np.log(energies_on(targets, source, proposed, TUNED.num_points[0])).mean(axis=1)
-        proposed = proposed[_with_rivals(proposed, energies, radius)]
-    poses = refine(targets, source, proposed, scale_range=scale_range, hold_turns=fixed is not None)
-    energies = energies_on(targets, source, poses, TUNED.num_points[1])
-    return poses[distinct_similarities(poses, np.log(energies).mean(axis=1), NUM_REFINED + NUM_RIVALS, radius)]
+    proposed = _likeliest(targets, source, proposed, few, complete=complete)
+    low, high = sizes or scales_allowed(targets, source)
+    allowed = np.minimum(low, proposed.scale), np.maximum(high, proposed.scale)  # another size may have been proposed
+    poses = refine(targets, source, proposed, scale_range=allowed, hold_turns=fixed is not None)
+    return _likeliest(targets, source, poses, many, complete=complete)
 
 
-def _with_rivals(poses: Similarity, energies: FloatArray, radius: float) -> IntArray:
-    """Return the poses of least energy, and those of least energy that are far from the very best."""
-    best = distinct_similarities(poses, energies, NUM_REFINED, radius)
-    apart = turn_deg(poses.rotation, poses.rotation[best[0]]) > 2.0 * AGREE_DEG
-    rivals = np.flatnonzero(apart)
-    if not len(rivals):
-        return best
-    rivals = rivals[distinct_similarities(poses[rivals], energies[rivals], NUM_RIVALS, radius)]
-    return np.concatenate([best, np.setdiff1d(rivals, best)])
+def _likeliest(
+    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, num_points: int, *, complete: bool
+) -> Similarity:
+    """Return the distinct poses of most log-odds."""
+    found = [counterparts(target, source, poses, num_points) for target in targets]
+    evidence, radius = (
+        pose_evidence(targets, source, poses, found, complete=complete),
+        float(np.mean([target.radius for target in targets])),
+    )
+    return poses[distinct_similarities(poses, -log_odds(evidence), NUM_REFINED, radius)]
 
 
-def energies_on(
-    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, num_points: int
+def pose_evidence(
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    poses: Similarity,
+    found: Sequence[Counterparts],
+    *,
+    complete: bool,
 ) -> FloatArray:
-    """Return the energy of every pose on every target, shape (p, n)."""
-    return np.stack([counterparts(target, source, poses, num_points).energies for target in targets], axis=1)
+    """Return two kinds of evidence of poses (2, p): how probable the shape is there if the targets are of its kind.
+
+    A point of it may come from any of the targets. A point of a target costs what it costs more on the shape than on
+    the other targets, and nothing where what is nearest to it is the rim of the shape: then it is broken off. Of
+    targets that are not complete the energy is all that is known (1, p); they err apart from each other.
+    """
+    if not complete:
+        return np.sqrt(len(found)) * np.mean([np.log(one.energies) for one in found], axis=0)[None]
+    costs = np.stack([_logarithms(one.source_costs) for one in found], axis=1)
+    own = -np.log(np.exp(-costs).mean(axis=1)).mean(axis=1)
+    usual = _usual_costs(targets, max(one.target_costs.shape[1] for one in found))
+    tree = cKDTree(source.points)
+    others = np.zeros(len(poses))
+    for target, one, expected in zip(targets, found, usual, strict=True):
+        nearest = tree.query(poses.undo(target.points[: len(expected)]))[1]
+        is_lost = source.on_rim[nearest] & (one.target_costs >= TUNED.counterpart**2)
+        excess = np.clip(_logarithms(one.target_costs) - expected, -3.0, 4.0)
+        others += np.where(is_lost, 0.0, excess).mean(axis=1) / len(targets)
+    return np.stack([own, others])
 
 
-def pose_certainty(record: Record) -> float:
-    """Return how probable the best pose is against its rivals, see :mod:`collalign.confidence.overlap_model`."""
-    energies = np.asarray(record["energies"])
-    return certainty(rival_margin(np.asarray(record["turns"]), energies), energies.shape[1])
+def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[FloatArray]:
+    """Return the logarithm of what each target's points cost on the others, by their median, each (l,)."""
+    still = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
+    costs: list[list[FloatArray]] = [[] for _ in targets]
+    for (a, first), (b, second) in combinations(enumerate(targets), 2):
+        found = counterparts(first, second, still, num_points)
+        costs[a].append(found.target_costs[0])
+        costs[b].append(found.source_costs[0])
+    costs = costs if len(targets) > 1 else [[np.full(len(targets[0].points[:num_points]), TUNED.resolution**2)]]
+    return [np.median(_logarithms(np.array(one)), axis=0) for one in costs]
+
+
+def _logarithms(costs: FloatArray) -> FloatArray:
+    """Return logarithms of costs, none of which is more than absent or less than noise."""
+    return np.asarray(np.log(np.minimum(costs, TUNED.cutoff**2) + TUNED.resolution**2))
+
+
+def pose_chance(record: Record) -> float:
+    """Return how probable the best pose of a record is."""
+    return share_of_best(np.asarray(record["turns"]), log_odds(np.asarray(record["evidence"])))
 
 
 def nearest_labels(positions: FloatArray, consensus: FloatArray) -> IntArray:
-    """Return the label of each sample, -1 where none of the consensus is near, shape (k,).
+    """Return the label of each sample (k, 3), -1 where none of the consensus (l, 3) is near, shape (k,).
 
     A one-to-one assignment of least squared distance in which leaving a sample out costs the squared distance that
     points of the consensus lie apart.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (k, 3)
-        In the common frame.
-    consensus : ndarray, shape (l, 3)
     """
     spacing = float(np.median(cKDTree(consensus).query(consensus, k=2)[0][:, 1]))
     costs = np.minimum(cdist(positions, consensus, "sqeuclidean"), spacing**2)

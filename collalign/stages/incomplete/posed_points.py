@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from scipy.spatial import cKDTree
+
+from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.jobs.job import Job, Results
 from collalign.engine.store.records import Record
 from collalign.engine.store.typed import from_record
@@ -16,7 +20,7 @@ from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
-from data_tools.poses import moved_by, scales_of
+from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 
@@ -57,3 +61,12 @@ def posed_points(found: OrientedPoints, transform: FloatArray | None = None) -> 
 def surface_from_record(record: Record, name: str) -> PartialSurface:
     """Check a record of points and return the surface."""
     return posed_points(from_record(OrientedPoints, record, name))
+
+
+def beyond_rim(surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity) -> float:
+    """Return the share of its partners' points that lie beyond a surface's rim at the first pose, their median."""
+    tree, shares = cKDTree(pose.apply(surface.points)[0]), []
+    for partner in partners:
+        distances, nearest = tree.query(partner.points)
+        shares.append(float(((distances > BEYOND * partner.radius) & surface.on_rim[nearest]).mean()))
+    return float(np.median(shares))

@@ -64,14 +64,7 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
 
 
 def may_be_scans(session: AlignSession, shapes: Shapes, confidence: FloatArray) -> bool:
-    """Whether most shapes are in doubt, and open, so that none may be complete.
-
-    Parameters
-    ----------
-    session : Session
-    shapes : Shapes
-    confidence : ndarray, shape (N,)
-    """
+    """Whether most shapes are in doubt by their confidence (N,), and open, so that none may be complete."""
     doubted = _doubted(confidence)
     return len(doubted) >= MOST_IN_DOUBT * len(confidence) and any(
         may_be_cut(session, shapes, i) for i in doubted[:MAX_NAMED]

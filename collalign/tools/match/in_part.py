@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.confidence.overlap_model import certainty, rival_margin
+from collalign.confidence.incomplete_model import PAIR_WEIGHT, share_of_best
 from collalign.options import TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
@@ -56,7 +56,7 @@ class PartialMatch:
     def confidence(self) -> float:
         """The chance that the answer is right, by how much worse its best rival fits."""
         turns = np.stack([found.pose.rotation for found in self.poses])
-        return certainty(rival_margin(turns, np.array([[pose.energy] for pose in self.poses])))
+        return share_of_best(turns, -PAIR_WEIGHT * np.log([pose.energy for pose in self.poses]))
 
     def __repr__(self) -> str:
         best = self.poses[0]
@@ -121,9 +121,8 @@ def match_in_part(
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
     to, of = (_partial_surface(origin, options) for origin in origins)
-    poses = match_partial(
-        to, of, group=options.group, estimate_scale=options.sampling.normalisation != "none", num_candidates=8
-    )
+    sizes = (1.0, 1.0) if options.sampling.normalisation == "none" else None
+    poses = match_partial(to, of, group=options.group, scale_range=sizes, num_candidates=8)
     target_file, source_file = (location(origin) for origin in origins)
     names = [origin.name.removesuffix(origin.suffix) for origin in origins]
     return PartialMatch(

@@ -9,16 +9,17 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.align import _without_found
+from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
-from collalign.stages.incomplete.place import nearest_labels, pose_certainty
+from collalign.stages.incomplete.place import known_sizes, nearest_labels
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
@@ -26,6 +27,8 @@ from data_tools.options import SamplingOptions
 from data_tools.percent import percent
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from experiments.calibration.fragments import broken
+from experiments.peers.bones import bone
 from pairwise.partial.match import match_partial
 from tests.finished_runs import made_once
 from tests.pairwise.partial.test_partial_match import cut, moved
@@ -178,9 +181,16 @@ def test_nothing_is_missing_among_whole_teeth(without):
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
     turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    sure = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.2, 0.2]])})
-    close = pose_certainty({"turns": turns, "energies": np.array([[0.1, 0.1], [0.101, 0.1]])})
+    sure, close = (share_of_best(turns, log_odds(np.array([[0.1, own], [0.0, 0.0]]))) for own in (0.6, 0.11))
     assert close < 0.6 < 0.95 < sure
+    assert share_of_best(turns[[0, 0, 1]], np.zeros(3)) == pytest.approx(2 / 3)
+
+
+def test_sizes_of_complete_shapes_say_how_large_a_piece_is_where_they_are_alike():
+    alike, apart = (np.eye(4) * [[[size] * 3 + [1.0]] for size in sizes] for sizes in ((0.9, 1, 1.1), (1, 2)))
+    low, high = known_sizes(alike, estimate_scale=True)
+    assert low < 0.9 < 1.1 < high < 1.5
+    assert [known_sizes(apart, estimate_scale=True), known_sizes(alike, estimate_scale=False)] == [None, (1.0, 1.0)]
 
 
 def test_samples_far_from_everything_get_no_label():
@@ -205,7 +215,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
             assert list(find_incomplete(session, shapes, pairs, poses)) == lacking
         run = Run(session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={})
         bent = Matched(group="SO", pairs=[], failed=[], solution=None, notes=(), search_gain=0.0)
-        assert _without_found(run, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
+        assert _without_found(run, {}, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
@@ -244,3 +254,18 @@ def test_points_that_stand_for_all_samples_lie_apart():
     assert gaps.min() > spacing
     far = np.linalg.norm(positions.reshape(-1, 1, 3) - universe, axis=2).min(axis=1)
     assert far.max() <= spacing
+
+
+def test_broken_bones_are_found_among_closed_ones_and_a_bone_with_a_hole_is_whole(tmp_path):
+    rng = np.random.default_rng(2)
+    directions, faces = sphere_mesh(900)
+    bones = [bone(directions, faces, rng, f"bone{i}") for i in range(7)]
+    bones[6] = broken(bones[6], np.array([0.0, 0.1, 1.0]), 0.3, rng)
+    bones[1] = cut(bones[1], np.array([1.0, 0.0, 0.8]), 0.04)
+    turns = np.stack([random_rotation(rng) for _ in bones])
+    for shape, turn in zip(bones, turns, strict=True):
+        write_mesh(tmp_path / f"{shape.name}.ply", moved(shape, turn, 1.0, np.zeros(3)))
+    aligned = align(tmp_path)
+    assert [aligned.names[one.shape] for one in aligned.incomplete] == ["bone6"]
+    assert aligned.incomplete[0].coverage < 0.5 < aligned.incomplete[0].beyond
+    assert errors_deg(aligned, turns)[6] < 20
