@@ -60,7 +60,7 @@ def _distinct_of_one(
     ]
 
 
-def rank(
+def rank_candidates(
     candidates: Iterable[Candidate], options: MatchOptions, rounding_energy: float = 0.0
 ) -> tuple[Candidate, ...]:
     """Sort by energy, drop poses beyond ``candidate_factor`` times the best, keep the best of each chirality.
@@ -88,4 +88,4 @@ def with_better(
         first, second = (c.R_target_source[:block, :block] for c in (better, other))
         return bool(rotation_angles(first, second) >= np.deg2rad(SAME_DEG))
 
-    return rank([better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy)
+    return rank_candidates([better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy)

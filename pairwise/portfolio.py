@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
-from pairwise.candidates import distinct_candidates, rank
+from pairwise.candidates import distinct_candidates, rank_candidates
 from pairwise.local.local_search import merge, minimise
 from pairwise.local.rotation_search import MAX_COVERED_DIM, explore, look_around
 from pairwise.options import MatchOptions
@@ -54,7 +54,7 @@ def ranked_poses(
     if options.strategy != "relaxation" or not parts:
         parts.append(explore(problem, seed=options.seed))
     polished = look_around(problem, merge(parts), seed=options.seed)
-    return rank(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
+    return rank_candidates(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
 
 
 def _given_starts(

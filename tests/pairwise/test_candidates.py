@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pairwise.candidates import rank, with_better
+from pairwise.candidates import rank_candidates, with_better
 from pairwise.matching import match
 from pairwise.options import MatchOptions
 from pairwise.problem.problem import Problem
@@ -27,13 +27,13 @@ def energies(candidates):
 
 def test_far_worse_poses_are_dropped_but_the_best_of_each_chirality_stays():
     poses = [pose(0, 3.0), pose(40, 1.0), pose(80, 1.9), pose(0, 9.0, reflected=True), pose(50, 10.0, reflected=True)]
-    ranked = rank(poses, MatchOptions(candidate_factor=2.0))
+    ranked = rank_candidates(poses, MatchOptions(candidate_factor=2.0))
     assert energies(ranked) == [1.0, 1.9, 9.0]
     assert ranked[-1].reflected
 
 
 def test_a_better_pose_replaces_those_it_is_not_distinct_from():
-    ranked = rank([pose(0, 1.0), pose(60, 1.2), pose(0, 1.1, reflected=True)], MatchOptions())
+    ranked = rank_candidates([pose(0, 1.0), pose(60, 1.2), pose(0, 1.1, reflected=True)], MatchOptions())
     better = with_better(ranked, pose(5, 0.9), PROBLEM, MatchOptions())
     assert energies(better) == [0.9, 1.1, 1.2]
     elsewhere = with_better(ranked, pose(120, 0.9), PROBLEM, MatchOptions())
@@ -42,7 +42,7 @@ def test_a_better_pose_replaces_those_it_is_not_distinct_from():
 
 @pytest.mark.parametrize("energy", [1.0, 1.5])
 def test_a_pose_that_is_no_better_changes_nothing(energy):
-    ranked = rank([pose(0, 1.0), pose(60, 1.2)], MatchOptions())
+    ranked = rank_candidates([pose(0, 1.0), pose(60, 1.2)], MatchOptions())
     assert with_better(ranked, pose(30, energy), PROBLEM, MatchOptions()) is ranked
 
 

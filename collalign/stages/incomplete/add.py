@@ -98,7 +98,7 @@ def _merged(
         rotations[i] = record["turns"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
         confidence[i] = pose_chance(record)
-        alternatives[i] = alternatives_of(record, transforms[i])
+        alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
     pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
@@ -142,7 +142,7 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
     )
 
 
-def alternatives_of(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
+def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first, in the frame in which it is ``transform`` (4, 4)."""
     apart = turn_deg(record["turns"], record["turns"][0]) > AGREE_DEG
     odds = log_odds(record["evidence"])

@@ -18,7 +18,7 @@ from collalign.engine.store.records import Record
 from collalign.products.shapes import Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.add import (
-    alternatives_of,
+    incomplete_alternatives,
     incomplete_note,
     incomplete_pairs,
     incomplete_record,
@@ -194,7 +194,7 @@ def _collected(
     solution = replace(
         outline.solution,
         confidence=np.array([pose_chance(settled[i]) for i in range(num)]),
-        alternatives=tuple(alternatives_of(settled[i], transforms[i]) for i in range(num)),
+        alternatives=tuple(incomplete_alternatives(settled[i], transforms[i]) for i in range(num)),
         parts=(everyone,),
         warnings=(),
     )

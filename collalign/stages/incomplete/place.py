@@ -59,7 +59,7 @@ def place_shape(
     """
     source = posed_points(shape)
     targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]
-    sizes = known_sizes(transforms, estimate_scale=estimate_scale)
+    sizes = sizes_of_complete(transforms, estimate_scale=estimate_scale)
     if fixed_transform is not None:
         return pose_record(targets, source, Similarity.of_transforms(fixed_transform[None]))
     asked = [sizes] * (NUM_PROPOSERS - 1) + [sizes if not estimate_scale else None]  # files may be of one size each
@@ -72,7 +72,7 @@ def place_shape(
     return pose_record(targets, source, poses)
 
 
-def known_sizes(transforms: FloatArray, *, estimate_scale: bool) -> Sizes | None:
+def sizes_of_complete(transforms: FloatArray, *, estimate_scale: bool) -> Sizes | None:
     """Return the scales that an incomplete shape may have by those of complete ones, if they say anything."""
     if not estimate_scale:
         return 1.0, 1.0

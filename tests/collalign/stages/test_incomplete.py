@@ -14,7 +14,7 @@ from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
 from collalign.stages.incomplete.grow import common_points
-from collalign.stages.incomplete.place import known_sizes, nearest_labels
+from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
@@ -188,9 +188,12 @@ def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
 
 def test_sizes_of_complete_shapes_say_how_large_a_piece_is_where_they_are_alike():
     alike, apart = (np.eye(4) * [[[size] * 3 + [1.0]] for size in sizes] for sizes in ((0.9, 1, 1.1), (1, 2)))
-    low, high = known_sizes(alike, estimate_scale=True)
+    low, high = sizes_of_complete(alike, estimate_scale=True)
     assert low < 0.9 < 1.1 < high < 1.5
-    assert [known_sizes(apart, estimate_scale=True), known_sizes(alike, estimate_scale=False)] == [None, (1.0, 1.0)]
+    assert [sizes_of_complete(apart, estimate_scale=True), sizes_of_complete(alike, estimate_scale=False)] == [
+        None,
+        (1.0, 1.0),
+    ]
 
 
 def test_samples_far_from_everything_get_no_label():
