@@ -1,4 +1,4 @@
-"""The first page of the results: ten figures that matter, read from the tables of the experiments."""
+"""The first page of the results: the figures that matter, read from the tables of the experiments."""
 
 from __future__ import annotations
 
@@ -117,7 +117,9 @@ def write_headlines(results: Path) -> str:
     """
     rows = [line for headline in HEADLINES for line in _lines(headline, results)]
     return (
-        "\n".join(["## Ten figures first", "", "| measured | beside | section |", "| --- | --- | --- |", *rows, ""])
+        "\n".join(
+            ["## The figures that matter", "", "| measured | beside | section |", "| --- | --- | --- |", *rows, ""]
+        )
         if rows
         else ""
     )

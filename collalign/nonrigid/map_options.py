@@ -24,7 +24,7 @@ class SurfaceOptions:
     num_dense: int = 1000
     """Euclidean farthest points on which candidates are refined and judged."""
 
-    max_faces: int = 10_000
+    max_faces: int = 24_000
     """Larger meshes are decimated for the computation; vertices in between go where their neighbours do."""
 
     def __post_init__(self) -> None:
