@@ -159,9 +159,10 @@ def align_listing(
         constraints = given_constraints(shapes, session.options, own, fixed)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
-    if not missing and session.options.incomplete == AUTO and session.options.clusters == 1:
+    if not missing and _looks_for_incomplete(session.options):
         kept = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
-        missing = {i: why for i, why in open_among_closed(shapes).items() if i not in kept}
+        found_open = open_among_closed(shapes, own_invariants=bool(own.invariants))
+        missing = {i: why for i, why in found_open.items() if i not in kept}
     if len(missing) == len(shapes.names):
         decided, matched, posed = _pose(run)
         posed = _judged(decided, posed)
@@ -183,11 +184,16 @@ def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
     return prepare_shapes(session, listing)
 
 
+def _looks_for_incomplete(options: AlignOptions) -> bool:
+    """Whether nobody said which shapes are incomplete, and all are of one kind."""
+    return options.incomplete == AUTO and options.clusters == 1
+
+
 def _pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose complete shapes and judge that, then the others on them, or all on each other."""
     session, names = run.session, run.shapes.names
     decided, matched, posed = _pose_others(run, missing)
-    if {*missing.values()} <= {OPEN} and session.options.incomplete == AUTO and session.options.clusters == 1:
+    if {*missing.values()} <= {OPEN} and _looks_for_incomplete(session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
     posed = _judged(decided, posed)
     if missing:
@@ -223,8 +229,7 @@ def _asks_for_scans(run: Run, posed: Posed) -> bool:
     """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt."""
     options = run.session.options
     return (
-        options.incomplete == AUTO
-        and options.clusters == 1
+        _looks_for_incomplete(options)
         and options.synchronization == "robust"
         and not options.deformable
         and not run.constraints.fixed

@@ -7,14 +7,7 @@ import pytest
 
 from pairwise.problem.problem import Problem
 from pairwise.reference.pm_sdp import solve_reference
-from tests.oracles import (
-    brute_force,
-    check_pose,
-    check_relaxation,
-    in_rotation_hull,
-    injective_maps,
-    isometries,
-)
+from tests.oracles import brute_force, check_pose, check_relaxation, in_rotation_hull, injective_maps, isometries
 from tests.problems import catalogue, chair, planted, random_rotation
 
 CATALOGUE = catalogue()

@@ -54,9 +54,14 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
-def open_among_closed(shapes: Shapes) -> dict[int, str]:
-    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are closed."""
-    # The last invariant is the distance to the rim: zero on closed surfaces and point clouds.
+def open_among_closed(shapes: Shapes, *, own_invariants: bool) -> dict[int, str]:
+    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are closed.
+
+    The last invariant says it, the distance to the rim: zero on closed surfaces and point clouds. The caller's own
+    take its place and tell nothing.
+    """
+    if own_invariants:
+        return {}
     lasts = [item.invariants[:, -1:] for item in shapes.samples]
     suspects = [i for i, last in enumerate(lasts) if last.any()]
     num_closed = len(lasts) - len(suspects)

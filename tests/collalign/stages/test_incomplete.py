@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from collalign.align import _without_found
 from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
-from collalign.stages.incomplete.detect import find_incomplete, told_incomplete
+from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.shape_stage import prepare_shapes
@@ -257,6 +258,13 @@ def test_points_that_stand_for_all_samples_lie_apart():
     assert gaps.min() > spacing
     far = np.linalg.norm(positions.reshape(-1, 1, 3) - universe, axis=2).min(axis=1)
     assert far.max() <= spacing
+
+
+def test_values_of_the_callers_own_do_not_say_what_is_open():
+    closed, other = (SimpleNamespace(invariants=np.full((3, 1), value)) for value in (0.0, 1.0))
+    shapes = SimpleNamespace(samples=[*[closed] * 6, other])
+    assert list(open_among_closed(shapes, own_invariants=False)) == [6]
+    assert open_among_closed(shapes, own_invariants=True) == {}
 
 
 def test_broken_bones_are_found_among_closed_ones_and_a_bone_with_a_hole_is_whole(tmp_path):

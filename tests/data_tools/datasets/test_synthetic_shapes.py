@@ -3,15 +3,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import (
-    blob,
-    chair,
-    crown,
-    figure,
-    smooth_field,
-    sphere_mesh,
-    voxel_surface,
-)
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, smooth_field, sphere_mesh, voxel_surface
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges, is_open_surface, mesh_edges, vertex_components
 
