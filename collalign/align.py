@@ -6,7 +6,7 @@ import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
-from collalign.options import AUTO, MAX_ROUNDS, AlignOptions, AlignSession
+from collalign.options import AlignOptions, AlignSession
 from collalign.output.collection import Collection
 from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
 from collalign.products.consistent_maps import ConsistentMaps
@@ -23,33 +23,25 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
-from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import (
-    MIN_SHAPES,
-    OPEN,
-    find_incomplete,
     open_among_closed,
     told_incomplete,
-    turned_out_whole,
 )
-from collalign.stages.incomplete.grow import IN_DOUBT, align_scans, are_scans
 from collalign.stages.own_knowledge import given_constraints, own_note, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
+from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
-from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
 from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options, meant
-from data_tools.errors import CollectionError, InputError, OptionsError
+from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
 from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
-#: The run of the shapes that are posed, its group decided; their pairs; their poses.
-_Answer: TypeAlias = tuple[Run, Matched, Posed]
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
 
 
@@ -159,20 +151,11 @@ def align_listing(
         constraints = given_constraints(shapes, session.options, own, fixed)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
-    if not missing and _looks_for_incomplete(session.options):
+    if not missing and looks_for_incomplete(session.options):
         kept = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
         found_open = open_among_closed(shapes, own_invariants=bool(own.invariants))
         missing = {i: why for i, why in found_open.items() if i not in kept}
-    if len(missing) == len(shapes.names):
-        decided, matched, posed = _pose(run)
-        posed = _judged(decided, posed)
-        posed = align_scans(with_group(run, matched.group), posed, missing)
-        matched = replace(matched, notes=())  # they speak of other poses
-    else:
-        matched, posed = _pose_all(run, missing)
-        whole = turned_out_whole(posed.incomplete)
-        if whole:
-            matched, posed = _pose_all(run, {i: why for i, why in missing.items() if i not in whole})
+    matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
     found = _collected(run, matched, posed, listing.skipped_names)
@@ -182,88 +165,6 @@ def align_listing(
 def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
     """Return the samples of listed files as an alignment with the session's options matches them."""
     return prepare_shapes(session, listing)
-
-
-def _looks_for_incomplete(options: AlignOptions) -> bool:
-    """Whether nobody said which shapes are incomplete, and all are of one kind."""
-    return options.incomplete == AUTO and options.clusters == 1
-
-
-def _pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
-    """Pose complete shapes and judge that, then the others on them, or all on each other."""
-    session, names = run.session, run.shapes.names
-    decided, matched, posed = _pose_others(run, missing)
-    if {*missing.values()} <= {OPEN} and _looks_for_incomplete(session.options):
-        missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
-    posed = _judged(decided, posed)
-    if missing:
-        posed = with_incomplete(with_group(run, matched.group), posed, missing)
-    elif _asks_for_scans(decided, posed):
-        scans = align_scans(with_group(run, matched.group), posed, dict.fromkeys(range(len(names)), IN_DOUBT))
-        if are_scans(scans):
-            posed, matched = scans, replace(matched, notes=())
-    return matched, posed
-
-
-def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tuple[dict[int, str], _Answer]:
-    """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
-
-    Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
-    asked tell nothing.
-    """
-    missing = dict(missing)
-    for _ in range(MAX_ROUNDS if answer[1].search_gain is None else 0):
-        posed = answer[2]
-        kept = [i for i in range(len(run.shapes.names)) if i not in missing]
-        with run.stage("incomplete shapes"):
-            found = find_incomplete(run.session, run.shapes.some(kept), posed.pairs, posed.transforms)
-        fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed}
-        if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
-            break
-        missing |= fresh
-        answer = _pose_others(run, missing)
-    return missing, answer
-
-
-def _asks_for_scans(run: Run, posed: Posed) -> bool:
-    """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt."""
-    options = run.session.options
-    return (
-        _looks_for_incomplete(options)
-        and options.synchronization == "robust"
-        and not options.deformable
-        and not run.constraints.fixed
-        and len(run.shapes.names) <= MOST_TRIED
-        and may_be_scans(run.session, run.shapes, posed.solution.confidence)
-    )
-
-
-def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:
-    """Pose the shapes that are not incomplete."""
-    if not missing:
-        return _pose(run)
-    kept = [i for i in range(len(run.shapes.names)) if i not in missing]
-    if len(kept) < 2:
-        raise CollectionError(
-            f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
-        )
-    reference = run.session.options.reference
-    if reference and run.constraints.reference in missing:
-        raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")
-    return _pose(run.some(kept))
-
-
-def _pose(run: Run) -> _Answer:
-    """Pose complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
-    decided, matched = steps.match(run)
-    matched = steps.prove(decided, matched)
-    matched = steps.weigh(decided, matched)
-    return decided, matched, steps.pose(decided, matched)
-
-
-def _judged(decided: Run, posed: Posed) -> Posed:
-    """State confidences and map all vertices, once it is settled which shapes are posed together."""
-    return steps.with_vertices(decided, steps.state_trust(decided, posed))
 
 
 def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:

@@ -55,7 +55,7 @@ def test_every_file_and_folder_that_is_named_exists(path):
 
 
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
-    driver = "".join((ROOT / "collalign" / file).read_text("utf-8") for file in ("align.py", "stages/steps.py"))
+    driver = "".join((ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps"))
     steps = [name for name in named(section("The way of a pair")) if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)]
     assert len(steps) > 15
     for step in steps:

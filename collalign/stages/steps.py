@@ -1,7 +1,7 @@
 """The steps of one alignment of complete shapes, in the order of section 6.3 of Maron et al. (2016).
 
-Each takes the run and what was found before, and returns that with more; :mod:`collalign.align` takes one after the
-other.
+Each takes the run and what was found before, and returns that with more; :mod:`collalign.stages.posing` takes one
+after the other.
 """
 
 from __future__ import annotations

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.align import _without_found
 from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
+from collalign.stages.posing import _without_found
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
@@ -206,8 +206,7 @@ def test_samples_far_from_everything_get_no_label():
 def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2)
     monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_MISSING", 1.0)
-    all_rim = "collalign.stages.incomplete.detect.cloud_rim"
-    monkeypatch.setattr(all_rim, lambda points, normals: np.ones(len(points), dtype=bool))
+    monkeypatch.setattr("collalign.stages.incomplete.detect.cloud_rim", lambda points, _: np.ones(len(points), bool))
     rng = np.random.default_rng(4)
     for number in range(5):
         write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
@@ -237,7 +236,7 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
     assert aligned.maps.labels.max() < len(aligned.consensus)
     shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
     assert min(shared) >= 6
-    monkeypatch.setattr("collalign.align._asks_for_scans", lambda *_: True)
+    monkeypatch.setattr("collalign.stages.posing._asks_for_scans", lambda *_: True)
     for most, of_scans in ((0.0, 0), (1.0, 3)):
         monkeypatch.setattr("collalign.stages.incomplete.grow.MOST_COVERED", most)
         tried = align(tmp_path, incomplete="auto", scaling="rigid")
