@@ -11,13 +11,16 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import cache
 from itertools import chain
-from multiprocessing import resource_tracker
+from multiprocessing import parent_process, resource_tracker
+from multiprocessing.util import Finalize
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from joblib import Parallel, delayed
+from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 
@@ -149,6 +152,8 @@ class _LocalRun:
             initargs=(os.getpid(),),
             **limited,
         )
+        if parent_process() is not None:
+            _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)
         with _uninterrupted():
             return pool(run(self._call, task, self._guard) for task in tasks)
@@ -173,6 +178,12 @@ class _LocalRun:
         if trace.is_file() and trace.stat().st_size:
             return f"ran past the time limit of {self._call.time_limit_s:g} s"
         return _cause(error)
+
+
+@cache
+def _end_idle_workers_at_exit() -> None:
+    """Dismiss idle workers at the end of this process; a child of ``multiprocessing`` would wait for them."""
+    Finalize(None, lambda: get_reusable_executor(reuse=True).shutdown(kill_workers=True), exitpriority=0)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import Process
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,13 @@ def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it():
     isolated = {result.value for result in collect(process_id, tasks, time_limit_s=60.0).values()}
     assert os.getpid() not in isolated
     assert len({result.value for result in collect(process_id, tasks, num_jobs=2).values()}) == 2
+
+
+def test_a_child_of_multiprocessing_does_not_wait_for_idle_workers():
+    child = Process(target=collect, args=(process_id, [("a", 1)]), kwargs={"num_jobs": 2})
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
 
 
 def test_results_stream_and_tasks_are_drawn_as_workers_become_free():
