@@ -222,7 +222,10 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
 
 def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> str:
     """Return the sentence that names the incomplete shapes and says what follows from that."""
-    listed = "; ".join(f"{names[one.shape]} ({one.reason}; covers {percent(one.coverage)})" for one in incomplete)
+    words = [
+        f"covers {percent(one.coverage)}" if one.coverage else "covers nothing: an intruder?" for one in incomplete
+    ]
+    listed = "; ".join(f"{names[one.shape]} ({one.reason}; {w})" for one, w in zip(incomplete, words, strict=True))
     if len(incomplete) == len(names):
         return f"All are incomplete, and posed on each other by what they have in common: {listed}."
     return (
