@@ -100,6 +100,11 @@ class Pair:
     __repr__ = one_line
 
     @property
+    def doubts(self) -> FloatArray:
+        """What speaks against each candidate by all that is known, shape (m,): minus its log-odds, or its energy."""
+        return read_only(-self.log_odds) if len(self.log_odds) else self.energies
+
+    @property
     def costs(self) -> FloatArray:
         """What speaks against each candidate, shape (m,): the geometric mean of its energy and its gap.
 

@@ -43,11 +43,12 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
 
 
 def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
-    """Angles left by R_ij R_jk R_ki, each pair giving its own pose of lowest energy; 180 where a cycle mirrors.
+    """Angles left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """
-    found = {(pair.target, pair.source): pair.rotations[0, :3, :3] for pair in pairs if len(pair.rotations)}
+    known = [pair for pair in pairs if len(pair.rotations)]
+    found = {(pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in known}
     found |= {(j, i): R.T for (i, j), R in found.items()}
     chosen = _some_triangles(found.keys(), num_shapes)
     if not chosen:
@@ -74,36 +75,38 @@ def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[t
 
 
 def shown_pair(pair: Pair) -> Pair:
-    """Return a pair with the poses that a person would tell apart, without their maps."""
-    kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.energies, pair.choice)
+    """Return a pair with the poses that a person would tell apart, the likeliest first, without their maps."""
+    kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.doubts, pair.choice)
     return replace(
         pair,
         rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),
         maps=np.zeros((len(kept), 0), dtype=np.int64),
         energies=pair.energies[kept],
+        log_odds=pair.log_odds[kept] if len(pair.log_odds) else pair.log_odds,
         choice=choice,
     )
 
 
-def distinct_poses(rotations: FloatArray, energies: FloatArray, choice: int) -> tuple[list[int], int]:
+def distinct_poses(rotations: FloatArray, doubts: FloatArray, choice: int) -> tuple[list[int], int]:
     """Return the poses of a pair that a person would tell apart, and which of them stands for the chosen one.
 
     Parameters
     ----------
     rotations : ndarray, shape (m, 3, 3)
-    energies : ndarray, shape (m,)
+    doubts : ndarray, shape (m,)
+        As :attr:`~collalign.products.pair.Pair.doubts`.
     choice : int
         Index of the pose that synchronization used, -1 for none.
 
     Returns
     -------
     kept : list of int
-        Lowest energy first, at least :data:`AGREE_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
+        Least doubt first, at least :data:`AGREE_DEG` apart, at most :data:`MOST_PAIR_POSES`, but always one
         near the chosen pose.
     choice : int
         Index into ``kept``, -1 for none.
     """
-    order = np.argsort(energies, kind="stable")
+    order = np.argsort(doubts, kind="stable")
     kept = order[keep_apart(rotations[order], AGREE_DEG)].tolist()
     if choice < 0:
         return kept[:MOST_PAIR_POSES], -1

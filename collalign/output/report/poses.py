@@ -31,7 +31,7 @@ def offered_poses(collection: Collection) -> tuple[tuple[Alternative, ...], ...]
 
 
 def own_disagreements_deg(collection: Collection) -> FloatArray:
-    """Return the angle between each pair's own best pose, chosen or not, and the collection's, shape (E,).
+    """Return the angle between each shown pair's own likeliest pose, its first, and the collection's, shape (E,).
 
     Infinite where they disagree on handedness, NaN where the pair has no pose.
     """

@@ -142,12 +142,11 @@ def _of_pairs(
 
 def _starts(pair: Pair, common: FloatArray) -> FloatArray:
     """Return the relative rotation of the common poses and those of the pair's likeliest other candidates."""
-    doubt = -pair.log_odds if len(pair.log_odds) else np.asarray(pair.energies)
     starts = [common]
-    for candidate in np.argsort(doubt, kind="stable"):
+    for candidate in np.argsort(pair.doubts, kind="stable"):
         rotation = pair.rotations[candidate, :3, :3]
         angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), rotation), nan=0.0)
-        if len(starts) < MAX_STARTS and np.isfinite(doubt[candidate]) and (angles > APART_DEG).all():
+        if len(starts) < MAX_STARTS and np.isfinite(pair.doubts[candidate]) and (angles > APART_DEG).all():
             starts.append(rotation)
     return np.stack(starts)
 

@@ -18,9 +18,9 @@ HALF_TURN = np.diag([1.0, -1.0, -1.0])
 MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
-def matched(i, j, rotations, map_i_j, choice=0):
+def matched(i, j, rotations, map_i_j, choice=0, **known):
     energies = 0.5 + np.arange(len(rotations))
-    return pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice)
+    return pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice, **known)
 
 
 def test_pair_maps_are_in_terms_of_labels():
@@ -50,8 +50,7 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one():
     kept, choice = distinct_poses(turns, energies, 6)
     assert energies[kept].tolist() == [1, 3, 4, 7]
     assert choice == MOST_PAIR_POSES - 1
-    assert distinct_poses(turns, energies, 1)[1] == 0
-    assert distinct_poses(turns, energies, -1)[1] == -1
+    assert [distinct_poses(turns, energies, choice)[1] for choice in (1, -1)] == [0, -1]
     mirrored, choice = distinct_poses(np.stack([np.eye(3), -np.eye(3)]), np.array([2.0, 1.0]), 0)
     assert (mirrored, choice) == ([1, 0], 1)
 
@@ -61,8 +60,9 @@ def test_a_pair_is_shown_with_poses_that_a_person_tells_apart():
     pair = shown_pair(matched(0, 1, [np.eye(3), near, HALF_TURN], np.arange(K), choice=2))
     np.testing.assert_array_equal(pair.rotations, [np.eye(3), HALF_TURN])
     assert (pair.choice, pair.energies.tolist(), pair.maps.shape) == (1, [0.5, 2.5], (2, 0))
-    again = shown_pair(pair)
-    np.testing.assert_array_equal(again.rotations, pair.rotations)
+    np.testing.assert_array_equal(shown_pair(pair).rotations, pair.rotations)
+    likely = shown_pair(matched(0, 1, [np.eye(3), HALF_TURN], np.arange(K), log_odds=np.array([0.0, 3.0]), choice=1))
+    assert (likely.choice, likely.energies.tolist(), likely.log_odds.tolist()) == (0, [1.5, 0.5], [3.0, 0.0])
 
 
 def test_cycle_errors_find_the_wrong_pair():
