@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -39,11 +38,12 @@ def surface_gap(
 def point_gaps(
     target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
 ) -> FloatArray:
-    """Return the squared distances between all points of two surfaces, normals included where both have any."""
-    gaps = cdist(target[0], source[0] @ rotation.T, "sqeuclidean")
-    if len(target[1]) and len(source[1]):
-        gaps += NORMAL_WEIGHT**2 * (2.0 - 2.0 * target[1] @ (source[1] @ rotation.T).T)
-    return gaps
+    """Return |t|^2 - 2 ts + |s|^2 of all points of two surfaces by one product; with normals where both have any."""
+    turned, with_normals = [part @ rotation.T for part in source], len(target[1]) > 0 < len(source[1])
+    to, of = (np.hstack([p, NORMAL_WEIGHT * n]) if with_normals else p for p, n in (target, turned))
+    squares = [(features**2).sum(axis=1, keepdims=True) for features in (to, of)]
+    ones = [np.ones_like(square) for square in squares]
+    return np.hstack([-2.0 * to, squares[0], ones[0]]) @ np.hstack([of, ones[1], squares[1]]).T
 
 
 def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:

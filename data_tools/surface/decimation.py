@@ -56,19 +56,21 @@ def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     cells = np.floor((vertices - vertices.min(axis=0)) / side).astype(np.int64)
     x, y, z = cells.T
     sizes = cells.max(axis=0) + 1
-    cell = (x * sizes[1] + y) * sizes[2] + z
-    first, second = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
-    inside = cell[first] == cell[second]
-    graph = csr_array((np.ones(inside.sum()), (first[inside], second[inside])), shape=(len(vertices),) * 2)
+    cell = ((x * sizes[1] + y) * sizes[2] + z).take(faces)
+    inside = cell == np.roll(cell, -1, axis=1)
+    inside[:, 2] &= ~inside[:, 0]  # two sides of a triangle connect its three corners
+    ends = faces[inside], np.roll(faces, -1, axis=1)[inside]
+    graph = csr_array((np.ones(len(ends[0])), ends), shape=(len(vertices),) * 2)
     num, cluster = connected_components(graph, directed=False)
     if num > _MOST_KEYED:
         return vertices, faces
     counts = np.bincount(cluster, minlength=num)
     means = np.column_stack([np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T])
-    triangles = cluster[faces].astype(np.int64)
+    triangles = cluster.take(faces)
+    triangles = triangles[(triangles != np.roll(triangles, -1, axis=1)).all(axis=1)].astype(np.int64)
     a, b, c = np.sort(triangles, axis=1).T
     # Where a fold of the surface became flat, two triangles lie on each other; neither is left.
-    key = np.where((a != b) & (b != c), (a * num + b) * num + c, -1)
+    key = (a * num + b) * num + c
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     odd = np.diff(starts, append=len(key)) % 2 == 1

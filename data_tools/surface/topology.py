@@ -35,13 +35,14 @@ def counted_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return (b - a) x (c - a) of the triangles' corners, shape (f, 3): the normal, twice as long as the area."""
-    a, b, c = vertices[faces.T]
+    a, b, c = vertices.take(faces.T, axis=0)
     return np.asarray(np.cross(b - a, c - a))
 
 
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return the triangles' areas, shape (f,)."""
-    return 0.5 * np.linalg.norm(face_crosses(vertices, faces), axis=1)
+    blocks = np.array_split(faces, 1 + len(faces) // 2**15)  # their crosses stay in the processor's cache
+    return 0.5 * np.concatenate([np.linalg.norm(face_crosses(vertices, block), axis=1) for block in blocks])
 
 
 def vertex_components(num_vertices: int, edges: IntArray) -> tuple[int, IntArray]:

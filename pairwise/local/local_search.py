@@ -40,51 +40,37 @@ class LocalMinima(Rows):
 
 
 class MatchingCosts:
-    """The costs of all matches for batches of poses, prepared once per problem.
-
-    The pose is the last index of all arrays, so that sums and minima over points run along the batch.
-    """
+    """The costs of all matches for batches of poses, prepared once per problem."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         fixed = problem.weights * (problem.target**2).sum(axis=1)[:, None] + problem.constant_cost
-        self._fixed = np.where(problem.allowed, fixed, np.inf)[:, :, None]
+        self._fixed = np.where(problem.allowed, fixed, np.inf).T.copy()
+        self._source = -2.0 * problem.weights[:, None] * problem.source
         self.chunk = max(1, _CHUNK_ENTRIES // (problem.num_source * problem.num_target))
 
     def __call__(self, rotations: FloatArray) -> FloatArray:
-        """Return costs of shape (n, k, m) for rotations (m, d, d)."""
-        problem = self.problem
-        m, d = rotations.shape[:2]
-        moved = (rotations.reshape(m * d, d) @ problem.source.T).reshape(m, d, -1)
-        weights = problem.weights[:, None]
-        moved = np.ascontiguousarray(moved.transpose(1, 2, 0))
-        squares = weights * (moved**2).sum(axis=0)
-        moved *= -2.0 * weights
-        costs = (problem.target @ moved.reshape(d, -1)).reshape(problem.num_target, -1, m)
+        """Return costs of shape (m, k, n) for rotations (m, d, d), but for a constant of each source point."""
+        moved = self._source @ np.swapaxes(rotations, 1, 2)
+        costs = (moved.reshape(-1, moved.shape[2]) @ self.problem.target.T).reshape(-1, *self._fixed.shape)
         costs += self._fixed
-        costs += squares
         return costs
 
     def assign(self, rotations: FloatArray) -> IntArray:
-        """Return the best map of each pose, shape (m, k), by exact assignment."""
+        """Return the best map of each pose, shape (m, k), by exact assignment.
+
+        Rows and, where every column is used, columns are reduced by their minima: the solver starts from dual
+        variables zero, and these are better ones.
+        """
         maps = np.empty((len(rotations), self.problem.num_source), dtype=np.int64)
         for first in range(0, len(rotations), self.chunk):
             costs = self(rotations[first : first + self.chunk])
-            for row, cost in enumerate(_prepared(costs), start=first):
+            costs -= costs.min(axis=2, keepdims=True)
+            if costs.shape[1] == costs.shape[2]:
+                costs -= costs.min(axis=1, keepdims=True)
+            for row, cost in enumerate(costs, start=first):
                 maps[row] = linear_sum_assignment(cost)[1]
         return maps
-
-
-def _prepared(costs: FloatArray) -> FloatArray:
-    """Return costs (m, k, n) with the same best maps that the assignment solver is faster at.
-
-    Source points are rows, which is what the solver wants. Rows and, where every column is used, columns are reduced
-    by their minima: the solver starts from dual variables zero, and these are better ones.
-    """
-    costs -= costs.min(axis=0)
-    if costs.shape[0] == costs.shape[1]:
-        costs -= costs.min(axis=1, keepdims=True)
-    return np.ascontiguousarray(costs.transpose(2, 1, 0))
 
 
 def procrustes(problem: Problem, maps: IntArray, mirrored: BoolArray | None = None) -> FloatArray:

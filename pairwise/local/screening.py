@@ -39,11 +39,11 @@ class NearestCosts:
         weights = problem.weights / problem.weights.max()
         self._unit_cost = unit**2 * problem.weights.max()
         target, source = problem.target / unit, problem.source / unit
-        fixed = weights * (target**2).sum(axis=1)[:, None] + problem.constant_cost / self._unit_cost
+        squares = (target**2).sum(axis=1)[:, None] + (source**2).sum(axis=1)
+        fixed = weights * squares + problem.constant_cost / self._unit_cost
         self._fixed = np.where(problem.allowed, fixed, np.inf).astype(np.float32)[:, :, None]
         self._target = target.astype(np.float32)
-        self._source_t = np.ascontiguousarray(source.T, dtype=np.float32)
-        self._weights = weights.astype(np.float32)[:, None]
+        self._source_t = np.ascontiguousarray((-2.0 * weights[:, None] * source).T, dtype=np.float32)
         self.chunk = max(_LEAST_CHUNK, _CHUNK_ENTRIES // fixed.size)
 
     def lower_bounds(self, rotations: FloatArray) -> FloatArray:
@@ -77,11 +77,8 @@ class NearestCosts:
             m, d = turns.shape[:2]
             moved = (turns.reshape(m * d, d) @ self._source_t).reshape(m, d, -1)
             moved = np.ascontiguousarray(moved.transpose(1, 2, 0))
-            squares = self._weights * (moved**2).sum(axis=0)
-            moved *= -2.0 * self._weights
             costs = (self._target @ moved.reshape(d, -1)).reshape(len(self._target), -1, m)
             costs += self._fixed
-            costs += squares
             yield costs
 
     def _bounds(self, costs: Singles) -> FloatArray:

@@ -63,12 +63,12 @@ class Counterparts:
 def counterparts(target: PartialSurface, source: PartialSurface, poses: Similarity, num_points: int) -> Counterparts:
     """Return what the first points of both surfaces are nearest to at each pose."""
     to, of = target.points[:num_points], source.points[:num_points]
-    of_source = target.nearest(poses.apply(of))
-    of_target = source.nearest(poses.undo(to))
+    moved, unmoved = poses.apply(of), poses.undo(to)
+    of_source, of_target = target.nearest(moved), source.nearest(unmoved)
     turned = source.normals[:num_points] @ np.swapaxes(poses.rotation, 1, 2)
     unturned = target.normals[:num_points] @ poses.rotation
-    there = ((poses.apply(of) - target.points[of_source]) ** 2).sum(axis=2) / target.radius**2
-    back = ((poses.undo(to) - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
+    there = ((moved - target.points[of_source]) ** 2).sum(axis=2) / target.radius**2
+    back = ((unmoved - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
     back *= poses.scale[:, None] ** 2
     signed = target.oriented and source.oriented
     there += TUNED.normal_weight**2 * _apart(turned, target.normals[of_source], signed=signed)

@@ -54,7 +54,7 @@ def candidate_maps(
         chirality = float(np.sign(np.linalg.det(pose)))
         plain = mapper.map_from(pose)
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
-            _, _, evidence = weigher.weigh(candidate, chirality=chirality)
+            _, _, evidence = weigher.weigh(candidate, mapper.evidence(candidate), chirality=chirality)
             keeps_sides = not evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
             found.append((keeps_sides, evidence, candidate.C_source_target))
     # Maps that swap left and right are for pairs that have no others: most evidence says the same of both.

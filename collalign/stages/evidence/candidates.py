@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
+from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.pose_maps import PoseMapper
 from data_tools.arrays import FloatArray, IntArray
@@ -41,37 +42,30 @@ class PoseWeigher:
 
     def candidate_from(self, start: FloatArray) -> WeighedPose:
         """Return the pose of the map that a pose leads to, with its evidence."""
-        return self.weigh(self._mapper.map_from(start), chirality=float(np.sign(np.linalg.det(start))))
+        found = self._mapper.map_from(start)
+        return self.weigh(found, self._mapper.evidence(found), chirality=float(np.sign(np.linalg.det(start))))
 
     def candidates_from_signs(self, *, mirrored: bool) -> list[WeighedPose]:
         """Return the poses of maps that eigenfunctions start; maps that swap sides ask for mirrored poses, if any."""
-        found = [(self._mapper.evidence(one).orientation, one) for one in self._mapper.maps_from_signs()]
+        found = [(self._mapper.evidence(one), one) for one in self._mapper.maps_from_signs()]
         return [
-            self.weigh(one, chirality=-1.0 if orientation < 0 else 1.0)
-            for orientation, one in found
-            if mirrored or not orientation < 0
+            self.weigh(one, of_map, chirality=-1.0 if of_map.orientation < 0 else 1.0)
+            for of_map, one in found
+            if mirrored or not of_map.orientation < 0
         ]
 
-    def weigh(self, found: FunctionalMap, *, chirality: float) -> WeighedPose:
+    def weigh(self, found: FunctionalMap, of_map: Evidence, *, chirality: float) -> WeighedPose:
         """Return the pose of determinant ``chirality`` that a map asks for, with the evidence of both."""
         rotation = self._mapper.rotation_of(found, chirality=chirality)
-        of_map = self._mapper.evidence(found)
-        point_map, energy = self._match_at(rotation)
-        evidence = {
-            "energy": energy,
-            "surface": self._mapper.surface_gap(rotation),
-            "normals": self._mapper.normal_gap(found, rotation),
-            "curvature": of_map.curvature,
-            "commutativity": of_map.commutativity,
-            "roughness": of_map.roughness,
-            "orientation": chirality * of_map.orientation,
-        }
-        return rotation, point_map, np.array([evidence[kind] for kind in EVIDENCE])
-
-    def _match_at(self, rotation: FloatArray) -> tuple[IntArray, float]:
         costs = cdist(self._source.positions @ rotation.T, self._target.positions, "sqeuclidean") + self._fixed_costs
         rows, columns = linear_sum_assignment(costs)
-        return columns.astype(np.int64), float(costs[rows, columns].sum())
+        evidence = vars(of_map) | {
+            "energy": float(costs[rows, columns].sum()),
+            "surface": self._mapper.surface_gap(rotation),
+            "normals": self._mapper.normal_gap(found, rotation),
+            "orientation": chirality * of_map.orientation,
+        }
+        return rotation, columns.astype(np.int64), np.array([evidence[kind] for kind in EVIDENCE])
 
 
 def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
