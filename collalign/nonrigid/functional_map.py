@@ -20,9 +20,9 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
 
-#: Rows of a distance matrix that are held at once.
+#: Rows of a large distance matrix that are held at once.
 _BLOCK_ROWS = 128
-#: Distance matrices with more entries than this are computed in single precision.
+#: Distance matrices with more entries than this are large: computed in single precision, and in blocks.
 _SINGLE_PRECISION_ENTRIES = 250_000
 
 
@@ -56,6 +56,9 @@ def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArra
     columns = np.vstack([target.T, -0.5 * (target**2).sum(axis=1), np.ones(len(target))]).astype(dtype)
     squares = -0.5 * (source**2).sum(axis=1, keepdims=True)
     rows = np.hstack([source, np.ones((len(source), 1)), squares]).astype(dtype)
+    if dtype is np.float64:
+        closeness = rows @ columns
+        return closeness.argmax(axis=1), closeness.argmax(axis=0)
     forward = np.empty(len(source), dtype=np.int64)
     backward, closest = np.zeros(len(target), dtype=np.int64), np.full(len(target), -np.inf, dtype=dtype)
     buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=dtype)
@@ -100,7 +103,9 @@ class ZoomOut:
     ) -> None:
         if not sizes or list(sizes) != sorted(sizes) or sizes[0] < 1:
             raise OptionsError(f"sizes: expected ascending positive numbers of functions, got {list(sizes)}")
-        _check_bases(basis_target, basis_source, sizes[-1])
+        if min(basis_target.shape[1], basis_source.shape[1]) < sizes[-1]:
+            shapes = f"{basis_target.shape} and {basis_source.shape}"
+            raise InputError(f"bases of shapes {shapes} do not hold {sizes[-1]} functions each")
         if len(basis_source) + len(basis_target) < 2 * sizes[-1]:
             raise InputError(f"{len(basis_source)} samples are too few for {sizes[-1]} functions")
         self._target, self._source, self._sizes = basis_target, basis_source, list(sizes)
@@ -140,11 +145,11 @@ def fitted_map(target: FloatArray, source: FloatArray, forward: IntArray, backwa
         -1 where unknown.
     """
     known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-    rows = np.vstack([source[known], source[backward[known_back]]])
-    images = np.vstack([target[forward[known]], target[known_back]])
-    gram = rows.T @ rows
-    gram[np.diag_indices_from(gram)] += 1e-9 * np.trace(gram)
-    return np.asarray(np.linalg.solve(gram, rows.T @ images), dtype=np.float64)
+    counts = np.bincount(known, minlength=len(source)) + np.bincount(backward[known_back], minlength=len(source))
+    gram = source.T @ (source * counts[:, None])
+    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
+    images = source[known].T @ target[forward[known]] + source[backward[known_back]].T @ target[known_back]
+    return np.asarray(np.linalg.solve(gram, images), dtype=np.float64)
 
 
 def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:
@@ -157,8 +162,3 @@ def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:
     while sizes[-1] < last:
         sizes.append(min(last, max(sizes[-1] + 1, round(sizes[-1] * factor))))
     return sizes
-
-
-def _check_bases(target: FloatArray, source: FloatArray, size: int) -> None:
-    if target.ndim != 2 or source.ndim != 2 or min(target.shape[1], source.shape[1]) < size:
-        raise InputError(f"bases of shapes {target.shape} and {source.shape} do not hold {size} functions each")

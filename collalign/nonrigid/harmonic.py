@@ -29,19 +29,21 @@ LOWEST = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
-    """One surface: rows of its basis, its own embedding of them, and the cost of each function."""
+    """One surface: rows of its basis, its own embedding of them, normals beside it, and the cost of each function."""
 
     basis: FloatArray
     own: FloatArray
+    normals: FloatArray
     frequencies: FloatArray
 
     @classmethod
-    def of(cls, shape: SpectralShape, rows: IntArray | slice, num_functions: int) -> _Side:
-        values = np.concatenate([[0.0], shape.eigenvalues[: num_functions - 1]])
+    def of(cls, shape: SpectralShape, rows: IntArray | slice, num: int, normals: FloatArray | None) -> _Side:
+        values = np.concatenate([[0.0], shape.eigenvalues[: num - 1]])
         scale = np.concatenate([[0.0], np.maximum(values[1:], LOWEST) ** -0.5])
-        functions = shape.functions[rows, : num_functions - 1]
+        functions = shape.functions[rows, : num - 1]
         basis = np.column_stack([np.ones(len(functions)), functions])
-        return cls(basis=basis, own=basis * scale, frequencies=values)
+        beside = np.empty((len(basis), 0)) if normals is None else normals * np.linalg.norm(scale)
+        return cls(basis=basis, own=basis * scale, normals=beside, frequencies=values)
 
     def carried(self, other: _Side, to_other: IntArray, from_other: IntArray, smoothness: float) -> FloatArray:
         """Return coefficients of the other surface's embedding as a smooth function on this one, shape (k, k)."""
@@ -58,11 +60,17 @@ class HarmonicRefiner:
     Parameters
     ----------
     target, source : SpectralShape
+    normals : pair of ndarray, shapes (u, 3) and (v, 3), optional
+        At the dense samples, in one frame, compared beside the embeddings: a length of 1 counts as much as those.
     """
 
-    def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
+    def __init__(
+        self, target: SpectralShape, source: SpectralShape, normals: Sequence[FloatArray | None] = (None, None)
+    ) -> None:
         self._shapes, self._size = (target, source), min(len(target.eigenvalues), len(source.eigenvalues)) + 1
-        self._target, self._source = (_Side.of(one, one.dense, self._size) for one in self._shapes)
+        self._target, self._source = (
+            _Side.of(one, one.dense, self._size, some) for one, some in zip(self._shapes, normals, strict=True)
+        )
 
     def refine(
         self, map_target_source: IntArray, map_source_target: IntArray, smoothness: Sequence[float]
@@ -92,7 +100,7 @@ class HarmonicRefiner:
         map_target_source : ndarray of int, shape (w_source,)
         map_source_target : ndarray of int, shape (w_target,)
         """
-        target, source = (_Side.of(one, slice(None), self._size) for one in self._shapes)
+        target, source = (_Side.of(one, slice(None), self._size, None) for one in self._shapes)
         return self._nearest(target, source, found.map_target_source, found.map_source_target, SMOOTHNESS)
 
     def _nearest(
@@ -102,5 +110,6 @@ class HarmonicRefiner:
         to_source = self._source.carried(self._target, forward, backward, smoothness)
         to_target = self._target.carried(self._source, backward, forward, smoothness)
         return mutual_nearest_rows(
-            np.hstack([target.own, target.basis @ to_target]), np.hstack([source.basis @ to_source, source.own])
+            np.hstack([target.own, target.basis @ to_target, target.normals]),
+            np.hstack([source.basis @ to_source, source.own, source.normals]),
         )

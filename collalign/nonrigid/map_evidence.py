@@ -6,6 +6,8 @@ does not contain.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -27,7 +29,6 @@ def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) 
     """Return the evidence for a refined map of the dense samples (all of them or the first ones)."""
     forward, backward = refined.map_target_source, refined.map_source_target
     on_target, on_source = target.dense[: len(backward)], source.dense[: len(forward)]
-    returned = source.vertices[on_source[backward[forward]]] - source.vertices[on_source]
     return Evidence(
         curvature=_curvature_gap(target.curvature[on_target[forward]], source.curvature[on_source]),
         commutativity=_commutativity_gap(refined.C_source_target, target.eigenvalues, source.eigenvalues),
@@ -35,10 +36,9 @@ def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) 
         orientation=orientation_of(target, source, refined.C_source_target, forward),
         stretch=0.5
         * (
-            _stretch(target.vertices[on_target], source.vertices[on_source[backward]]) * target.area / source.area
-            + _stretch(source.vertices[on_source], target.vertices[on_target[forward]]) * source.area / target.area
+            _stretch(target, source.vertices[on_source[backward]]) * target.area / source.area
+            + _stretch(source, target.vertices[on_target[forward]]) * source.area / target.area
         ),
-        bijectivity=float((np.linalg.norm(returned, axis=1) <= 0.1 * source.area**0.5).mean()),
     )
 
 
@@ -55,9 +55,9 @@ def orientation_of(
     map_target_source : ndarray of int
         Of the first dense samples of the source into those of the target.
     """
-    first, second = paired_forms(
-        target.orientation[map_target_source], source.orientation[: len(map_target_source)], c_source_target
-    )
+    own = source.orientation[: len(map_target_source)]
+    of_target, second = paired_forms(target.orientation, own, c_source_target)
+    first = of_target[map_target_source]
     norm = np.linalg.norm(first) * np.linalg.norm(second)
     return float((first * second).sum() / norm) if norm > 0 else float("nan")
 
@@ -84,10 +84,10 @@ def paired_forms(
     size = form_source.shape[1]
     few = min(NUM_FORM_FUNCTIONS, size)
     pull = c_source_target[1 : size + 1, 1 : few + 1]
-    used = form_source[:, : len(pull), : len(pull)]
-    pulled = np.einsum("ab,xac,cd->xbd", pull, used, pull, optimize=True)
-    upper = np.triu_indices(few, 1)
-    return form_target[:, upper[0], upper[1]], sign * pulled[:, upper[0], upper[1]]
+    used = form_source[:, : len(pull), : len(pull)].reshape(len(form_source), -1)
+    a, b = np.triu_indices(few, 1)
+    pulled = used @ (pull[:, None, a] * pull[:, b]).reshape(-1, len(a))
+    return form_target[:, a, b], sign * pulled
 
 
 def _curvature_gap(of_target: FloatArray, of_source: FloatArray) -> float:
@@ -108,11 +108,18 @@ def _roughness(target: SpectralShape, source: SpectralShape, refined: Functional
     return float(((images - smooth) ** 2).mean())
 
 
-def _stretch(points: FloatArray, images: FloatArray) -> float:
-    """Return the squared distances of neighbours' images over those of the neighbours."""
+def _stretch(shape: SpectralShape, images: FloatArray) -> float:
+    """Return the squared distances of the images of neighbours, the first dense samples, over those of these."""
+    neighbours, squares = _neighbours(shape, len(images))
+    return float(((images[neighbours] - images[:, None]) ** 2).sum() / squares)
+
+
+@lru_cache(maxsize=4)
+def _neighbours(shape: SpectralShape, num: int) -> tuple[IntArray, float]:
+    """Return the nearest of the first dense samples to each, and the sum of their squared distances."""
+    points = shape.vertices[shape.dense[:num]]
     distances, neighbours = cKDTree(points).query(points, NUM_NEIGHBOURS + 1)
-    apart = images[neighbours[:, 1:]] - images[:, None]
-    return float((apart**2).sum() / (distances**2).sum())
+    return neighbours[:, 1:], float((distances**2).sum())
 
 
 def _commutativity_gap(c: FloatArray, target_values: FloatArray, source_values: FloatArray) -> float:

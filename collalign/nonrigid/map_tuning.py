@@ -43,6 +43,10 @@ class MapTuning(NamedTuple):
     posed_handicap: float = 0.7
     """How much better the score of maps that only poses lead to must be than that of maps from within: chosen on the
     60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published."""
+    likely_lead: float = 1.0
+    """Candidates with scores less than this above the best one's are also laid by normals: as good as all of them."""
+    normal_weights: tuple[float, ...] = (1.0, 0.5, 0.0, 0.0, 0.0)
+    """Of normals beside embeddings, round by round; last none, since limbs that bend have others than the pose."""
     curvature_weight: float = 0.3
     """Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours."""
     num_oriented: int = 11

@@ -52,7 +52,10 @@ def find_candidates(target: SpectralShape, source: SpectralShape, options: Nonri
     own = candidates_from_within(target, source, options)
     if not has_normals(target, source):
         return own
-    return with_others_from_poses(PoseMapper(sampled_surface(target), sampled_surface(source)), own, options)
+    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+    found = with_others_from_poses(mapper, own, options)
+    likely = [one for one in found if one.score < found[0].score + TUNED.likely_lead]
+    return distinct_maps([*found, *(laid(mapper, one, options) for one in likely)])
 
 
 def with_others_from_poses(mapper: PoseMapper, own: list[Refined], options: NonrigidOptions) -> list[Refined]:
@@ -120,16 +123,28 @@ def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOpt
 
 
 def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
-    """Return a candidate whose evidence knows what the pose that it asks for leaves between the surfaces.
-
-    The pose is mirrored only where maps that swap left and right are asked for.
-    """
-    chirality = -1.0 if candidate.evidence.orientation < 0 and options.orientation == "any" else 1.0
-    rotation = mapper.rotation_of(candidate.functional_map, chirality=chirality)
+    """Return a candidate whose evidence knows what the pose that it asks for leaves between the surfaces."""
+    rotation = mapper.rotation_of(candidate.functional_map, chirality=_chirality(candidate, options))
     normals = mapper.normal_gap(candidate.functional_map, rotation)
     return replace(
         candidate, evidence=replace(candidate.evidence, normals=normals, surface=mapper.surface_gap(rotation))
     )
+
+
+def laid(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
+    """Return what a candidate leads to with normals at the pose that it asks for: limbs upside down turn over."""
+    target, source, found = mapper.target, mapper.source, candidate.functional_map
+    for weight in TUNED.normal_weights:
+        rotation = mapper.rotation_of(found, chirality=_chirality(candidate, options))
+        normals = weight * target.normals, weight * source.normals @ rotation.T
+        harmonic = HarmonicRefiner(target.spectral, source.spectral, normals)
+        found = harmonic.refine(found.map_target_source, found.map_source_target, SETTLING[:1])
+    return with_pose_evidence(mapper, judged(target.spectral, source.spectral, found, candidate.origin), options)
+
+
+def _chirality(candidate: Refined, options: NonrigidOptions) -> float:
+    """Return the determinant of the pose that a candidate asks for, -1 only where mirrored maps are asked for."""
+    return -1.0 if candidate.evidence.orientation < 0 and options.orientation == "any" else 1.0
 
 
 def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool) -> list[FunctionalMap]:

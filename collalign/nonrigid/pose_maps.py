@@ -71,7 +71,7 @@ class PoseMapper:
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
         """Return the map that closest points at a pose, either determinant, lead to."""
-        return self._refiner.from_point_maps(*self.closest_points(R_target_source))
+        return self._refiner.zoomout.refine(*self.closest_points(R_target_source))
 
     def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
         """Return the point maps of the samples, there and back, by closest points at a pose."""
@@ -91,7 +91,7 @@ class PoseMapper:
             loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
             starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
         best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:NUM_SIGN_MAPS]
-        return [self._refiner.from_point_maps(*starts[i][1:]) for i in best]
+        return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
 
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:
         """Return the map that keeps the orientation of the surfaces, or reverses it, which a map leads to."""

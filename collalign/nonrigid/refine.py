@@ -46,7 +46,7 @@ class Refiner:
         features = vertex_curvatures(target, source)
         if features is not None:
             features = features[0][self.on_target], features[1][self.on_source]
-        self._zoomout = ZoomOut(
+        self.zoomout = ZoomOut(
             self._target,
             self._source,
             zoomout_sizes(min(first, last), last, factor=factor),
@@ -65,11 +65,7 @@ class Refiner:
         """Refine a functional map, the constant function first."""
         size = len(c_source_target)
         moved = self._source[:, :size] @ c_source_target
-        return self._zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
-
-    def from_point_maps(self, map_target_source: IntArray, map_source_target: IntArray) -> FunctionalMap:
-        """Refine point maps of the dense samples, in both directions."""
-        return self._zoomout.refine(map_target_source, map_source_target)
+        return self.zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
 
     def oriented(self, c_source_target: FloatArray, *, preserving: bool) -> FunctionalMap:
         """Refine the lowest functions of a functional map towards keeping, or reversing, the orientation.
@@ -91,7 +87,7 @@ class Refiner:
         moved = self._source[:, :size] @ c_source_target[:size, :size]
         rows_target = np.hstack([self._target[:, :size], weight * unit_rows(on_target)])
         rows_source = np.hstack([moved, weight * unit_rows(on_source)])
-        return self._zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
+        return self.zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
 
 
 def vertex_curvatures(target: SpectralShape, source: SpectralShape) -> tuple[FloatArray, FloatArray] | None:

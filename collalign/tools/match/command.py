@@ -20,7 +20,7 @@ from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
 from collalign.tools.match.map_files import NONRIGID_FILES, stage_match
 from collalign.tools.match.nonrigid import match_prepared, prepare_file
-from collalign.tools.match.pictures import draw_match
+from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid
 from data_tools.errors import OptionsError
 from data_tools.io.output_folder import OutputFolder
@@ -134,7 +134,9 @@ def _write_rigid(
         output.stage("match.json").write_text(json.dumps(found.record(), indent=1), encoding="utf-8")
         left, right = (read_shape(file, cleaning) for file in (target, source))
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
-        draw_match(output.stage("match.png"), left, right, nearest)
+        match_figure(left, right, nearest).savefig(
+            output.stage("match.png"), format="png", metadata={"Software": None}
+        )
         say_files(output.publish())
 
 
@@ -156,9 +158,6 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
         bar.advance()
     best = result.candidates[0]
     say(f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}")
-    say(
-        f"{percent(result.bijectivity)} of the samples come back near themselves; {len(result.candidates)} candidates"
-    )
     for note in result.notes:
         say(f"Note: {note}")
     tell(confidence=result.confidence, orientation=best.orientation, notes=result.notes)

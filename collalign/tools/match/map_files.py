@@ -10,7 +10,7 @@ import numpy as np
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.templates import read_templates
 from collalign.output.vertex_maps import at_vertices
-from collalign.tools.match.pictures import draw_match, transferred_colours, vertices_map
+from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
@@ -46,7 +46,8 @@ def stage_match(
     found.stage(output)
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
-    draw_match(output.stage("map.png"), left, right, point_map, confidence)
+    figure = match_figure(left, right, point_map, confidence)
+    figure.savefig(output.stage("map.png"), format="png", metadata={"Software": None})
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence)

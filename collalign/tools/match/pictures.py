@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +11,6 @@ from collalign.output.evidence.camera import camera
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.figures import new_figure
-from data_tools.io.files import write_atomic
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
 
@@ -62,20 +59,6 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
     colours = 0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0)
     images = np.maximum(point_map_target_source, 0)
     return colours, np.where((point_map_target_source >= 0)[:, None], colours[images], _GREY)
-
-
-def draw_match(
-    path: Path | str,
-    target: Shape,
-    source: Shape,
-    point_map_target_source: IntArray,
-    confidence: FloatArray | None = None,
-) -> Path:
-    """Write the picture of :func:`match_figure` as a PNG."""
-    buffer = BytesIO()
-    figure = match_figure(target, source, point_map_target_source, confidence)
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return write_atomic(Path(path), buffer.getvalue())
 
 
 def match_figure(

@@ -103,11 +103,6 @@ class NonrigidMatch:
         """Orientation of the chosen map, see :attr:`NonrigidCandidate.orientation`."""
         return self.candidates[0].orientation
 
-    @property
-    def bijectivity(self) -> float:
-        """Share of the source's samples that come back near themselves by map and inverse."""
-        return self.candidates[0].evidence.bijectivity
-
     def plot(self, target: ShapeLike, source: ShapeLike) -> Figure:
         """Draw both shapes coloured by the map, from the front and from behind; notebooks show the figure.
 

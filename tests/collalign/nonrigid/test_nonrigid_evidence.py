@@ -17,7 +17,7 @@ from experiments.maps.paper_chain import agd_gaps
 
 
 def evidence(**values):
-    fields = dict.fromkeys(("curvature", "commutativity", "roughness", "bijectivity"), 0.1)
+    fields = dict.fromkeys(("curvature", "commutativity", "roughness"), 0.1)
     return Evidence(**{**fields, "orientation": 1.0, **values})
 
 

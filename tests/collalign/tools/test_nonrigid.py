@@ -8,7 +8,7 @@ import pytest
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
-from collalign.tools.match.pictures import draw_match, transferred_colours
+from collalign.tools.match.pictures import match_figure, transferred_colours
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
@@ -65,7 +65,6 @@ def test_portfolio_finds_the_dense_map(pair, match):
     back = np.argsort(truth)
     assert mean_error(source, match.point_map_source_target, back) < 0.03
     assert match.orientation == "preserving"
-    assert match.bijectivity > 0.95
     assert 0.0 < match.confidence <= 1.0
     scores = [c.evidence.score for c in match.candidates if c.orientation == "preserving" and c.origin != "poses"]
     assert scores == sorted(scores)
@@ -154,14 +153,13 @@ def test_options_check_themselves():
         SurfaceOptions(num_functions=100, num_dense=150)
 
 
-def test_pictures_colour_both_shapes_alike(tmp_path, pair):
+def test_pictures_colour_both_shapes_alike(pair):
     target, source, truth = pair
     images = np.where(np.arange(len(truth)) < 5, -1, truth)
     of_target, of_source = transferred_colours(target, images)
     assert np.array_equal(of_source[5:], of_target[truth[5:]])
     assert np.ptp(of_source[:5]) == 0.0
-    assert of_target.min() >= 0.0
-    assert of_target.max() <= 1.0
-    assert draw_match(tmp_path / "map.png", target, source, images).read_bytes()[:4] == b"\x89PNG"
+    assert 0.0 <= of_target.min() <= of_target.max() <= 1.0
+    assert match_figure(target, source, images).axes[0].texts
     with pytest.raises(InputError, match="names vertex"):
         transferred_colours(target, truth + 1)
