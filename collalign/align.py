@@ -23,10 +23,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
-from collalign.stages.incomplete.detect import (
-    open_among_closed,
-    told_incomplete,
-)
+from collalign.stages.incomplete.detect import open_among_closed, told_incomplete
 from collalign.stages.own_knowledge import given_constraints, own_note, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions

@@ -9,12 +9,7 @@ from typing import TypeAlias
 from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import (
-    MIN_SHAPES,
-    OPEN,
-    find_incomplete,
-    turned_out_whole,
-)
+from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_whole
 from collalign.stages.incomplete.grow import IN_DOUBT, align_scans, are_scans
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans

@@ -13,10 +13,7 @@ from collalign.synchronization.problem.checks import check_pattern
 from collalign.synchronization.problem.frames import angles_rad, relative, transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solvers.blockwise import (
-    connectivity_warnings,
-    robust_synchronization,
-)
+from collalign.synchronization.solvers.blockwise import connectivity_warnings, robust_synchronization
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice

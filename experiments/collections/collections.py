@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from collalign.engine.store.records import Record
-from experiments.collections.aligning import (
-    measure_alignment,
-    measure_principal_axes,
-    measure_published_rotations,
-)
+from experiments.collections.aligning import measure_alignment, measure_principal_axes, measure_published_rotations
 from experiments.collections.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.tables import Column, Row, Table

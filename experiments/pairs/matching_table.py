@@ -13,13 +13,7 @@ from collalign.engine.store.records import Record
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from experiments.collections.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG, TEETH_FOLDER
 from experiments.experiment import Bench, Cell, Experiment, Outcome
-from experiments.pairs.posed_samples import (
-    COLLECTIONS,
-    TEETH_MIXED,
-    TEETH_ONE_SIDE,
-    PosedPair,
-    posed_pairs,
-)
+from experiments.pairs.posed_samples import COLLECTIONS, TEETH_MIXED, TEETH_ONE_SIDE, PosedPair, posed_pairs
 from experiments.tables import Column, Row, Table
 from pairwise.dense.rank import ranked_on_dense
 from pairwise.dense.refine import RefinedPose

@@ -16,16 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from data_tools.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    as_floats,
-    as_mask,
-    as_points,
-    as_weights,
-    read_only,
-)
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_mask, as_points, as_weights, read_only
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 

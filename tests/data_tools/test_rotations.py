@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
-from data_tools.rotations import (
-    nearest_orthogonal,
-    random_rotation,
-    rotation_angle_deg,
-    rotation_angles,
-)
+from data_tools.rotations import nearest_orthogonal, random_rotation, rotation_angle_deg, rotation_angles
 from tests.data_tools.test_poses import about_z
 
 

@@ -5,12 +5,7 @@ import pytest
 from collalign.engine.store.store import Store
 from experiments.experiment import Bench
 from experiments.pairs import incomplete
-from experiments.pairs.incomplete_sets import (
-    complete_row,
-    cut_row,
-    scan_pair_rows,
-    scan_row,
-)
+from experiments.pairs.incomplete_sets import complete_row, cut_row, scan_pair_rows, scan_row
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 

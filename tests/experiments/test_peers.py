@@ -17,12 +17,7 @@ from experiments.experiment import Bench, Cell
 from experiments.peers import peers
 from experiments.peers.peer_pairs import MatchedPairs, open3d_pairs, open3d_pose_graph, spectral
 from experiments.peers.peer_tools import TOOLS, Answer, largest_difference_deg
-from experiments.peers.principal_axes import (
-    along_tree,
-    axis_starts,
-    closest_points,
-    normalised_points,
-)
+from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
 
 
 def worst_deg(found, true):

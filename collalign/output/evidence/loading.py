@@ -14,11 +14,7 @@ from numpy.typing import NDArray
 
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
-from collalign.output.evidence.evidence_file import (
-    CORRESPONDENCES_FILE,
-    EVIDENCE_FILE,
-    EVIDENCE_VERSION,
-)
+from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE, EVIDENCE_FILE, EVIDENCE_VERSION
 from collalign.output.evidence.gather import OWN_MAP
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.incomplete import Incomplete

@@ -10,12 +10,7 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.synchronization import (
-    PairGraph,
-    SynchronizationResult,
-    alternate_assignments,
-    synchronize_graph,
-)
+from collalign.synchronization import PairGraph, SynchronizationResult, alternate_assignments, synchronize_graph
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.threads import one_blas_thread

@@ -7,12 +7,7 @@ import pytest
 from scipy.spatial.distance import pdist, squareform
 
 from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes
-from collalign.analysis.shape_tests import (
-    NUM_PERMUTATIONS,
-    Effects,
-    compare_groups,
-    procrustes_anova,
-)
+from collalign.analysis.shape_tests import NUM_PERMUTATIONS, Effects, compare_groups, procrustes_anova
 from data_tools.errors import InputError
 
 WILD = ["CAST", "CZECHII", "LEWES", "MOLF", "MOLG", "PERC", "PWD", "PWK", "SF", "SKIVE", "SPRET", "TALLYHO", "WSB"]

@@ -36,12 +36,7 @@ from collalign.synchronization.solvers.turns import (
 )
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern
-from tests.synchronization_problems import (
-    complete_edges,
-    exact_pairs,
-    random_rotations,
-    small_rotations,
-)
+from tests.synchronization_problems import complete_edges, exact_pairs, random_rotations, small_rotations
 
 THIRD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a turn that is not its own inverse
 

@@ -11,11 +11,7 @@ from collalign.output.evidence.members import Members
 from collalign.tools.variation.files import _write_mesh, write_variation
 from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_symmetry import surface_symmetry
-from collalign.tools.variation.surface_variation import (
-    group_means,
-    signed_offsets,
-    surface_variation,
-)
+from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
