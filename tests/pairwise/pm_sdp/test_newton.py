@@ -8,6 +8,7 @@ import pytest
 from pairwise.pm_sdp import newton_blocks
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import _InteriorPoint
+from pairwise.pm_sdp.moment_basis import cauchy_factor
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.step_length import longest_dual, longest_primal
 from pairwise.pm_sdp.step_targets import aim
@@ -190,3 +191,11 @@ def test_how_many_numbers_are_formed_at_a_time_does_not_matter(point, monkeypatc
         steps.append(NewtonSystem(point.data, point.basis, point.primal, point.dual).solve(targets))
     np.testing.assert_allclose(steps[0].x, steps[1].x, atol=1e-9)
     np.testing.assert_allclose(steps[0].F, steps[1].F, atol=1e-9 * np.abs(steps[1].F).max())
+
+
+def test_factors_of_cauchy_matrices_are_exact_and_short():
+    values = np.logspace(-3.0, 0.0, 79)
+    sizes, factor = np.sqrt(2.0 * values)[:, None], cauchy_factor(values)
+    expected = sizes * sizes.T / np.add.outer(values, values)
+    np.testing.assert_allclose(sizes * (factor @ factor.T) * sizes.T, expected, atol=1e-13)
+    assert factor.shape[1] < 40
