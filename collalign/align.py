@@ -150,7 +150,7 @@ def align_listing(
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if not missing and looks_for_incomplete(session.options):
         kept = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
-        found_open = open_among_closed(shapes, own_invariants=bool(own.invariants))
+        found_open = open_among_closed(shapes)
         missing = {i: why for i, why in found_open.items() if i not in kept}
     matched, posed = pose_all(run, missing)
     session.enter(FINISHED)

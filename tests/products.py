@@ -34,5 +34,6 @@ def samples_at(points, *, invariants=None, **fields):
         "dense_positions": np.empty((0, 3)),
         "dense_normals": np.empty((0, 3)),
         "dense_invariants": np.empty((0, 0)),
+        "rim": "closed",
     }
     return Samples(**plain | fields)

@@ -82,7 +82,7 @@ def _asks_for_scans(run: Run, posed: Posed) -> bool:
         and not options.deformable
         and not run.constraints.fixed
         and len(run.shapes.names) <= MOST_TRIED
-        and may_be_scans(run.session, run.shapes, posed.solution.confidence)
+        and may_be_scans(run.shapes, posed.solution.confidence)
     )
 
 

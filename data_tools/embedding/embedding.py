@@ -58,6 +58,8 @@ class Samples:
         Outward unit normals there; empty where the shape has no oriented surface.
     dense_invariants : ndarray, shape (l, m)
         As ``invariants``, relative to the dense positions.
+    rim : str
+        ``open`` or ``closed``, as surfaces are (small holes do not count), or ``unknown``, of point clouds.
     notes : tuple of str
         What a user should know: decimated, which operators.
     """
@@ -74,6 +76,7 @@ class Samples:
     dense_positions: Annotated[FloatArray, Holds(shape="l 3")]
     dense_normals: Annotated[FloatArray, Holds(shape="l? 3")]
     dense_invariants: Annotated[FloatArray, Holds(shape="l m")]
+    rim: str
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -152,6 +155,7 @@ def sample_shape(
         dense_positions=read_only(dense_positions),
         dense_normals=read_only(normals),
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
+        rim=surface.rim,
         notes=shape.notes + surface.notes,
     )
 
@@ -160,7 +164,7 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions, *, is_who
     """Return the samples as vertices of the working surface; over several parts they are spread by area."""
     metric = options.metric
     if metric == "auto":
-        metric = "geodesic" if surface.is_closed and is_whole else "euclidean"
+        metric = "geodesic" if surface.rim == "closed" and is_whole else "euclidean"
     return surface.farthest_points(options.num_points, metric, seeded=True)
 
 
@@ -222,7 +226,7 @@ def _descriptors(
     if options.agd_weight > 0:
         found.append((options.agd_weight, surface.agd[:, None]))
     found.append((BOUNDARY_WEIGHT, surface.boundary_distance[:, None]))
-    factor = 1.0 if surface.is_closed else OPEN_FACTOR
+    factor = 1.0 if surface.rim == "closed" else OPEN_FACTOR
     return [(factor * weight, values) for weight, values in found]
 
 

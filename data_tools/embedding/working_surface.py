@@ -58,14 +58,11 @@ class WorkingSurface:
         return tuple(self._notes)
 
     @cached_property
-    def is_open(self) -> bool:
-        """Whether the surface has a rim."""
-        return is_open_surface(self.shape.vertices, self.shape.faces)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether it is a mesh without a rim (small holes do not count)."""
-        return self.shape.is_mesh and not self.is_open
+    def rim(self) -> str:
+        """As in :class:`data_tools.embedding.embedding.Samples`."""
+        if not self.shape.is_mesh:
+            return "unknown"
+        return "open" if is_open_surface(self.shape.vertices, self.shape.faces) else "closed"
 
     @cached_property
     def geodesics(self) -> GeodesicSolver:

@@ -17,10 +17,8 @@ from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, plane_normals
-from data_tools.io.shapes import read_shape
 from data_tools.percent import percent
 from data_tools.poses import Similarity, moved_by, scales_of
-from data_tools.surface.topology import is_open_surface
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
@@ -54,18 +52,11 @@ def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable
     return {names.index(name): TOLD for name in sorted(set(asked))}
 
 
-def open_among_closed(shapes: Shapes, *, own_invariants: bool) -> dict[int, str]:
-    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are closed.
-
-    The last invariant says it, the distance to the rim: zero on closed surfaces and point clouds. The caller's own
-    take its place and tell nothing.
-    """
-    if own_invariants:
-        return {}
-    lasts = [item.invariants[:, -1:] for item in shapes.samples]
-    suspects = [i for i, last in enumerate(lasts) if last.any()]
-    num_closed = len(lasts) - len(suspects)
-    if num_closed < MIN_SHAPES or len(suspects) > MOST_MISSING * len(lasts):
+def open_among_closed(shapes: Shapes) -> dict[int, str]:
+    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are not."""
+    num = len(shapes.samples)
+    suspects = [i for i, item in enumerate(shapes.samples) if item.rim == "open"]
+    if num - len(suspects) < MIN_SHAPES or len(suspects) > MOST_MISSING * num:
         return {}
     return dict.fromkeys(suspects, OPEN)
 
@@ -97,18 +88,10 @@ def find_incomplete(
             if nearest[i] and points[i].on_rim.any()
         }
         shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
-    missing = [
-        i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE and may_be_cut(session, shapes, i)
-    ]
+    missing = [i for i, one in enumerate(samples) if shares.get(i, 0.0) >= MISSING_SHARE and one.rim != "closed"]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}
-
-
-def may_be_cut(session: AlignSession, shapes: Shapes, shape: int) -> bool:
-    """Whether a shape is a point cloud or an open surface."""
-    found = read_shape(shapes.files[shape], session.options.cleaning, digest=shapes.digests[shape])
-    return not found.is_mesh or is_open_surface(found.vertices, found.faces)
 
 
 def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:

@@ -10,7 +10,6 @@ from collalign.options import AUTO, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.products.trust import DOUBT
-from collalign.stages.incomplete.detect import may_be_cut
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import FloatArray
@@ -50,8 +49,8 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
             "holds several kinds, --clusters 0 aligns each by itself."
         )
     elif options.incomplete == AUTO:
-        cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if may_be_cut(session, shapes, i)]
-        if len(confidence) > MOST_TRIED and may_be_scans(session, shapes, confidence):
+        cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if shapes.samples[i].rim != "closed"]
+        if len(confidence) > MOST_TRIED and may_be_scans(shapes, confidence):
             said.append(
                 "Most are in doubt, with open borders: if none is complete, as scans are, --incomplete all helps."
             )
@@ -63,11 +62,11 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
     return said
 
 
-def may_be_scans(session: AlignSession, shapes: Shapes, confidence: FloatArray) -> bool:
+def may_be_scans(shapes: Shapes, confidence: FloatArray) -> bool:
     """Whether most shapes are in doubt by their confidence (N,), and open, so that none may be complete."""
     doubted = _doubted(confidence)
     return len(doubted) >= MOST_IN_DOUBT * len(confidence) and any(
-        may_be_cut(session, shapes, i) for i in doubted[:MAX_NAMED]
+        shapes.samples[i].rim != "closed" for i in doubted[:MAX_NAMED]
     )
 
 

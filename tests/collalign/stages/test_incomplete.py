@@ -259,11 +259,11 @@ def test_points_that_stand_for_all_samples_lie_apart():
     assert far.max() <= spacing
 
 
-def test_values_of_the_callers_own_do_not_say_what_is_open():
-    closed, other = (SimpleNamespace(invariants=np.full((3, 1), value)) for value in (0.0, 1.0))
-    shapes = SimpleNamespace(samples=[*[closed] * 6, other])
-    assert list(open_among_closed(shapes, own_invariants=False)) == [6]
-    assert open_among_closed(shapes, own_invariants=True) == {}
+def test_open_shapes_are_broken_where_most_and_enough_are_not():
+    closed, other = (SimpleNamespace(rim=rim) for rim in ("unknown", "open"))
+    for num, found in ((6, [6]), (4, [])):
+        assert list(open_among_closed(SimpleNamespace(samples=[*[closed] * num, other]))) == found
+    assert open_among_closed(SimpleNamespace(samples=[*[closed] * 5, *[other] * 6])) == {}
 
 
 def test_broken_bones_are_found_among_closed_ones_and_a_bone_with_a_hole_is_whole(tmp_path):

@@ -65,8 +65,8 @@ def test_what_is_unusual_is_noted():
 
 
 def test_open_and_closed():
-    assert WorkingSurface(crown(num_vertices=300), SMALL).is_open
-    assert not WorkingSurface(Shape.from_arrays(*sphere_mesh(100)), SMALL).is_open
+    shapes = crown(num_vertices=300), Shape.from_arrays(*sphere_mesh(100)), Shape.from_arrays(sphere_mesh(100)[0])
+    assert [WorkingSurface(shape, SMALL).rim for shape in shapes] == ["open", "closed", "unknown"]
 
 
 def test_spectra_are_as_long_as_the_surface_allows():
