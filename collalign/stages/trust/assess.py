@@ -15,7 +15,7 @@ from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
-from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, leads_over, pose_costs, rival_poses
+from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
 from collalign.stages.trust.witnesses import hear_witnesses
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -67,16 +67,17 @@ def gather_trust(
     costs = _costs(session, samples, rotations, partners, poses)
     excess = [np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0) for cost in costs]
     leads = [
-        leads_over(pose[0], pose[1:], own) if own else np.zeros(0) for pose, own in zip(poses, partners, strict=True)
+        leads_over(pose, other[: len(rises)], own)
+        for pose, other, rises, own in zip(rotations, rivals, excess, partners, strict=True)
     ]
     unknown = np.full((len(samples), len(KINDS)), np.nan)
     trust = Trust(
         evidence=unknown,
         rivals=rivals,
         excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)),
-        leads=tuple(read_only(over[: len(own)]) for over, own in zip(leads, rivals, strict=True)),
+        leads=tuple(read_only(over) for over in leads),
         witnesses=tuple(hear_witnesses(session.options, pairs, rotations, components)),
-        symmetries=_symmetries(turns, excess, leads, components),
+        symmetries=_symmetries(samples, rotations, turns, excess, partners, components),
         up_to_symmetry=unknown,
     )
     apart = [np.eye(3)[None]] * len(samples)
@@ -88,21 +89,28 @@ def gather_trust(
 
 
 def _symmetries(
+    samples: Sequence[Samples],
+    rotations: FloatArray,
     turns: Sequence[FloatArray],
     excess: Sequence[FloatArray],
-    leads: Sequence[FloatArray],
+    partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
 ) -> tuple[FloatArray, ...]:
     """Return for each shape the turns of its part after which this fits as well, the identity first.
 
-    ``excess`` and ``leads`` end with those over the poses that the turns lead to.
+    ``excess`` ends with that of the poses that the turns lead to. Copies of a surface share its samples, which tell
+    apart poses that look the same: where most partners of a surface are copies, its pairs are not asked.
     """
     found = [read_only(np.eye(3)[None])] * len(turns)
     for members in components:
         known = [i for i in members if len(excess[i])]
         if len(known) > 1 and len(turns[known[0]]):
             num = len(turns[known[0]])
-            rises, over = (np.mean([values[i][-num:] for i in known], axis=0) for values in (excess, leads))
+            asked = [() if samples[i].rim != "unknown" and are_copies(partners[i]) else partners[i] for i in known]
+            leads = [
+                leads_over(rotations[i], turns[i] @ rotations[i], of) for i, of in zip(known, asked, strict=True)
+            ]
+            rises, over = np.mean([excess[i][-num:] for i in known], axis=0), np.mean(leads, axis=0)
             for i in members:
                 found[i] = read_only(np.stack([np.eye(3), *turns[i][is_as_good(rises, over)]]))
     return tuple(found)

@@ -94,16 +94,21 @@ def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]
     pose : ndarray, shape (3, 3)
     rivals : ndarray, shape (r, 3, 3)
     partners : sequence of Partner
-        At least one.
+        Where there are none, no pose leads.
     """
     poses = np.concatenate([pose[None], rivals])
     odds = np.zeros(len(poses))
-    are_copies = 2 * sum(partner.energy == 0.0 for partner in partners) > len(partners)
+    mostly_copies = are_copies(partners)
     for partner in partners:
         own = np.maximum(partner.log_odds, LEAST_LOG_ODDS)
-        not_found = LEAST_LOG_ODDS if are_copies and partner.energy == 0.0 else own.min()
+        not_found = LEAST_LOG_ODDS if mostly_copies and partner.energy == 0.0 else own.min()
         odds += np.where(_near(partner.poses, poses), own[:, None], not_found).max(axis=0)
-    return np.asarray((odds[0] - odds[1:]) / len(partners))
+    return np.asarray((odds[0] - odds[1:]) / max(len(partners), 1))
+
+
+def are_copies(partners: Sequence[Partner]) -> bool:
+    """Whether most partners of a shape are copies of it."""
+    return 2 * sum(partner.energy == 0.0 for partner in partners) > len(partners)
 
 
 def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
