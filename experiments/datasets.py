@@ -22,6 +22,7 @@ from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import read_landmarks
 from data_tools.options import AS_STORED
+from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 from experiments.ground_truth import landmark_rotation, read_symmetry, read_vertex_indices
 
@@ -85,6 +86,8 @@ class Dataset:
     def rotation(self, target: int, source: int, *, group: str = "SO") -> FloatArray:
         """Return the true R_target_source, shape (3, 3): from known poses, corresponding vertices, or landmarks.
 
+        Vertices far from all others are marks for "unknown", as four of the landmark sets have, and no places.
+
         Raises
         ------
         InputError
@@ -93,7 +96,9 @@ class Dataset:
         if self.rotations is not None:
             return self.rotations[target].T @ self.rotations[source]
         if self.vertices_correspond:
-            return landmark_rotation(self.shape(target).vertices, self.shape(source).vertices, group=group)
+            to, of = self.shape(target), self.shape(source)
+            known = np.intersect1d(without_outliers(to).file_indices, without_outliers(of).file_indices)
+            return landmark_rotation(to.vertices[known], of.vertices[known], group=group)
         if self.landmarks is None:
             raise InputError("the collection has neither poses nor landmarks")
         return landmark_rotation(self.landmarks[target], self.landmarks[source], group=group)

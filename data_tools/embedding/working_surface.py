@@ -16,7 +16,7 @@ from data_tools.surface.decimation import decimate
 from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import is_open_surface
+from data_tools.surface.topology import face_areas, is_open_surface
 
 #: Larger point clouds are thinned to this many points; samples stay points of the original.
 MOST_CLOUD_POINTS = 20_000
@@ -142,10 +142,17 @@ def _used(shape: Shape) -> IntArray:
 
 
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
-    """Return a decimated copy; its vertices map back to the nearest original one."""
-    vertices, faces = decimate(shape.vertices, shape.faces, max_faces)
+    """Return a decimated copy; its vertices map back to the nearest original one.
+
+    Where thin legs come off, so that 1 % of the area is lost, it gets more triangles. One of SHREC07's chairs lost
+    2.9 % and stood 30 degrees off; skulls of thin sheets lose at most .3 %.
+    """
     whole = CleaningOptions(largest_component=not shape.parts)
-    small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file), whole)
+    for finer in (1, 2, 4):
+        vertices, faces = decimate(shape.vertices, shape.faces, finer * max_faces)
+        small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file), whole)
+        if face_areas(small.vertices, small.faces).sum() >= 0.99 * face_areas(vertices, faces).sum():
+            break
     used = _used(shape)
     _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)
     note = f"preprocessed on a copy decimated from {len(shape.faces)} to {len(small.faces)} triangles"

@@ -1,6 +1,6 @@
 import numpy as np
 
-from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
 from data_tools.embedding import working_surface
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
@@ -72,3 +72,18 @@ def test_open_and_closed():
 def test_spectra_are_as_long_as_the_surface_allows():
     surface = WorkingSurface(Shape.from_arrays(*sphere_mesh(30)), SMALL)
     assert surface.eigenfunctions(60).functions.shape == (30, 28)
+
+
+def test_a_copy_from_which_a_part_has_come_off_is_made_finer(monkeypatch):
+    shape, asked = chair(), []
+
+    def decimated(vertices, faces, max_faces):
+        asked.append(max_faces)
+        back = (vertices[faces][..., 2] > np.quantile(vertices[:, 2], 0.7)).all(axis=1, keepdims=True)
+        apart = np.where(back, faces + len(vertices), faces)
+        return (np.concatenate([vertices, vertices + 5.0]), apart) if len(asked) == 1 else (vertices, faces)
+
+    monkeypatch.setattr("data_tools.embedding.working_surface.decimate", decimated)
+    surface = WorkingSurface(shape, SMALL)
+    assert asked == [asked[0], 2 * asked[0]]
+    assert len(surface.shape.faces) == len(shape.faces)
