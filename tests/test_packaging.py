@@ -1,6 +1,7 @@
 """The wheel and the source archive hold what they must, and the wheel alone works."""
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -31,8 +32,7 @@ def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dist")
     run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder)
     (archive,) = folder.glob("*.tar.gz")
-    with tarfile.open(archive) as packed:
-        packed.extractall(folder, filter="data")
+    shutil.unpack_archive(archive, folder)
     (unpacked,) = (path for path in folder.iterdir() if path.is_dir())
     run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=unpacked)
     return folder
