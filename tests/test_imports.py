@@ -136,10 +136,7 @@ def use_scheduler(result):
 
 @pytest.mark.parametrize(
     ("package", "call", "advice"),
-    [
-        ("cvxpy", relax, "pip install cvxpy"),
-        ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
-    ],
+    [("cvxpy", relax, "pip install cvxpy"), ("distributed", use_scheduler, "pip install 'collalign[dask]'")],
 )
 def test_a_missing_package_is_named(package, call, advice, result, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)

@@ -188,10 +188,7 @@ def test_bad_input_is_refused_by_name(arguments, message):
         match(arguments.pop("target"), arguments.pop("source"), **arguments)
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [{"candidate_factor": 0.9}, {"max_candidates": 0}, {"num_draws": -1}],
-)
+@pytest.mark.parametrize("fields", [{"candidate_factor": 0.9}, {"max_candidates": 0}, {"num_draws": -1}])
 def test_impossible_options_are_refused(fields):
     with pytest.raises(OptionsError):
         MatchOptions(**fields)

@@ -171,11 +171,7 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them():
     rng = np.random.default_rng(9)
     first, nowhere = rng.random((5, 3)), np.full((1, 3), np.nan)
     second = np.vstack([nowhere, first[::-1] + 1e-3])
-    maps = VertexMaps(
-        names=("a", "b", "c"),
-        reference="a",
-        places=(first, second, np.tile(nowhere, (2, 1))),
-    )
+    maps = VertexMaps(names=("a", "b", "c"), reference="a", places=(first, second, np.tile(nowhere, (2, 1))))
     np.testing.assert_array_equal(maps["a", "b"], [-1, 4, 3, 2, 1, 0])
     np.testing.assert_array_equal(maps["b", "a"], [5, 4, 3, 2, 1])
     assert (maps["c", "a"] == -1).all()

@@ -15,7 +15,7 @@ from collalign.products.shapes import Constraints
 from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
-from collalign.stages.posing import _without_found
+from collalign.stages.posing import _asks_for_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
@@ -246,6 +246,14 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
     options = replace(OPTIONS, incomplete="all", scaling="rigid")
     with pytest.raises(InputError, match="none of which is complete"):
         align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False)
+
+
+def test_shapes_that_may_be_mirror_images_are_no_scans_for_that():
+    shapes = SimpleNamespace(names="abcd", samples=[SimpleNamespace(rim="open")] * 4)
+    run = SimpleNamespace(session=SimpleNamespace(options=AlignOptions()), shapes=shapes, constraints=Constraints())
+    solution = SimpleNamespace(confidence=np.array([0.5, 0.5, 0.99, 0.99]))
+    for mirrored, scans in (((), True), ((0, 1), False)):
+        assert _asks_for_scans(run, SimpleNamespace(solution=solution, may_be_mirrored=mirrored)) == scans
 
 
 def test_points_that_stand_for_all_samples_lie_apart():
