@@ -24,8 +24,8 @@ from data_tools.poses import moved_by
 from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
 
-#: Points of all clouds together whose nearest points on each are looked up. With a tenth, two runs of ten mouse skulls
-#: chose different ones of two that are as near to the middle.
+#: Points of all clouds together whose nearest points on each are looked up. With a tenth, two runs of ten mouse
+#: skulls, on which it was chosen, took different ones of two that are as near to the middle.
 _NUM_QUERIES = 30_000
 
 
