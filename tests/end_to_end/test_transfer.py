@@ -104,6 +104,8 @@ def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles
         assert lender_of_triangles(moved) == chosen
     left_out = [replace(file, incomplete=at == chosen) for at, file in enumerate(files)]
     assert lender_of_triangles(left_out) != chosen
+    changed = [replace(file, digest="another" if at == chosen else file.digest) for at, file in enumerate(files)]
+    assert lender_of_triangles(changed) != chosen
 
 
 def test_several_templates_err_less_and_know_by_how_much(result, templates, planted, run):

@@ -19,6 +19,7 @@ from collalign.tools.correspond.jobs import MAX_FACES, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import as_options
+from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape
 from data_tools.poses import moved_by
 from data_tools.surface.topology import boundary_edges
@@ -100,15 +101,18 @@ def lender_of_triangles(files: Sequence[PosedFile]) -> int:
     The middle is that of the files' own vertices. Simplified surfaces have too few: of fourteen mouse skulls they
     chose another, and landmarks carried from one of them erred .215 mm instead of .189.
     """
-    whole = [at for at, file in enumerate(files) if not file.incomplete] or list(range(len(files)))
-    clouds, closed = [], []
-    for place, at in enumerate(whole):
-        shape = files[at].read()
+    clouds: dict[int, FloatArray] = {}
+    closed = []
+    for at in [at for at, file in enumerate(files) if not file.incomplete] or range(len(files)):
+        try:
+            shape = files[at].read()
+        except InputError:
+            continue  # its registration fails as well, and says why
         every = -(-len(shape.vertices) // MAX_FACES)
-        clouds.append(_of_unit_size(moved_by(files[at].transform, shape.vertices[::every])))
+        clouds[at] = _of_unit_size(moved_by(files[at].transform, shape.vertices[::every]))
         if _is_closed(shape.faces):
-            closed.append(place)
-    return whole[medoid(clouds, closed)]
+            closed.append(len(clouds) - 1)
+    return list(clouds)[medoid(list(clouds.values()), closed)] if clouds else 0
 
 
 def _of_unit_size(cloud: FloatArray) -> FloatArray:
