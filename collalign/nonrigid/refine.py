@@ -97,26 +97,26 @@ def vertex_curvatures(target: SpectralShape, source: SpectralShape) -> tuple[Flo
     return _standardised(target), _standardised(source)
 
 
-def between_files(working_map: IntArray, target: SpectralShape, source: SpectralShape) -> IntArray:
-    """Return a map between working vertices as one between the vertices of the files, -1 where there is none, (v,).
+def between_files(laid: FloatArray, target: SpectralShape, source: SpectralShape) -> tuple[IntArray, IntArray]:
+    """Return the maps of the files' vertices, source to target (v,) and back (u,), -1 for none, where a target lies.
 
-    A vertex that lies on a triangle of the working surface goes to the vertex nearest to where the images of the
-    corners are in the mean, unless the map tears the triangle; then it goes with the nearest corner.
+    Vertices go to those nearest to them. A vertex of the target that lies on a triangle of its working surface lies
+    where the corners do in the mean, unless these are torn apart; then it lies with the nearest corner.
 
     Parameters
     ----------
-    working_map : ndarray of int, shape (w_source,)
-        One working vertex of the target for each of the source.
+    laid : ndarray, shape (w_target, 3)
+        Where on the source the target's working vertices lie.
     target, source : SpectralShape
     """
-    images, main = target.vertices[working_map], working_map[source.places.nearest]
-    means = source.places.on(images)
-    torn = np.linalg.norm(images[source.places.corners] - means[:, None], axis=2).max(axis=1)
-    together = torn <= MOST_TORN * np.sqrt(target.area / len(target.vertices))
-    found = np.full(len(source.to_working), -1)
-    places = np.where(together[:, None], means, target.vertices[main])
-    found[source.in_file] = target.in_file[cKDTree(target.points).query(places)[1]]
-    return found
+    means = target.places.on(laid)
+    torn = np.linalg.norm(laid[target.places.corners] - means[:, None], axis=2).max(axis=1)
+    together = torn <= MOST_TORN * np.sqrt(source.area / len(source.vertices))
+    places = np.where(together[:, None], means, laid[target.places.nearest])
+    forward, backward = (np.full(len(shape.to_working), -1) for shape in (source, target))
+    forward[source.in_file] = target.in_file[cKDTree(places).query(source.points)[1]]
+    backward[target.in_file] = source.in_file[cKDTree(source.points).query(places)[1]]
+    return forward, backward
 
 
 def unit_rows(values: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import map_terms, point_terms
 from collalign.nonrigid.portfolio import Refined, find_candidates
-from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -24,6 +23,7 @@ from experiments.confidence.reliability import reliability
 from experiments.maps.map_cells import NUM_EVALUATED, evaluated_points, judge_of, map_set, prepared
 from experiments.maps.map_sets import ANIMALS, BODIES, OTHER_CLASSES, SHREC07_CLASSES
 from experiments.maps.map_trials import QUICK_SURFACE
+from experiments.maps.paper_chain import in_files
 
 #: Pairs of each set, drawn at random.
 NUM_PAIRS, NUM_QUICK, SEED = 12, 2, 5
@@ -75,7 +75,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         def images(candidate: Refined) -> IntArray:
             forward = to.spectral.dense[candidate.functional_map.map_target_source]  # noqa: B023
             nearest = of.spectral.nearest_dense  # noqa: B023
-            return between_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
+            return in_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
 
         judge = judge_of(maps, settings, (to.copy, of.copy), None)
         errors = [judge(images(one)).direct for one in found]

@@ -13,7 +13,6 @@ from typing import Any
 from collalign.engine.store.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import find_candidates
-from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.result import NonrigidMatch
@@ -23,7 +22,7 @@ from experiments.experiment import Cell
 from experiments.maps.evaluation import MapErrors, MapEvaluator
 from experiments.maps.graph_operator import graph_spectrum_of
 from experiments.maps.map_sets import LANDMARKED, Copy, MapSet, read_map_set, vary
-from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, dense_point_maps, match_by_paper
+from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, dense_point_maps, in_files, match_by_paper
 from pairwise.status import Status
 
 #: Points at which maps between registered meshes are evaluated.
@@ -192,7 +191,7 @@ def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
     found = []
     for self_map in find_candidates(shape, shape, NonrigidOptions(orientation="any")):
         c = self_map.functional_map.C_source_target
-        image = between_files(dense_point_maps(shape, shape, c)[0], shape, shape)
+        image = in_files(dense_point_maps(shape, shape, c)[0], shape, shape)
         found.append(Mirror(image=image, error=float(evaluator.errors(image[marks]).direct.mean())))
     best = min(found, key=lambda mirror: mirror.error, default=None)
     return None if best is None or best.error > MAX_MIRROR_ERROR else best

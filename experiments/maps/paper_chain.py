@@ -73,7 +73,8 @@ def match_by_paper(target: SpectralShape, source: SpectralShape, chain: PaperCha
         judged(target, source, icp_map(target, source, rotation), origin)
         for rotation in minima.rotations[: chain.num_candidates]
     ]
-    maps = dense_point_maps(target, source, found[0].functional_map.C_source_target)
+    forward, backward = dense_point_maps(target, source, found[0].functional_map.C_source_target)
+    maps = in_files(forward, target, source), in_files(backward, source, target)
     return match_of(target, source, found, maps, num_candidates=len(found)), status
 
 
@@ -163,3 +164,8 @@ def dense_point_maps(
     """
     size = len(c_source_target)
     return mutual_nearest_rows(target.basis[:, :size], source.basis[:, :size] @ c_source_target)
+
+
+def in_files(working_map: IntArray, target: SpectralShape, source: SpectralShape) -> IntArray:
+    """Return a map between working vertices as one between those of the files, -1 where there is none, shape (v,)."""
+    return np.where(source.to_working >= 0, target.to_original[working_map[source.to_working]], -1)

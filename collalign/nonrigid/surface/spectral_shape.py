@@ -17,7 +17,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
-from data_tools.surface.closest import SurfacePoints
+from data_tools.surface.closest import SurfacePoints, closest_on_triangles
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
@@ -197,10 +197,9 @@ def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
 
 
 def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:
-    """Return points as means of the three vertices nearest to each, weighed by the inverse square of the distance."""
-    distances, corners = cKDTree(vertices).query(points, 3)
-    weights = 1.0 / np.maximum(distances, 1e-9 * float(np.ptp(vertices, axis=0).max())) ** 2
-    return SurfacePoints(corners=corners, weights=weights / weights.sum(axis=1, keepdims=True))
+    """Return the places closest to points on the triangles of the three vertices nearest to each."""
+    corners = cKDTree(vertices).query(points, 3)[1]
+    return SurfacePoints(corners=corners, weights=closest_on_triangles(points, vertices[corners]))
 
 
 def _spectrum(surface: WorkingSurface, dense: IntArray, num: int) -> Spectrum:

@@ -10,9 +10,10 @@ import numpy as np
 from collalign.nonrigid.harmonic import HarmonicRefiner
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_trust import agreements, trust_of
-from collalign.nonrigid.portfolio import Refined, find_candidates
+from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
+from collalign.registration.fit import fitted_by_map
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only
 from data_tools.checks import as_options
@@ -94,8 +95,26 @@ def match_prepared(
     options = options or NonrigidOptions()
     _check_fit(target, source)
     found = chosen_first(target, find_candidates(target, source, options), options)
-    maps = HarmonicRefiner(target, source).of_all_vertices(found[0].functional_map)
+    maps = vertex_maps(target, source, found[0])
     return match_of(target, source, found, maps, num_candidates=options.num_candidates)
+
+
+def vertex_maps(target: SpectralShape, source: SpectralShape, chosen: Refined) -> tuple[IntArray, IntArray]:
+    """Return the maps of the files' vertices, source to target (v,) and back (u,), that a map of samples leads to.
+
+    The target is laid onto the source by that map, as rigidly as it allows, and then by closest points with normals
+    (:func:`collalign.registration.fit.fitted_by_map`); clouds by their functions alone.
+    """
+    found, at_target, at_source = chosen.functional_map, target.dense, source.dense
+    if not has_normals(target, source):
+        return between_files(
+            source.vertices[HarmonicRefiner(target, source).of_all_vertices(found)[1]], target, source
+        )
+    chirality = -1.0 if chosen.evidence.orientation < 0 else 1.0
+    moving = target.working_shape.transformed(np.diag([1.0, 1.0, chirality, 1.0]))
+    to = np.concatenate([at_source[found.map_source_target], at_source])
+    goals = np.concatenate([at_target, at_target[found.map_target_source]]), source.vertices[to]
+    return between_files(fitted_by_map(source.working_shape, moving, goals), target, source)
 
 
 def match_of(
@@ -106,14 +125,14 @@ def match_of(
     *,
     num_candidates: int,
 ) -> NonrigidMatch:
-    """Return candidates, the chosen one first, and its maps of all working vertices both ways as a match of files."""
+    """Return candidates, the chosen one first, and its maps of the files' vertices both ways as a match."""
     forward, backward = maps
     confidence, at_vertices = trust_of(target, source, found)
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
-        point_map_target_source=read_only(between_files(forward, target, source)),
-        point_map_source_target=read_only(between_files(backward, source, target)),
+        point_map_target_source=read_only(forward),
+        point_map_source_target=read_only(backward),
         functional_map=read_only(found[0].functional_map.C_source_target),
         candidates=tuple(_public(target, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),

@@ -61,9 +61,9 @@ def test_portfolio_finds_the_dense_map(pair, match):
     target, source, truth = pair
     assert match.point_map_target_source.shape == (len(source.vertices),)
     assert match.point_map_source_target.shape == (len(target.vertices),)
-    assert mean_error(target, match.point_map_target_source, truth) < 0.03
+    assert mean_error(target, match.point_map_target_source, truth) < 0.015
     back = np.argsort(truth)
-    assert mean_error(source, match.point_map_source_target, back) < 0.03
+    assert mean_error(source, match.point_map_source_target, back) < 0.015
     assert match.orientation == "preserving"
     assert 0.0 < match.confidence <= 1.0
     scores = [c.evidence.score for c in match.candidates if c.orientation == "preserving" and c.origin != "poses"]
