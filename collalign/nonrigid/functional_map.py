@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_array
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
@@ -134,22 +135,28 @@ class ZoomOut:
         return FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
 
 
-def fitted_map(target: FloatArray, source: FloatArray, forward: IntArray, backward: IntArray) -> FloatArray:
-    """Return the least-squares functional map ``C_source_target`` of a point map and its inverse, shape (k, k).
+def fitted_map(
+    target: FloatArray, source: FloatArray, forward: IntArray, backward: IntArray, cost: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return the least-squares functional map ``C_source_target`` of a point map and its inverse, shape (k, m).
 
     Parameters
     ----------
-    target, source : ndarray, shapes (u, k) and (v, k)
-        Bases at the points of both shapes.
+    target, source : ndarray, shapes (u, m) and (v, k)
+        Functions at the points of both shapes.
     forward, backward : ndarray of int, shapes (v,) and (u,)
         -1 where unknown.
+    cost : ndarray, shape (k,), optional
+        Of the square of each coefficient, beside the mean of the squared residuals.
     """
     known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
     counts = np.bincount(known, minlength=len(source)) + np.bincount(backward[known_back], minlength=len(source))
     gram = source.T @ (source * counts[:, None])
-    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
-    images = source[known].T @ target[forward[known]] + source[backward[known_back]].T @ target[known_back]
-    return np.asarray(np.linalg.solve(gram, images), dtype=np.float64)
+    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
+    ones, every = np.ones(len(known_back)), np.arange(len(known_back) + 1)
+    asked = csc_array((ones, backward[known_back], every), shape=(len(source), len(known_back))) @ target[known_back]
+    asked[known] += target[forward[known]]
+    return np.asarray(np.linalg.solve(gram, source.T @ asked), dtype=np.float64)
 
 
 def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:

@@ -45,14 +45,6 @@ class _Side:
         beside = np.empty((len(basis), 0)) if normals is None else normals * np.linalg.norm(scale)
         return cls(basis=basis, own=basis * scale, normals=beside, frequencies=values)
 
-    def carried(self, other: _Side, to_other: IntArray, from_other: IntArray, smoothness: float) -> FloatArray:
-        """Return coefficients of the other surface's embedding as a smooth function on this one, shape (k, k)."""
-        rows = np.vstack([self.basis, self.basis[from_other]])
-        goals = np.vstack([other.own[to_other], other.own])
-        gram = rows.T @ rows / len(rows)
-        gram[np.diag_indices_from(gram)] += smoothness * self.frequencies + 1e-9
-        return np.asarray(np.linalg.solve(gram, rows.T @ goals / len(rows)))
-
 
 class HarmonicRefiner:
     """Smooths maps between the dense samples of two shapes, prepared once for all candidates of the pair.
@@ -93,13 +85,7 @@ class HarmonicRefiner:
         )
 
     def of_all_vertices(self, found: FunctionalMap) -> tuple[IntArray, IntArray]:
-        """Return the point maps of all working vertices that belong to a map of the dense samples, both ways.
-
-        Returns
-        -------
-        map_target_source : ndarray of int, shape (w_source,)
-        map_source_target : ndarray of int, shape (w_target,)
-        """
+        """Return the point maps of all working vertices, of the source (w,) and back, by a map of samples."""
         target, source = (_Side.of(one, slice(None), self._size, None) for one in self._shapes)
         return self._nearest(target, source, found.map_target_source, found.map_source_target, SMOOTHNESS)
 
@@ -107,8 +93,9 @@ class HarmonicRefiner:
         self, target: _Side, source: _Side, forward: IntArray, backward: IntArray, smoothness: float
     ) -> tuple[IntArray, IntArray]:
         """Return the nearest rows of two sides in both embeddings, fitted to point maps of the dense samples."""
-        to_source = self._source.carried(self._target, forward, backward, smoothness)
-        to_target = self._target.carried(self._source, backward, forward, smoothness)
+        of_target, of_source = self._target, self._source
+        to_source = fitted_map(of_target.own, of_source.basis, forward, backward, smoothness * of_source.frequencies)
+        to_target = fitted_map(of_source.own, of_target.basis, backward, forward, smoothness * of_target.frequencies)
         return mutual_nearest_rows(
             np.hstack([target.own, target.basis @ to_target, target.normals]),
             np.hstack([source.basis @ to_source, source.own, source.normals]),
