@@ -1,4 +1,4 @@
-"""Ways to start a non-rigid match: signs of the lowest eigenfunctions, roundings of PM-SDP, descriptors.
+"""Where a non-rigid match starts: signs of the lowest eigenfunctions.
 
 Each start is a map of the source's samples into the target's samples, together with the Procrustes energy in the
 lowest functions; refinement and judgement come later.
@@ -9,7 +9,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
@@ -74,15 +73,6 @@ def descend_maps(
         minima = minimise(problem, procrustes(problem, maps), max_iterations=20, origins=origin)
         maps = minima.maps[: TUNED.num_kept]
     return minima
-
-
-def descriptor_start(
-    target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray
-) -> LocalMinima:
-    """Return the local minimum that the assignment of wave kernel signatures leads to."""
-    gaps = wave_gaps(target, source, source_samples)
-    _, point_map = linear_sum_assignment(np.where(allowed, gaps, np.inf).T)
-    return descend_maps(target, source, source_samples, allowed, point_map[None], "descriptors")
 
 
 def candidate_mask(gaps: FloatArray, share: float) -> BoolArray:

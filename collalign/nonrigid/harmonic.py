@@ -28,41 +28,29 @@ LOWEST = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Side:
-    """One surface: rows of its basis, its own embedding of them, normals beside it, and the cost of each function."""
+class Side:
+    """Some points of a surface: rows of its basis, its own embedding of them, and what roughness costs."""
 
     basis: FloatArray
     own: FloatArray
-    normals: FloatArray
     frequencies: FloatArray
 
     @classmethod
-    def of(cls, shape: SpectralShape, rows: IntArray | slice, num: int, normals: FloatArray | None) -> _Side:
+    def of(cls, shape: SpectralShape, rows: IntArray | slice, num: int) -> Side:
+        """Return the points at ``rows`` of the working surface in its ``num`` lowest functions."""
         values = np.concatenate([[0.0], shape.eigenvalues[: num - 1]])
         scale = np.concatenate([[0.0], np.maximum(values[1:], LOWEST) ** -0.5])
         functions = shape.functions[rows, : num - 1]
         basis = np.column_stack([np.ones(len(functions)), functions])
-        beside = np.empty((len(basis), 0)) if normals is None else normals * np.linalg.norm(scale)
-        return cls(basis=basis, own=basis * scale, normals=beside, frequencies=values)
+        return cls(basis=basis, own=basis * scale, frequencies=values)
 
 
 class HarmonicRefiner:
-    """Smooths maps between the dense samples of two shapes, prepared once for all candidates of the pair.
+    """Smooths maps between the dense samples of two shapes, prepared once for all candidates of the pair."""
 
-    Parameters
-    ----------
-    target, source : SpectralShape
-    normals : pair of ndarray, shapes (u, 3) and (v, 3), optional
-        At the dense samples, in one frame, compared beside the embeddings: a length of 1 counts as much as those.
-    """
-
-    def __init__(
-        self, target: SpectralShape, source: SpectralShape, normals: Sequence[FloatArray | None] = (None, None)
-    ) -> None:
+    def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
         self._shapes, self._size = (target, source), min(len(target.eigenvalues), len(source.eigenvalues)) + 1
-        self._target, self._source = (
-            _Side.of(one, one.dense, self._size, some) for one, some in zip(self._shapes, normals, strict=True)
-        )
+        self._target, self._source = (Side.of(one, one.dense, self._size) for one in self._shapes)
 
     def refine(
         self, map_target_source: IntArray, map_source_target: IntArray, smoothness: Sequence[float]
@@ -86,17 +74,16 @@ class HarmonicRefiner:
 
     def of_all_vertices(self, found: FunctionalMap) -> tuple[IntArray, IntArray]:
         """Return the point maps of all working vertices, of the source (w,) and back, by a map of samples."""
-        target, source = (_Side.of(one, slice(None), self._size, None) for one in self._shapes)
+        target, source = (Side.of(one, slice(None), self._size) for one in self._shapes)
         return self._nearest(target, source, found.map_target_source, found.map_source_target, SMOOTHNESS)
 
     def _nearest(
-        self, target: _Side, source: _Side, forward: IntArray, backward: IntArray, smoothness: float
+        self, target: Side, source: Side, forward: IntArray, backward: IntArray, smoothness: float
     ) -> tuple[IntArray, IntArray]:
         """Return the nearest rows of two sides in both embeddings, fitted to point maps of the dense samples."""
         of_target, of_source = self._target, self._source
         to_source = fitted_map(of_target.own, of_source.basis, forward, backward, smoothness * of_source.frequencies)
         to_target = fitted_map(of_source.own, of_target.basis, backward, forward, smoothness * of_target.frequencies)
         return mutual_nearest_rows(
-            np.hstack([target.own, target.basis @ to_target, target.normals]),
-            np.hstack([source.basis @ to_source, source.own, source.normals]),
+            np.hstack([target.own, target.basis @ to_target]), np.hstack([source.basis @ to_source, source.own])
         )

@@ -32,8 +32,6 @@ class MapTuning(NamedTuple):
     """... so few, ..."""
     screen_last: int = 60
     """... up to this number of functions."""
-    num_first: int = 30
-    """Functions in which full refinement begins."""
     same_map: float = 1.2
     """Refined maps closer than this are one: front and back differ in few of the lowest functions, ..."""
     num_compared: int = 20
@@ -43,10 +41,14 @@ class MapTuning(NamedTuple):
     posed_handicap: float = 0.7
     """How much better the score of maps that only poses lead to must be than that of maps from within: chosen on the
     60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published."""
-    likely_lead: float = 1.0
-    """Candidates with scores less than this above the best one's are also laid by normals: as good as all of them."""
-    normal_weights: tuple[float, ...] = (1.0, 0.5, 0.0, 0.0, 0.0)
-    """Of normals beside embeddings, round by round; last none, since limbs that bend have others than the pose."""
+    likely_lead: float = 2.0
+    """Candidates with scores less than this above the best one's are refined with all samples: as good as all."""
+    num_shell: int = 20
+    """Functions in which surfaces are laid onto each other first, ..."""
+    shell_position: float = 2.0
+    """... the weight of positions, of surfaces of unit area, beside embeddings, ..."""
+    shell_normal: float = 0.3
+    """... and that of unit normals."""
     curvature_weight: float = 0.3
     """Root mean square weight of a curvature relative to one eigenfunction in nearest neighbours."""
     num_oriented: int = 11

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.eigen_starts import candidate_mask, descriptor_start, sign_starts, wave_gaps
+from collalign.nonrigid.eigen_starts import candidate_mask, sign_starts, wave_gaps
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
@@ -15,10 +15,11 @@ from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
-from data_tools.arrays import FloatArray
-from pairwise.local.local_search import LocalMinima, merge
+from data_tools.arrays import FloatArray, IntArray
+from pairwise.local.local_search import LocalMinima
 
 #: Origin of maps that only poses lead to.
 FROM_POSES = "poses"
@@ -46,34 +47,30 @@ class Refined:
 def find_candidates(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
     """Return distinct refined candidates, best evidence first.
 
-    Those of :func:`candidates_from_within` and, where there are normals, maps that start from poses: shapes of a
-    class may look alike where their insides differ.
+    Starts from within and, where there are normals, from poses (shapes of a class may look alike where their insides
+    differ) are screened with few samples and functions; the best of each are refined with all.
     """
-    own = candidates_from_within(target, source, options)
+    coarse = _likely(screened_from_within(target, source, options))
     if not has_normals(target, source):
-        return own
-    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    found = with_others_from_poses(mapper, own, options)
-    likely = [one for one in found if one.score < found[0].score + TUNED.likely_lead]
-    return distinct_maps([*found, *(laid(mapper, one, options) for one in likely)])
+        return distinct_maps([settled(target, source, one) for one in coarse])
+    mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
+    coarse += _others(_likely(screened_from_poses(mapper, options)), coarse)
+    return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
-def with_others_from_poses(mapper: PoseMapper, own: list[Refined], options: NonrigidOptions) -> list[Refined]:
-    """Return candidates and other maps that poses start, all with what their poses leave, best evidence first."""
-    target, source, few = mapper.target.spectral, mapper.source.spectral, at_few_samples(mapper)
-    others = finish_by_zoomout(target, source, _others(posed_candidates(few, options), own))
-    others += finish_smoothly(target, source, _others(smooth_candidates(few, options), own))
-    fresh = _others(others, own)
-    return distinct_maps([with_pose_evidence(mapper, candidate, options) for candidate in [*own, *fresh]])
+def with_others_from_poses(mapper: PoseMapper, own: Refined, options: NonrigidOptions) -> list[Refined]:
+    """Return a candidate, and behind it other maps that poses start, all with what their poses leave."""
+    target, source = mapper.target.spectral, mapper.source.spectral
+    others = [settled(target, source, one) for one in screened_from_poses(mapper, options)]
+    others = distinct_maps([with_pose_evidence(mapper, one, options) for one in _others(others, [own])])
+    return [with_pose_evidence(mapper, own, options), *others]
 
 
-def candidates_from_within(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
-    """Return distinct refined candidates that no pose takes part in, best evidence first.
-
-    At most ``options.num_candidates`` are kept. Starts are screened with few samples and functions; the best of
-    them are refined with all.
-    """
-    starts = portfolio_starts(target, source)
+def screened_from_within(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+    """Return at most ``options.num_candidates`` maps at few samples, by no pose, best evidence first."""
+    samples = source.samples[: min(TUNED.num_source, len(target.samples))]
+    allowed = candidate_mask(wave_gaps(target, source, samples), TUNED.wave_share)
+    starts = sign_starts(target, source, samples, allowed)
     screen = Refiner(
         target, source, first=18, last=TUNED.screen_last, factor=1.35, num_dense=TUNED.num_screen_samples
     )
@@ -81,8 +78,14 @@ def candidates_from_within(target: SpectralShape, source: SpectralShape, options
     for i in distinct_starts(starts, TUNED.num_screened):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
         screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
-    best = of_both_orientations(distinct_maps(screened), options.num_candidates)
-    return distinct_maps(finish_by_zoomout(target, source, best))
+    return of_both_orientations(distinct_maps(screened), options.num_candidates)
+
+
+def screened_from_poses(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
+    """Return maps at few samples that poses start, those of :func:`posed_candidates` and smooth ones."""
+    few = at_few_samples(mapper)
+    posed = posed_candidates(few, options)
+    return posed + _others(smooth_candidates(few, options), posed)
 
 
 def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
@@ -131,15 +134,24 @@ def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: Nonrigid
     )
 
 
-def laid(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
-    """Return what a candidate leads to with normals at the pose that it asks for: limbs upside down turn over."""
-    target, source, found = mapper.target, mapper.source, candidate.functional_map
-    for weight in TUNED.normal_weights:
-        rotation = mapper.rotation_of(found, chirality=_chirality(candidate, options))
-        normals = weight * target.normals, weight * source.normals @ rotation.T
-        harmonic = HarmonicRefiner(target.spectral, source.spectral, normals)
-        found = harmonic.refine(found.map_target_source, found.map_source_target, SETTLING[:1])
-    return with_pose_evidence(mapper, judged(target.spectral, source.spectral, found, candidate.origin), options)
+def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: NonrigidOptions) -> Refined:
+    """Return what a map leads to with all samples where the surfaces are laid onto each other, smooth both ways."""
+    target, source = mapper.target.spectral, mapper.source.spectral
+    maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=_chirality(coarse, options))
+    found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
+    return with_pose_evidence(mapper, judged(target, source, found, coarse.origin), options)
+
+
+def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Refined:
+    """Return what a map leads to with all samples, smooth both ways, by the functions of the shapes alone."""
+    maps = _at_all_samples(target, source, coarse)
+    return judged(target, source, HarmonicRefiner(target, source).refine(*maps, ANNEALED), coarse.origin)
+
+
+def _at_all_samples(target: SpectralShape, source: SpectralShape, coarse: Refined) -> tuple[IntArray, IntArray]:
+    c = coarse.functional_map.C_source_target
+    on_target, on_source = target.basis[target.dense], source.basis[source.dense]
+    return mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
 
 
 def _chirality(candidate: Refined, options: NonrigidOptions) -> float:
@@ -161,51 +173,15 @@ def has_normals(target: SpectralShape, source: SpectralShape) -> bool:
     return bool(np.isfinite(target.orientation).all() and np.isfinite(source.orientation).all())
 
 
-def finish_by_zoomout(target: SpectralShape, source: SpectralShape, screened: list[Refined]) -> list[Refined]:
-    """Refine with all dense samples and functions, and then settle to what is smooth both ways."""
-    last = len(target.eigenvalues) + 1
-    full = Refiner(target, source, first=TUNED.num_first, last=last, factor=1.2)
-    harmonic = HarmonicRefiner(target, source)
-    refined = []
-    for candidate in screened:
-        coarse = full.from_functional_map(
-            candidate.functional_map.C_source_target[: TUNED.num_first, : TUNED.num_first]
-        )
-        settled = harmonic.refine(coarse.map_target_source, coarse.map_source_target, SETTLING)
-        refined.append(judged(target, source, settled, candidate.origin))
-    return refined
-
-
-def finish_smoothly(target: SpectralShape, source: SpectralShape, coarse: list[Refined]) -> list[Refined]:
-    """Refine with all dense samples and functions, by maps that are smooth both ways alone."""
-    harmonic = HarmonicRefiner(target, source)
-    on_target, on_source = target.basis[target.dense], source.basis[source.dense]
-    refined = []
-    for candidate in coarse:
-        c = candidate.functional_map.C_source_target
-        starts = mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
-        refined.append(judged(target, source, harmonic.refine(*starts, SETTLING), candidate.origin))
-    return refined
-
-
-def portfolio_starts(target: SpectralShape, source: SpectralShape) -> LocalMinima:
-    """Return the minima that all ways to start lead to, best energy first."""
-    samples = source.samples[: min(TUNED.num_source, len(target.samples))]
-    allowed = candidate_mask(wave_gaps(target, source, samples), TUNED.wave_share)
-    return merge([sign_starts(target, source, samples, allowed), descriptor_start(target, source, samples, allowed)])
-
-
 def distinct_starts(starts: LocalMinima, num: int) -> list[int]:
-    """Return positions of the first starts that differ in the lowest functions; each origin has its best one."""
+    """Return positions of the first starts that differ in the lowest functions."""
     size = TUNED.num_start_compared
     kept: list[int] = []
     for i in range(len(starts)):
         gaps = [np.linalg.norm(starts.rotations[i, :size, :size] - starts.rotations[j, :size, :size]) for j in kept]
         if all(gap >= TUNED.same_start for gap in gaps):
             kept.append(i)
-    firsts = {str(origin): i for i, origin in reversed(list(enumerate(starts.origins)))}
-    chosen = kept[:num]
-    return chosen + [i for i in sorted(firsts.values()) if i not in chosen]
+    return kept[:num]
 
 
 def distinct_maps(refined: list[Refined]) -> list[Refined]:
@@ -214,6 +190,12 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
     for candidate in sorted(refined, key=lambda c: c.score):
         kept += _others([candidate], kept)
     return kept
+
+
+def _likely(coarse: list[Refined]) -> list[Refined]:
+    """Return the candidates that are not far worse than the best."""
+    best = min((one.score for one in coarse), default=0.0)
+    return [one for one in coarse if one.score < best + TUNED.likely_lead]
 
 
 def _others(candidates: list[Refined], known: list[Refined]) -> list[Refined]:

@@ -66,8 +66,8 @@ def trust_of_places(
     forward, backward = mutual_nearest_rows(target.vertices, placed)
     c = fitted_map(target.basis, source.basis, forward, backward)
     own = FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
-    found = with_others_from_poses(mapper, [judged(target, source, own, _CONSISTENT)], NonrigidOptions())
-    sure, at_samples = trust_of(target, source, sorted(found, key=lambda one: one.origin != _CONSISTENT))
+    found = with_others_from_poses(mapper, judged(target, source, own, _CONSISTENT), NonrigidOptions())
+    sure, at_samples = trust_of(target, source, found)
     return sure, at_samples[cKDTree(samples[1].vertices).query(of.vertices)[1]]
 
 

@@ -36,7 +36,7 @@ class NonrigidCandidate:
         Vertex of the target file for each of ``NonrigidMatch.dense_source``.
     evidence : Evidence
     origin : str
-        "signs", "descriptors" or "poses"; in experiments also the paper's "relaxation".
+        "signs" or "poses"; in experiments also the paper's "relaxation".
     """
 
     functional_map: FloatArray

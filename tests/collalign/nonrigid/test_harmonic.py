@@ -1,5 +1,7 @@
 """Maps that are smooth both ways: mended where they are torn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import judged, laid, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
@@ -76,12 +79,25 @@ def test_both_directions_are_treated_alike(bodies):
     assert (there.map_source_target == back.map_target_source).mean() > 0.99
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_laying_surfaces_onto_each_other_mends_maps_both_ways_alike(bodies, sign):
+    faces = bodies[1].faces[:, :: int(sign)]
+    other = replace(bodies[1], vertices=bodies[1].vertices * [sign, 1.0, 1.0], faces=faces)
+    forward, backward = torn(true_maps(bodies), np.random.default_rng(2))
+    there, wrong = (ShellRefiner(bodies[0], other).refine(forward, backward, chirality=s) for s in (sign, -sign))
+    back = ShellRefiner(other, bodies[0]).refine(backward, forward, chirality=sign)
+    assert off(bodies, there[0]) < 0.04 < off(bodies, forward)
+    assert off(bodies, wrong[0]) > off(bodies, there[0])
+    assert (there[0] == back[1]).mean() > 0.99
+
+
 def test_normals_turn_maps_over_that_exchange_front_and_back(bodies):
     mapper, rest = PoseMapper(*(sampled_surface(one) for one in bodies)), bodies[0].vertices
     over = np.where(np.arange(3) == np.argmin(np.ptp(rest, axis=0)), -1.0, 1.0)
     gaps = np.linalg.norm(over * rest[bodies[1].dense][:, None] - rest[bodies[0].dense], axis=2)
     wrong = as_map(bodies, (gaps.argmin(axis=1), gaps.argmin(axis=0)))
-    found = laid(mapper, judged(*bodies, wrong, "poses"), NonrigidOptions()).functional_map
+    shells = ShellRefiner(*bodies)
+    found = laid(shells, mapper, judged(*bodies, wrong, "poses"), NonrigidOptions()).functional_map
     assert off(bodies, found.map_target_source) < 0.04 < off(bodies, wrong.map_target_source)
 
 
