@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
@@ -149,7 +150,10 @@ def fitted_map(target: FloatArray, source: FloatArray, forward: IntArray, backwa
     gram = source.T @ (source * counts[:, None])
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
     images = source[known].T @ target[forward[known]] + source[backward[known_back]].T @ target[known_back]
-    return np.asarray(np.linalg.solve(gram, images), dtype=np.float64)
+    _, fitted, is_singular = dposv(gram, images)
+    if is_singular:
+        raise np.linalg.LinAlgError("no point of either shape has an image")
+    return np.asarray(fitted, dtype=np.float64)
 
 
 def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:
