@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 from scipy.sparse import csc_array
 
 from data_tools.arrays import FloatArray, IntArray
@@ -156,7 +157,10 @@ def fitted_map(
     ones, every = np.ones(len(known_back)), np.arange(len(known_back) + 1)
     asked = csc_array((ones, backward[known_back], every), shape=(len(source), len(known_back))) @ target[known_back]
     asked[known] += target[forward[known]]
-    return np.asarray(np.linalg.solve(gram, source.T @ asked), dtype=np.float64)
+    _, fitted, is_singular = dposv(gram, source.T @ asked)
+    if is_singular:
+        raise np.linalg.LinAlgError("no point of either shape has an image")
+    return np.asarray(fitted, dtype=np.float64)
 
 
 def zoomout_sizes(first: int, last: int, *, factor: float = 1.15) -> list[int]:

@@ -84,10 +84,9 @@ class PoseMapper:
         beside them steady those that are not. No pose takes part.
         """
         target, source = (_sign_features(one) for one in (self.target, self.source))
-        rest = np.ones(source.shape[1] - NUM_SIGNS)
-        starts = []
-        for signs in product((1.0, -1.0), repeat=NUM_SIGNS):
-            gaps = cdist(target, source * np.concatenate([signs, rest]), "sqeuclidean")
+        unsigned, starts = cdist(target, source, "sqeuclidean"), []
+        for turned in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
+            gaps = unsigned + (target[:, :NUM_SIGNS] * turned) @ source[:, :NUM_SIGNS].T
             loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
             starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
         best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:NUM_SIGN_MAPS]

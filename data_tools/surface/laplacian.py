@@ -154,7 +154,7 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
         raise InputError(f"{name}: the eigenfunctions of its surface could not be computed ({error})") from error
     order = np.argsort(values)[1:]
     functions = functions[:, order] / roots[:, None]
-    signs = np.where(mass @ functions**3 < 0, -1.0, 1.0)
+    signs = np.where(mass @ (functions * functions**2) < 0, -1.0, 1.0)
     return Spectrum(
         read_only(np.maximum(values[order], 0.0)),
         read_only(np.ascontiguousarray(functions * signs)),

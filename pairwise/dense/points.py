@@ -73,11 +73,9 @@ class DenseMatcher:
         self.target, self.source = target, source
         has_normals = target.normals is not None and source.normals is not None
         self._normal_weight = normal_weight if has_normals else 0.0
-        self._target_features = np.hstack([target.points, *self._fixed_features(target)])
-        ones = np.ones((len(target.points), 1))
-        self._target_factor = np.hstack(
-            [self._target_features, (self._target_features**2).sum(axis=1)[:, None], ones]
-        )
+        self._of_target = self._columns(target, target.points, np.eye(target.points.shape[1]))
+        self._of_source = np.zeros((len(self._of_target), len(source.points)))
+        self._there, self._back = _Nearest(len(source.points)), _Nearest(len(target.points))
 
     def mean_cost(self, pairs: tuple[IntArray, IntArray], pose: Similarity) -> float:
         """Return the mean over the pairs of squared distance of points and of invariants; normals are left out."""
@@ -86,33 +84,44 @@ class DenseMatcher:
         other = self.target.invariants[of_target] - self.source.invariants[of_source]
         return float(((gaps**2).sum() + (other**2).sum()) / len(gaps))
 
-    def _fixed_features(self, shape: DensePoints, turn: FloatArray | None = None) -> list[FloatArray]:
-        if not self._normal_weight or shape.normals is None:
-            return [shape.invariants]
-        normals = shape.normals if turn is None else shape.normals @ turn.T
-        return [shape.invariants, self._normal_weight * normals]
+    def _columns(self, shape: DensePoints, points: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return columns (-2 f, |f|^2, 1): products with (t, 1, |t|^2) are the squared distances |t - f|^2."""
+        features = np.hstack([points, shape.invariants])
+        if self._normal_weight and shape.normals is not None:
+            features = np.hstack([features, self._normal_weight * shape.normals @ turn.T])
+        return np.vstack([-2.0 * features.T, np.einsum("ij,ij->i", features, features), np.ones(len(features))])
 
     def pair_up(self, pose: Similarity) -> tuple[IntArray, IntArray]:
-        """Return indices on target and source of nearest neighbours both ways at a pose, in slabs of the source."""
-        features = np.hstack([pose.apply(self.source.points), *self._fixed_features(self.source, pose.rotation)])
-        num_target, num_source = len(self._target_factor), len(features)
-        factor = _cost_factor(features)
-        slab = max(1, _CHUNK_ENTRIES // num_target)
-        least = np.full(num_target, np.inf)
-        back = np.zeros(num_target, dtype=np.int64)
-        there = np.empty(num_source, dtype=np.int64)
-        for first in range(0, num_source, slab):
-            part = factor[first : first + slab]
-            # A second product, since minima along rows are many times faster than along columns.
-            there[first : first + slab] = (part @ self._target_factor.T).argmin(axis=1)
-            costs = self._target_factor @ part.T
-            nearest = costs.argmin(axis=1)
-            values = costs[np.arange(num_target), nearest]
-            better = values < least
-            least[better], back[better] = values[better], nearest[better] + first
-        return np.concatenate([there, np.arange(num_target)]), np.concatenate([np.arange(num_source), back])
+        """Return indices on target and source of nearest neighbours both ways at a pose."""
+        former, moved_source = self._of_source, pose.apply(self.source.points)
+        self._of_source = self._columns(self.source, moved_source, pose.rotation)
+        moved = 0.5 * np.linalg.norm(self._of_source[:-2] - former[:-2], axis=0)
+        self._there.look(self._of_source, self._of_target, 2.0 * moved)
+        self._back.look(self._of_target, self._of_source, moved[self._back.rows] + moved.max())
+        own = [np.arange(len(one.rows)) for one in (self._there, self._back)]
+        return np.concatenate([self._there.rows, own[1]]), np.concatenate([own[0], self._back.rows])
 
 
-def _cost_factor(features: FloatArray) -> FloatArray:
-    """Return the rows whose products with (t, |t|^2, 1) are the squared distances |t - f|^2."""
-    return np.hstack([-2.0 * features, np.ones((len(features), 1)), (features**2).sum(axis=1)[:, None]])
+class _Nearest:
+    """The nearest one of others to each of some features, while these move: looked for where it may have changed.
+
+    It has not while its lead over the second nearest is more than what both have moved since (Hamerly 2010).
+    """
+
+    def __init__(self, num: int) -> None:
+        self.rows, self._leads = np.zeros(num, dtype=np.int64), np.full(num, -np.inf)
+
+    def look(self, own: FloatArray, others: FloatArray, moved: FloatArray) -> None:
+        """Find what is nearest, both as columns, in slabs; no lead has shrunk by more than ``moved``."""
+        self._leads -= moved
+        unsure, slab = np.flatnonzero(self._leads <= 0.0), max(1, _CHUNK_ENTRIES // others.shape[1])
+        rounding = 4.0 * np.finfo(float).eps * len(own) * float(own[-2].max() + others[-2].max())
+        for first in range(0, len(unsure), slab):
+            rows = unsure[first : first + slab]
+            mine, each = own.take(rows, axis=1), np.arange(len(rows))
+            costs = np.vstack([-0.5 * mine[:-2], mine[:-3:-1]]).T @ others
+            self.rows[rows] = nearest = costs.argmin(axis=1)
+            least = np.maximum(costs[each, nearest], 0.0)
+            costs[each, nearest] = np.inf
+            second = np.maximum(costs.min(axis=1) - rounding, 0.0)
+            self._leads[rows] = np.sqrt(second) - np.sqrt(least + rounding)

@@ -92,7 +92,7 @@ def refine_pose(
     pairs = matcher.pair_up(pose)
     for iterations in range(1, max_iterations + 1):
         former = pose
-        to, of = target.points[pairs[0]], source.points[pairs[1]]
+        to, of = target.points.take(pairs[0], axis=0), source.points.take(pairs[1], axis=0)
         pose = _procrustes(to, of, chirality, None if estimate_scale else pose.scale)
         if np.abs(pose.rotation - former.rotation).max() <= _SETTLED:
             break
@@ -121,7 +121,7 @@ def _procrustes(to: FloatArray, of: FloatArray, chirality: float, scale: float |
 
     The scale is the symmetric one, the ratio of the sizes, so that refining either way gives inverse results.
     """
-    mean_to, mean_of = to.mean(axis=0), of.mean(axis=0)
+    mean_to, mean_of = (np.full(len(to), 1.0 / len(to)) @ points for points in (to, of))
     centred_to, centred_of = to - mean_to, of - mean_of
     rotation = nearest_orthogonal(centred_to.T @ centred_of, determinant=chirality)
     if scale is None:

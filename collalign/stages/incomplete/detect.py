@@ -76,7 +76,8 @@ def find_incomplete(
     if its surface is open.
     """
     samples = shapes.samples
-    if len(samples) < MIN_SHAPES or not all(len(item.dense_positions) >= _NUM_POINTS for item in samples):
+    are_dense = all(len(item.dense_positions) >= _NUM_POINTS for item in samples)
+    if len(samples) < MIN_SHAPES or not are_dense or all(item.rim == "closed" for item in samples):
         return {}
     nearest = _nearest(pairs, len(samples))
     points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
@@ -85,10 +86,10 @@ def find_incomplete(
         tasks = {
             i: {"surface": surfaces[i], "partners": tuple(surfaces[j] for j in nearest[i])}
             for i in sorted(range(len(nearest)), key=lambda i: sorted(nearest[i]))  # partners in common together
-            if nearest[i] and points[i].on_rim.any()
+            if nearest[i] and samples[i].rim != "closed" and points[i].on_rim.any()
         }
         shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
-    missing = [i for i, one in enumerate(samples) if shares.get(i, 0.0) >= MISSING_SHARE and one.rim != "closed"]
+    missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
     return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}

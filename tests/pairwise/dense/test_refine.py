@@ -69,16 +69,16 @@ def test_bad_input_is_refused():
             refine_pose(shape, shape, np.eye(3), **wrong)
 
 
-def test_nearest_neighbours_in_slabs_are_those_of_trees(rng, monkeypatch):
+def test_nearest_neighbours_in_slabs_are_those_of_trees_wherever_the_source_moves(rng, monkeypatch):
     points, normals = some_shape()
     source = DensePoints.from_user(rng.permutation(points)[:200])
-    target = DensePoints.from_user(points, normals)
-    pose = Similarity(rotation=random_rotation(rng), scale=1.1, shift=rng.standard_normal(3))
+    matcher = DenseMatcher(DensePoints.from_user(points, normals), source)
     monkeypatch.setattr("pairwise.dense.points._CHUNK_ENTRIES", 7_000)
-    of_target, of_source = DenseMatcher(target, source).pair_up(pose)
-    moved = pose.apply(source.points)
-    np.testing.assert_array_equal(of_target[:200], cKDTree(points).query(moved)[1])
-    np.testing.assert_array_equal(of_source[200:], cKDTree(moved).query(points)[1])
+    for turn in Rotation.from_rotvec(np.outer([3.0, 0.1, 0.11, 0.111, 0.5, 0.5], [0.6, 0.0, 0.8])).as_matrix():
+        pose = Similarity(rotation=turn, scale=1.1, shift=0.1 * turn[0])
+        of_target, of_source = matcher.pair_up(pose)
+        np.testing.assert_array_equal(of_target[:200], cKDTree(points).query(pose.apply(source.points))[1])
+        np.testing.assert_array_equal(of_source[200:], cKDTree(pose.apply(source.points)).query(points)[1])
 
 
 def test_invariants_count_and_decide(rng):
