@@ -51,8 +51,7 @@ class Trust:
         * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
           log-odds, mean over all pairs;
         * contradictions: the number of witnesses that ask for another pose, 0 where none was heard;
-        * misfit: log of what the pose costs on dense points over the median of the shapes that it can be compared
-          with.
+        * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)
