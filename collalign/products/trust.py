@@ -12,7 +12,7 @@ DOUBT = 0.95
 #: than they will.
 UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
-KINDS = ("votes", "margin", "collection votes", "lead", "contradictions")
+KINDS = ("votes", "margin", "collection votes", "lead", "contradictions", "misfit")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +50,8 @@ class Trust:
         * collection votes: mean of the votes over the shapes that it can be compared with;
         * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
           log-odds, mean over all pairs;
-        * contradictions: the number of witnesses that ask for another pose, 0 where none was heard.
+        * contradictions: the number of witnesses that ask for another pose, 0 where none was heard;
+        * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)

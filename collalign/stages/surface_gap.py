@@ -23,7 +23,7 @@ def surface_gaps(target: Samples, source: Samples, rotations: FloatArray) -> Flo
     rotations : ndarray, shape (m, d, d)
         ``R_target_source`` in the embedding; space comes first.
     """
-    of_target, of_source = surface_points(target, first=0), surface_points(source, first=1)
+    of_target, of_source = surface_points(target, first=0, every=1), surface_points(source, first=1, every=1)
     return read_only(np.array([surface_gap(of_target, of_source, rotation[:3, :3]) for rotation in rotations]))
 
 
@@ -46,10 +46,14 @@ def point_gaps(
     return np.hstack([-2.0 * to, squares[0], ones[0]]) @ np.hstack([of, ones[1], squares[1]]).T
 
 
-def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:
-    """Return every second dense point, in radii about the mean of all, and their normals; all samples without any."""
+def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Return every second dense point, in radii about the mean of all, and their normals.
+
+    Without any, each ``every``-th sample of a surface, whose copies share its samples, and all points of a cloud.
+    """
     if len(samples.dense_positions) < 2:
-        return _normalised(samples.positions), np.empty((0, 3))
+        step = 1 if samples.rim == "unknown" else every
+        return _normalised(samples.positions)[first % step :: step], np.empty((0, 3))
     chosen = slice(first, 2 * NUM_POINTS, 2)
     return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
 

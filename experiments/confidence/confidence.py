@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.confidence.pose_model import MOST_CONFIDENT, probability, terms
+from collalign.confidence.pose_model import ceiling, probability, terms
 from data_tools.arrays import BoolArray, FloatArray
 from experiments.collections.landmarked import COLLECTIONS
 from experiments.confidence.draws import FEWEST, GROSS_DEG, INTRUDED, MOST, measure_collection
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SEED = 11
 RUNS = {"real": 10, "generated": 6}
 #: Raised when stated confidences change.
-VERSION = "2"
+VERSION = "3"
 #: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.
 SURE, USABLE = 0.95, 0.9
 RIGID = ("teeth", "mouse skulls")
@@ -57,7 +57,7 @@ confidence`). *Left out* judges each collection by weights that were fitted on t
 def judged_by_the_others(records: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the records with what would be stated by weights that were fitted without each collection.
 
-    What limits a confidence beside the weights (ties, sides in doubt) still does.
+    What limits a confidence beside the weights (misfits, ties, sides in doubt) still does.
     """
     judged = {}
     for kind, record in records.items():
@@ -65,7 +65,7 @@ def judged_by_the_others(records: dict[str, dict[str, Any]]) -> dict[str, dict[s
         weights, constant = fit_weights(*training_rows(others))
         chance = 1.0 / (1.0 + np.exp(-(terms(record["evidence"]) @ weights + constant)))
         is_limited = record["stated"] < probability(record["evidence"]) - ROUNDING
-        limit = np.where(is_limited, record["stated"], MOST_CONFIDENT)
+        limit = np.where(is_limited, record["stated"], ceiling(record["evidence"]))
         judged[kind] = record | {"stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))}
     return judged
 

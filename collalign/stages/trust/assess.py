@@ -22,7 +22,7 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS = range(len(KINDS))
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT = range(len(KINDS))
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
 PRIOR_VOTES = 1.0
 #: Differences below this, in squared radii, say nothing.
@@ -65,6 +65,7 @@ def gather_trust(
     )
     poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
     costs = _costs(session, samples, rotations, partners, poses)
+    log_costs = np.array([np.log(cost[0].mean()) if cost.size else np.nan for cost in costs])
     excess = [np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0) for cost in costs]
     leads = [
         leads_over(pose, other[: len(rises)], own)
@@ -83,8 +84,8 @@ def gather_trust(
     apart = [np.eye(3)[None]] * len(samples)
     return replace(
         trust,
-        evidence=_evidence(trust, rotations, partners, components, apart),
-        up_to_symmetry=_evidence(trust, rotations, partners, components, trust.symmetries),
+        evidence=_evidence(trust, log_costs, rotations, partners, components, apart),
+        up_to_symmetry=_evidence(trust, log_costs, rotations, partners, components, trust.symmetries),
     )
 
 
@@ -118,6 +119,7 @@ def _symmetries(
 
 def _evidence(
     trust: Trust,
+    log_costs: FloatArray,
     rotations: FloatArray,
     partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
@@ -136,7 +138,9 @@ def _evidence(
         evidence[i, CONTRADICTIONS] = sum((turn_deg(pose, poses) > APART_DEG).all() for pose in heard)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
-        evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean() if len(known) else np.nan
+        if len(known):
+            evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean()
+            evidence[known, MISFIT] = log_costs[known] - np.median(log_costs[known])
     return read_only(evidence)
 
 

@@ -15,7 +15,7 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.products.trust import DOUBT, KINDS, Trust
+from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages import steps
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import ONE_OF_TWO, RIVAL_POWER, gather_trust, partners_of, with_trust
@@ -37,8 +37,8 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 NO_TURNS = np.zeros((0, 3, 3))
 
 
-def samples_of(shapes):
-    options = SamplingOptions(num_points=16, num_dense_points=400)
+def samples_of(shapes, num_dense_points=400):
+    options = SamplingOptions(num_points=16, num_dense_points=num_dense_points)
     return [sample_shape(shape, options, EmbeddingOptions(kind="xyz")) for shape in shapes]
 
 
@@ -89,6 +89,7 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng):
     assert column(trust, "votes")[2] == 1 / (NUM + 1)
     np.testing.assert_allclose(column(trust, "collection votes"), column(trust, "votes").mean())
     assert column(trust, "margin")[2] < 0
+    assert np.argmax(column(trust, "misfit")) == 2
     chance = pose_confidence(trust)
     assert chance[2] < 0.2
     assert chance[2] < np.delete(chance, 2).min()
@@ -166,20 +167,18 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability():
-    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0])
-    for at, kind in enumerate(KINDS):
-        low, high = middle.copy(), middle.copy()
-        step = -0.2 if kind == "contradictions" else 0.2
-        low[at], high[at] = middle[at] - step, middle[at] + step
-        assert probability(low[None]) < probability(high[None])
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0, 0.0])
+    for at, kind in enumerate(KINDS[:-1]):
+        step = (-0.2 if kind == "contradictions" else 0.2) * np.eye(len(KINDS))[at]
+        assert probability((middle - step)[None]) < probability((middle + step)[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0]])) == MOST_CONFIDENT
+    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0, -1.0]])) == MOST_CONFIDENT
 
 
 def trust_of(evidence, excess, leads=None):
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
-    return trust_in([[*evidence, 0.0]], [turns], [np.array(excess)], [over])
+    return trust_in([[*evidence, 0.0, 0.0]], [turns], [np.array(excess)], [over])
 
 
 def trust_in(evidence, rivals, excess, leads):
@@ -191,11 +190,12 @@ def trust_in(evidence, rivals, excess, leads):
 
 def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     def chance(*evidence):
-        return float(probability(np.array([[*evidence, 0.0]]))[0])
+        return float(probability(np.array([[*evidence, 0.0, 0.0]]))[0])
 
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
+    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5]])) == UNCERTAIN  # it misses the others by more
 
 
 def test_rivals_that_fit_as_well_share_the_confidence():
@@ -207,7 +207,7 @@ def test_rivals_that_fit_as_well_share_the_confidence():
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0])
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0])
     plain = trust_in([sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2)
     assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
     alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
@@ -337,10 +337,10 @@ def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(
     np.testing.assert_allclose(points.poses[2], common @ truth[2], atol=1e-6)
     trust = trusted(samples, pairs, flipped)
     assert trust.evidence[:, KINDS.index("contradictions")].tolist() == points.contradicts.tolist()
-    alone = trust.evidence.copy()
-    alone[:, KINDS.index("contradictions")] = 0.0
-    unheard = with_trust(solved(pairs), replace(trust, evidence=alone), Constraints()).confidence
-    doubted = with_trust(solved(pairs), trust, Constraints())
+    heard = trust.evidence.copy()
+    heard[:, KINDS.index("misfit")] = -9.0  # which alone would doubt it
+    unheard = with_trust(solved(pairs), replace(trust, evidence=heard * [1, 1, 1, 1, 0, 1]), Constraints()).confidence
+    doubted = with_trust(solved(pairs), replace(trust, evidence=heard), Constraints())
     assert doubted.confidence[2] < unheard[2] - 0.03
     np.testing.assert_array_equal(np.delete(doubted.confidence, 2), np.delete(unheard, 2))
     assert any(np.allclose(other.rotation, truth[2]) for other in doubted.alternatives[2])
@@ -388,12 +388,12 @@ def test_long_lists_are_cut():
     assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"
 
 
-def brick(sides):
+def brick(sides, num_dense_points=400):
     """Return a box with points on its faces, and their normals, in a pose that no axis favours."""
     directions, faces = sphere_mesh(900)
     extent = 1.0 / np.abs(directions / sides).max(axis=1)
     turn = random_rotation(np.random.default_rng(3))
-    return samples_of([Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)])[0]
+    return samples_of([Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)], num_dense_points)[0]
 
 
 @pytest.mark.parametrize(("sides", "num"), [((1.0, 0.8, 0.6), 3), ((1.0, 1.0, 0.6), 7)])
@@ -407,11 +407,11 @@ def test_the_turns_of_a_box_come_first(sides, num):
     assert (np.minimum(np.abs(angles - 180.0), np.abs(angles - 90.0)) < 8.0).all()
 
 
-def test_cubes_are_named_as_symmetric_and_in_doubt(rng):
-    sample = brick(np.ones(3))
+@pytest.mark.parametrize("num_dense_points", [0, 400])
+def test_cubes_are_named_as_symmetric_and_in_doubt(num_dense_points):
     poses = np.stack([np.eye(3)] * 4)
     pairs = [replace(pair, energies=np.array([0.1, 0.1])) for pair in pairs_at(poses)]
-    trust = trusted([sample] * 4, pairs, poses)
+    trust = trusted([brick(np.ones(3), num_dense_points)] * 4, pairs, poses)
     assert (pose_confidence(trust) <= 0.1).all()
     notes = trust_notes([*"abcd"], trust, pose_confidence(trust), Constraints())
     assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
