@@ -14,8 +14,9 @@ from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 SAME_DEG = 15.0
 #: A pose agrees with another one within this: matches of few samples of shapes that differ are as accurate as that.
 AGREE_DEG = 20.0
-#: Poses farther apart than this are different answers, which no refinement takes into each other.
-APART_DEG = 30.0
+#: Poses farther apart than this are different answers, which no refinement takes into each other; twelfths of a turn
+#: are, whatever their last bits.
+APART_DEG = 29.99
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
