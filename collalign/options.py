@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from collalign.engine.session import Session
-from data_tools.checks import check_choice, check_count, check_flag, check_number, take_tables
+from data_tools.checks import check_count, check_kinds, check_number
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions, PairOptions
@@ -118,20 +118,9 @@ class AlignOptions:
     """How a pair is matched."""
 
     def __post_init__(self) -> None:
-        take_tables(self)
-        for name, choices in (
-            ("group", Group),
-            ("scaling", Scaling),
-            ("pairs", PairStrategy),
-            ("synchronization", Synchronizer),
-            ("gauge", Gauge),
-            ("maps", Maps),
-        ):
-            check_choice(name, getattr(self, name), get_args(choices))
+        check_kinds(self)
         for name in ("certify_budget_s", "certify_pair_s"):
             check_number(name, getattr(self, name), positive=True)
-        for name in ("refine", "deformable", "certify", "strict"):
-            check_flag(name, getattr(self, name))
         check_count("clusters", self.clusters, lower=0)
         check_count("seed", self.seed, lower=0)
         if not isinstance(self.incomplete, str):
@@ -181,10 +170,7 @@ class TwoShapeOptions:
     """How the pair is matched."""
 
     def __post_init__(self) -> None:
-        take_tables(self)
-        check_choice("group", self.group, ("SO", "O"))
-        for name in ("refine", "certify"):
-            check_flag(name, getattr(self, name))
+        check_kinds(self)
         check_count("seed", self.seed, lower=0)
 
     @property

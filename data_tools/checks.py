@@ -6,13 +6,16 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from functools import cache
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from data_tools.errors import InputError, OptionsError
 
 OptionsT = TypeVar("OptionsT")
+
+_hints_of = cache(get_type_hints)
 
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
@@ -115,16 +118,20 @@ def meant(name: object, known: Iterable[str]) -> str:
     return f"; did you mean {similar[0]!r}?" if similar else ""
 
 
-def take_tables(options: Any) -> None:
-    """Let every part of some options that is a class of options itself be given as a table, or refuse it.
+def check_kinds(options: Any) -> None:
+    """Check the options whose annotations say all: one of some words, true or false, options that may be a table.
 
     Raises
     ------
     OptionsError
-        Naming the part.
+        Naming the option.
     """
-    for one in fields(options):
-        kind: Any = one.default_factory
-        if is_dataclass(kind):
-            part = as_options(one.name, getattr(options, one.name), kind)  # type: ignore[arg-type]
-            object.__setattr__(options, one.name, part)
+    kind: Any = type(options)
+    for name, hint in _hints_of(kind).items():
+        value = getattr(options, name)
+        if get_origin(hint) is Literal:
+            check_choice(name, value, get_args(hint))
+        elif hint is bool:
+            check_flag(name, value)
+        elif isinstance(hint, type) and is_dataclass(hint):
+            object.__setattr__(options, name, as_options(name, value, hint))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
-from data_tools.checks import check_choice, check_count, check_flag, check_number
+from data_tools.checks import check_count, check_kinds, check_number
 
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
@@ -29,8 +29,7 @@ class CleaningOptions:
     otherwise attract samples, and vertices out of place turn poses."""
 
     def __post_init__(self) -> None:
-        check_flag("merge_vertices", self.merge_vertices)
-        check_flag("largest_component", self.largest_component)
+        check_kinds(self)
 
 
 #: Files are read as stored: vertex indices are those of the file.
@@ -60,8 +59,7 @@ class SamplingOptions:
     Poses at 4000 are as right as at 40 000 on teeth, skulls and six classes of SHREC07."""
 
     def __post_init__(self) -> None:
-        check_choice("metric", self.metric, get_args(Metric))
-        check_choice("normalisation", self.normalisation, get_args(Normalisation))
+        check_kinds(self)
         check_count("num_points", self.num_points, lower=MIN_POINTS)
         check_count("num_dense_points", self.num_dense_points, lower=0)
         check_count("max_faces", self.max_faces, lower=1000)
@@ -94,7 +92,7 @@ class EmbeddingOptions:
     """Weight of the average geodesic distance."""
 
     def __post_init__(self) -> None:
-        check_choice("kind", self.kind, get_args(EmbeddingKind))
+        check_kinds(self)
         check_count("num_eigenfunctions", self.num_eigenfunctions, lower=1)
         for name in ("hks_weight", "agd_weight"):
             check_number(name, getattr(self, name))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
-from data_tools.checks import check_choice, check_count, check_flag, check_number
+from data_tools.checks import check_count, check_kinds, check_number
 
 Strategy = Literal["search", "relaxation", "portfolio"]
 
@@ -39,7 +39,7 @@ class PairOptions:
     """Keep poses whose energy is at most this many times the best one."""
 
     def __post_init__(self) -> None:
-        check_choice("strategy", self.strategy, get_args(Strategy))
+        check_kinds(self)
         check_count("num_draws", self.num_draws, lower=0)
         check_count("max_candidates", self.max_candidates, lower=1)
         if self.candidate_factor != np.inf:
@@ -66,5 +66,4 @@ class MatchOptions(PairOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_flag("certify", self.certify)
         check_count("seed", self.seed, lower=0)

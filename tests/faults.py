@@ -25,10 +25,6 @@ class FaultLog:
     def kills(self):
         return self.parents + self.workers
 
-    @property
-    def disturbances(self):
-        return self.kills + self.signals
-
 
 def run_with_kills(
     command,

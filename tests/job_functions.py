@@ -18,8 +18,12 @@ def spectrum(payload):
     return np.linalg.eigh(matrix @ matrix.T)[1][:, :3].copy()
 
 
+def positions(record, key):
+    return record["positions"]
+
+
 def look_up(payload, shared):
-    return float(shared[payload]["positions"].sum())
+    return float(shared.made(payload, positions).sum())
 
 
 def nothing(payload, shared=None):

@@ -13,10 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LEAVES = ("arrays", "checks", "errors", "poses", "rotations", "threads")
 ALLOWED = {
     "data_tools": {"data_tools"},
-    "pairwise": {
-        "pairwise",
-        *(f"data_tools.{leaf}" for leaf in ("arrays", "checks", "errors", "poses", "rotations", "threads")),
-    },
+    "pairwise": {"pairwise", *(f"data_tools.{leaf}" for leaf in LEAVES)},
     "collalign": {"collalign", "pairwise", "data_tools"},
 }
 HEAVY = {"trimesh", "cvxpy", "open3d", "matplotlib", "distributed", "clarabel", "scs", "numba"}

@@ -1,4 +1,4 @@
-"""How much of one alignment another alignment of the same shapes keeps: poses, mirror images, neighbours."""
+"""How much of one alignment another alignment of the same shapes keeps: poses and mirror images."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.poses import AGREE_DEG
 from data_tools.rotations import rotation_angle_deg
-
-#: Nearest neighbours that are compared, of at least so many others twice over.
-NUM_NEIGHBOURS = 3
 
 
 def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArray) -> tuple[FloatArray, BoolArray]:
@@ -43,29 +40,3 @@ def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArra
         best = np.lexsort((worst.sum(axis=1), -(worst <= AGREE_DEG).sum(axis=1)))[0]
         changes_deg[members], same[members] = angles[best], ~np.isnan(angles[best])
     return changes_deg, same
-
-
-def kept_neighbours(reference: FloatArray, again: FloatArray) -> FloatArray:
-    """Return the share of each shape's nearest neighbours that are its nearest neighbours again, shape (n,).
-
-    Parameters
-    ----------
-    reference, again : ndarray, shape (n, n)
-        Distances of the same shapes; NaN where there is none.
-
-    Notes
-    -----
-    :data:`NUM_NEIGHBOURS`, of few shapes half of the others: among two others both are always near.
-    """
-    num = max(1, min(NUM_NEIGHBOURS, (len(reference) - 1) // 2))
-    before, after = (_nearest(distances, num) for distances in (reference, again))
-    counts = before.sum(axis=1)
-    return np.where(counts > 0, (before & after).sum(axis=1) / np.maximum(counts, 1), np.nan)
-
-
-def _nearest(distances: FloatArray, num: int) -> BoolArray:
-    """Return which shapes (columns) are among the nearest of each (row)."""
-    away = np.where(np.isnan(distances) | np.eye(len(distances), dtype=bool), np.inf, distances)
-    near = np.zeros(away.shape, dtype=bool)
-    np.put_along_axis(near, np.argsort(away, axis=1, kind="stable")[:, :num], True, axis=1)
-    return near & np.isfinite(away)

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -84,10 +84,6 @@ class Session(Generic[OptionsT]):
         """
         with Store.open(run.store) if run.store else Store.memory() as store:
             yield cls.around(store, options, run, progress)
-
-    def with_options(self, options: OptionsT) -> Session[OptionsT]:
-        """Return the same session with other options."""
-        return replace(self, options=options)
 
     def enter(self, stage: str) -> None:
         """Note in the store what the run does now."""

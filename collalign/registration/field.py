@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,10 +39,6 @@ class SmoothField:
         """Squared norm of the displacement in the kernel's space: how unlikely the prior finds it."""
         kernel = gaussian_kernel(self.centres, self.centres, self.widths, self.amplitudes)
         return float((self.weights * (kernel @ self.weights)).sum())
-
-    def with_weights(self, weights: FloatArray) -> SmoothField:
-        """Return the field of other weights."""
-        return replace(self, weights=weights)
 
     def moved(self, points: FloatArray) -> FloatArray:
         """Return points where the field takes them, shape (q, 3)."""

@@ -256,7 +256,7 @@ class _FieldSolver:
         data, per_point = rows.T @ weighted, len(rows) / TUNED.num_independent
         while stiffness <= _MAX_STIFFNESS:
             system = data + (stiffness * noise) ** 2 * per_point * self._prior
-            field = self.still.with_weights(cho_solve(cho_factor(system, lower=True), asked))
+            field = replace(self.still, weights=cho_solve(cho_factor(system, lower=True), asked))
             if np.linalg.det(field.jacobian(self._checked, self._slopes)).min() >= MIN_VOLUME_CHANGE:
                 return field, stiffness
             stiffness *= _STIFFER

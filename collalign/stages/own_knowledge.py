@@ -77,7 +77,7 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     if samples is None:
         return session
     sampling = replace(session.options.sampling, num_points=len(samples))
-    return session.with_options(replace(session.options, sampling=sampling))
+    return replace(session, options=replace(session.options, sampling=sampling))
 
 
 def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Mapping[str, ArrayLike]) -> Constraints:

@@ -69,7 +69,7 @@ class Run:
 def with_group(run: Run, group: str) -> Run:
     """Return the run with the group that was decided."""
     options = replace(run.session.options, group="O" if group == "O" else "SO")
-    return replace(run, session=run.session.with_options(options))
+    return replace(run, session=replace(run.session, options=options))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -35,14 +35,15 @@ def plain_cell(cell: str) -> str:
 def _cell(value: object) -> object:
     if isinstance(value, float) and value != value:
         return ""
-    if isinstance(value, str) and _FORMULA.match(value) and not _is_number(value):
+    if isinstance(value, str) and _FORMULA.match(value) and not is_number(value):
         return f"'{value}"
     return value
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a cell is a number as tables have it; Python's underscores between digits are not."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text

@@ -13,6 +13,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.csv_cells import is_number
 from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
@@ -134,7 +135,7 @@ def _cells(lines: list[str], delimiter: str | None) -> tuple[list[str] | None, l
 
 def _is_data(row: list[str]) -> bool:
     """Whether a first row with an empty or unreadable first cell holds numbers all the same."""
-    return any(_is_number(cell.replace(",", ".")) for cell in row)
+    return any(is_number(cell.replace(",", ".")) for cell in row)
 
 
 def _plain_numbers(lines: list[str], delimiter: str | None) -> FloatArray | None:
@@ -158,7 +159,7 @@ def _row_by_row(
             why = "decimal commas?" if heading is not None and len(row) == 2 * width else "truncated?"
             raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
         wanted = [row[c] or "nan" for c in columns]
-        if not all(_is_number(word) for word in wanted):
+        if not all(is_number(word) for word in wanted):
             commas = "; decimals are marked by points" if any("," in word for word in wanted) else ""
             raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z{commas}")
         points.append([float(word) for word in wanted])
@@ -205,11 +206,3 @@ def _refuse_split_decimals(rows: list[list[str]], name: str) -> None:
             f"{name}: commas seem to mark both columns and decimals; save it with "
             "semicolons between columns or with decimal points"
         )
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return "_" not in word

@@ -159,8 +159,7 @@ def list_poses(
         raise OptionsError(f"within: expected a number of at least 1, got {within}")
     if not 0.0 < resolution_deg <= 180.0:
         raise OptionsError(f"resolution_deg: expected more than 0 and at most 180, got {resolution_deg}")
-    started = time.monotonic()
-    deadline = deadline_of(started, tol, time_limit_s)
+    deadline = deadline_of(tol, time_limit_s)
     searches = searches_of(problem, known, tol)
     for search in searches:
         search.collect(within, np.deg2rad(resolution_deg))
@@ -168,7 +167,7 @@ def list_poses(
     is_resolved = time.monotonic() < deadline
     best = min(search.energy for search in searches)
     cells = [search.collected(best) for search in searches]
-    proof = finish(searches, started, deadline)
+    proof = finish(searches, deadline)
     if record:
         proof = replace(proof, certificate=make_certificate(problem, searches))
     regions = [

@@ -50,7 +50,6 @@ class Proof:
         No rotation, and no reflection, has a smaller energy; NaN where the group has none.
     num_cells : int
         How many cells were bounded.
-    time_s : float
     certificate : Certificate or None
         Where it was asked for: the leaves of the tree with what closes each, which
         :func:`pairwise.verify_certificate` checks by code of its own.
@@ -62,7 +61,6 @@ class Proof:
     proper_bound: float
     reflected_bound: float
     num_cells: int
-    time_s: float
     certificate: Certificate | None = None
 
     @property
@@ -116,18 +114,15 @@ def prove(
     >>> pairwise.prove(pairwise.Problem.from_user(target, target[::-1])).status.name
     'PROVEN_OPTIMAL'
     """
-    started = time.monotonic()
-    deadline = deadline_of(started, tol, time_limit_s)
+    deadline = deadline_of(tol, time_limit_s)
     rotations = [c.R_target_source for c in candidates]
     searches = searches_of(problem, np.array(rotations) if rotations else None, tol)
-    proof = finish(searches, started, deadline)
-    if record:
-        proof = replace(proof, certificate=make_certificate(problem, searches), time_s=time.monotonic() - started)
-    return proof
+    proof = finish(searches, deadline)
+    return replace(proof, certificate=make_certificate(problem, searches)) if record else proof
 
 
-def deadline_of(started: float, tol: float, time_limit_s: float | None) -> float:
-    """Check the options and return when to stop.
+def deadline_of(tol: float, time_limit_s: float | None) -> float:
+    """Check the options and return when to stop, counted from now.
 
     Raises
     ------
@@ -137,7 +132,7 @@ def deadline_of(started: float, tol: float, time_limit_s: float | None) -> float
     for name, number in (("tol", tol), ("time_limit_s", time_limit_s or 1.0)):
         if not number > 0:
             raise OptionsError(f"{name}: expected a positive number, got {number}")
-    return started + (math.inf if time_limit_s is None else time_limit_s)
+    return time.monotonic() + (math.inf if time_limit_s is None else time_limit_s)
 
 
 def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[RotationSearch]:
@@ -168,14 +163,14 @@ def searches_of(problem: Problem, known: FloatArray | None, tol: float) -> list[
     return sorted(searches, key=lambda search: search.energy)
 
 
-def finish(searches: list[RotationSearch], started: float, deadline: float) -> Proof:
+def finish(searches: list[RotationSearch], deadline: float) -> Proof:
     """Run searches of a problem's chiralities to the end, or to the deadline."""
     for search in searches:
         search.run(deadline, min(other.energy for other in searches))
-    return _proof(searches, time.monotonic() - started)
+    return _proof(searches)
 
 
-def _proof(searches: list[RotationSearch], time_s: float) -> Proof:
+def _proof(searches: list[RotationSearch]) -> Proof:
     best = min(searches, key=lambda search: search.energy)
     bounds = {search.reflected: search.bound for search in searches}
     is_proven = all(search.is_done(best.energy) for search in searches)
@@ -195,7 +190,6 @@ def _proof(searches: list[RotationSearch], time_s: float) -> Proof:
         proper_bound=bounds[False],
         reflected_bound=bounds.get(True, math.nan),
         num_cells=sum(search.num_cells for search in searches),
-        time_s=time_s,
     )
 
 

@@ -9,7 +9,6 @@ quasi-bound loses least.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -74,9 +73,10 @@ def prove_tilted(
     tilted, offset = with_tilt(problem, tilt)
     found, bound, depths = minimise(tilted, known), -np.inf, [np.zeros(0, dtype=np.int64)]
     if gap:
-        started, tol = time.monotonic(), min(1.0, gap / max(float(found.energies[0]), gap))
+        tol = min(1.0, gap / max(float(found.energies[0]), gap))
+        deadline = deadline_of(tol, time_limit_s)
         searches = searches_of(tilted, found.rotations, tol)
-        proof = finish(searches, started, deadline_of(started, tol, time_limit_s))
+        proof = finish(searches, deadline)
         slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
         bound, depths = proof.lower_bound - offset - slack, depths_of(searches)
         found = minimise(tilted, np.concatenate([proof.candidate.R_target_source[None], found.rotations]))

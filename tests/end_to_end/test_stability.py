@@ -74,24 +74,18 @@ def test_a_pose_that_only_the_result_has_is_found(result, tmp_path, monkeypatch)
     assert (np.delete(stays, 2) == 1.0).all()
     assert found.chirality_stays.min() == 1.0
     assert f"{view.names[2]} (0 %)" in stability_summary(found)[1]
-    nearly = replace(found, neighbours=np.full_like(found.neighbours, 0.996))
-    assert "nearest neighbours in 99 %" in stability_summary(nearly)[3]
     page = write_stability_page(found, b"", tmp_path / "page.html").read_text()
     first = page.split("<tr>")[2]
     assert first.startswith(f"<td>{view.names[2]}</td>")  # the least stable shape comes first
     assert "<td>0 %</td>" in first
     assert stability_summary(found)[0].startswith("4 of 5 poses")
-    doubted, broken = sure.copy(), view.landmarks.copy()
-    doubted[2], broken[2] = 0.3, broken[2, ::-1]
-    endings = []
-    for samples in (view.landmarks, broken):
-        write_result(replace(view, transforms=transforms, confidence=doubted, landmarks=samples), tmp_path)
-        found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
-        lines = stability_summary(found)
-        assert lines[0].startswith("4 of 4 poses")
-        assert f"Left out of the statistics: {view.names[2]} (in doubt, confidence 0.30)." in lines
-        endings.append(np.delete(found.neighbours, 2, axis=1))
-    np.testing.assert_array_equal(*endings, "whom a doubtful shape is near changes nobody's neighbours")
+    doubted = sure.copy()
+    doubted[2] = 0.3
+    write_result(replace(view, transforms=transforms, confidence=doubted), tmp_path)
+    found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
+    lines = stability_summary(found)
+    assert lines[0].startswith("4 of 4 poses")
+    assert f"Left out of the statistics: {view.names[2]} (in doubt, confidence 0.30)." in lines
 
 
 def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path):

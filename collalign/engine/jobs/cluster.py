@@ -17,13 +17,16 @@ from typing import Any, TypeVar
 from data_tools.errors import CollalignError, OptionsError, RunLost
 
 try:
-    from distributed import Client
+    from distributed import Client, Future, KilledWorker, WorkerPlugin
     from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.comm.registry import backends
 except ImportError as error:
     raise OptionsError(
         f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
     ) from None
+
+#: The one place that imports Dask hands on what a run needs of it.
+__all__ = ["Cluster", "Future", "KilledWorker", "WorkerPlugin"]
 
 Answer = TypeVar("Answer")
 

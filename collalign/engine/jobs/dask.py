@@ -18,17 +18,10 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
-from collalign.engine.jobs.cluster import Cluster
+from collalign.engine.jobs.cluster import Cluster, Future, KilledWorker, WorkerPlugin
 from collalign.engine.jobs.shared_table import SharedTable
-from collalign.engine.jobs.worker import Call, Outcome, Task, run_guarded
-from data_tools.errors import CollalignError, OptionsError, RunLost
-
-try:
-    from distributed import Future, KilledWorker, WorkerPlugin
-except ImportError as error:
-    raise OptionsError(
-        f"--scheduler needs Dask, which cannot be imported ({error}); install it with: pip install 'collalign[dask]'"
-    ) from None
+from collalign.engine.jobs.worker import Call, Outcome, Task, crash, run_guarded
+from data_tools.errors import CollalignError, RunLost
 
 #: Batches submitted ahead for each core of the cluster.
 _AHEAD_PER_CORE = 2
@@ -155,10 +148,7 @@ class _DaskRun:
             if self._suspects:
                 self._suspects.clear()
                 reason = "ended every cluster worker that it ran on (crash, time or memory limit)"
-                nan = float("nan")
-                outcomes = [
-                    Outcome(key=task.key, value=None, failure=reason, seconds=nan, crashed=True, token=task.token)
-                ]
+                outcomes = [crash(task, reason)]
             yield from outcomes
 
     def _submit(self, batch: Batch) -> Future:

@@ -24,7 +24,7 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 
-from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, end_with_parent, run_guarded
+from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, crash, end_with_parent, run_guarded
 from data_tools.errors import CollalignError
 
 #: Deaths of its worker after which a task is given up; somebody else may have ended it: a person, a system short of
@@ -138,7 +138,7 @@ class _LocalRun:
                 else:
                     deaths += 1
                 if deaths >= _MAX_DEATHS or stalls >= _MAX_STALLS:
-                    return _crash(task, f"{cause}, {deaths} times in a row")
+                    return crash(task, f"{cause}, {deaths} times in a row")
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
@@ -246,10 +246,6 @@ def _closing(outcomes: Generator[Outcome]) -> Iterator[Generator[Outcome]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             outcomes.close()
-
-
-def _crash(task: Task, reason: str) -> Outcome:
-    return Outcome(key=task.key, value=None, failure=reason, seconds=float("nan"), crashed=True, token=task.token)
 
 
 def _cause(error: BaseException) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from io import FileIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,8 +26,8 @@ _MAX_KEPT_BYTES = 2**27
 _FOOTER = struct.Struct("<QQ")
 
 
-class SharedTable(Mapping[str, Record]):
-    """A read-only mapping of keys to records in one file; only records that are looked up are in memory.
+class SharedTable:
+    """Records by key in one file, to be read; only records that are looked up are in memory.
 
     Build it with :meth:`create` in the parent, and use it as a context manager there, so that the file goes away.
     Travelling to a worker process costs a path; the worker opens the file when it first looks something up.
@@ -73,10 +73,6 @@ class SharedTable(Mapping[str, Record]):
             raise
         return table
 
-    def __getitem__(self, key: str) -> Record:
-        """Return a record with read-only arrays; the ones used last are kept decoded."""
-        return self.made(key, _itself)
-
     def made(self, key: str, reader: Reader[Made], *, growth: float = 1.0) -> Made:
         """Return what is made of a record; what was made of the ones used last is kept.
 
@@ -102,14 +98,6 @@ class SharedTable(Mapping[str, Record]):
                 self._kept_bytes -= dropped
         found: Made = self._cache[key, reader][0]
         return found
-
-    def __iter__(self) -> Iterator[str]:
-        self._open()
-        return iter(self._index)
-
-    def __len__(self) -> int:
-        self._open()
-        return len(self._index)
 
     def close(self) -> None:
         """Close the file, and remove it where this is the table that :meth:`create` returned."""
@@ -138,10 +126,6 @@ class SharedTable(Mapping[str, Record]):
                 raise StoreError(f"{self.path}: not a table")
             self._index = index
         return self._file
-
-
-def _itself(record: Record, key: str) -> Record:
-    return record
 
 
 def _part(file: FileIO, start: int, size: int) -> bytes:

@@ -163,6 +163,11 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
         return run_in_process(call, task)
 
 
+def crash(task: Task, reason: str) -> Outcome:
+    """Return the outcome of a task that has ended its workers."""
+    return Outcome(key=task.key, value=None, failure=reason, seconds=float("nan"), crashed=True, token=task.token)
+
+
 def describe(error: BaseException) -> str:
     """Return one line about an error: what it says, and for unexpected ones the type and the place."""
     text = " ".join(str(error).split())[:MAX_TEXT]

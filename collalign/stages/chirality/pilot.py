@@ -94,7 +94,7 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         group, note, undecided = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
         note += f" This was decided on {MOST_SHAPES} of {num} shapes."
         return group, note, tuple(chosen[list(undecided)].tolist())
-    both_kinds = session.with_options(replace(session.options, group="O"))
+    both_kinds = replace(session, options=replace(session.options, group="O"))
     compared: dict[tuple[int, int], tuple[float, float]] = {}
 
     def energies_of(nearest: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:

@@ -95,10 +95,6 @@ class EdgeModel:
         """Volume of the group: reflections double it."""
         return group_volume(self.graph.dim) * (1.0 if self.graph.pattern.special_blocks else 2.0)
 
-    def with_noise(self, noise_rad: float) -> EdgeModel:
-        """Return the same model at another noise."""
-        return replace(self, noise_rad=noise_rad)
-
     def log_terms(self, squared: FloatArray) -> FloatArray:
         """Return the log of each candidate's term for squared distances (E, m, ...)."""
         tail = (1,) * (squared.ndim - 2)

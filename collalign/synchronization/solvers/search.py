@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     aligned = aligned_candidates(graph, frames)
     alternatives = propose_turns(model, aligned)
     several = graph.candidates.shape[1] > 1
-    blurred = model.with_noise(PRIORS.label_noise_factors[several] * model.noise_rad)
+    blurred = replace(model, noise_rad=PRIORS.label_noise_factors[several] * model.noise_rad)
     costs = turn_costs(blurred, aligned, alternatives)
     start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_turns / (costs.shape[2] - 1))
     start[:, 0] = PRIORS.own_pose

@@ -152,18 +152,14 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
     if bent is not None:
         first = Shape.from_arrays(bent, source.faces, name="mean")
     found, _ = register(surface, RegistrationSurface.from_shape(first))
-    if bent is not None:
-        found = replace(found, pose=_pose(found.vertices, source.vertices))
+    if bent is not None:  # the pose lays the source onto its copy, wherever it was registered from
+        pose = fitting_similarity(found.vertices, source.vertices, np.ones(len(source.vertices)))
+        found = replace(found, pose=pose)
     return replace(found, missing=missing_vertices(surface, found.vertices)) if target.incomplete else found
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
 REGISTERING = Job(kind="registrations", version="dense-7", run=register_file, reader=Registration)
-
-
-def _pose(vertices: FloatArray, source: FloatArray) -> FloatArray:
-    """Return the similarity that lays a source onto its registered copy best, wherever it was registered from."""
-    return fitting_similarity(vertices, source, np.ones(len(source)))
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:

@@ -17,7 +17,7 @@ from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.products.posed_file import PosedFile
 from collalign.tools.correspond.jobs import MAX_FACES, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape
@@ -110,7 +110,7 @@ def lender_of_triangles(files: Sequence[PosedFile]) -> int:
             continue  # its registration fails as well, and says why
         every = -(-len(shape.vertices) // MAX_FACES)
         clouds[at] = _of_unit_size(moved_by(files[at].transform, shape.vertices[::every]))
-        if _is_closed(shape.faces):
+        if len(shape.faces) and not len(boundary_edges(shape.faces)):  # the others may have something in a hole
             closed.append(len(clouds) - 1)
     return list(clouds)[medoid(list(clouds.values()), closed)] if clouds else 0
 
@@ -120,11 +120,6 @@ def _of_unit_size(cloud: FloatArray) -> FloatArray:
     centred = cloud - cloud.mean(axis=0)
     radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
     return np.asarray(centred / radius if radius > 0 else centred)
-
-
-def _is_closed(faces: IntArray) -> bool:
-    """Whether a mesh has no rim: one that lends its triangles should not have a hole where others have something."""
-    return bool(len(faces)) and not len(boundary_edges(faces))
 
 
 def medoid(clouds: Sequence[FloatArray], candidates: Sequence[int] = ()) -> int:

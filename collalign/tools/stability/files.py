@@ -27,7 +27,6 @@ _TITLES = {
     "repetitions": "repetitions",
     "pose_stays": "pose stays",
     "chirality_stays": "mirror image stays",
-    "neighbours_stay": "neighbours stay",
     "largest_deg": "largest change, deg",
     "left_out": "does not count",
 }
@@ -69,8 +68,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
         "the others' in every repetition.",
         f"{len(names)} shapes aligned again {len(stability.repetitions)} times: {'; '.join(stability.repetitions)}.",
         f"Poses stay in {_percent(poses[chosen])} of the repetitions, mirror images in "
-        f"{_percent(stability.chirality_stays[chosen])}, nearest neighbours in "
-        f"{_percent(stability.neighbours_stay[chosen])}.",
+        f"{_percent(stability.chirality_stays[chosen])}.",
     ]
     if moved:
         sure = sum(not doubted[i] for i in moved)
@@ -118,7 +116,7 @@ def _cell(column: str, value: object) -> str:
 def least_stable(stability: Stability) -> IntArray:
     """Return the shapes whose pose was compared, those that stay least first."""
     poses = stability.pose_stays
-    order = np.lexsort((np.arange(len(poses)), stability.neighbours_stay, poses))
+    order = np.argsort(poses, kind="stable")
     return np.asarray(order[~np.isnan(poses[order])])
 
 
@@ -160,7 +158,6 @@ def _rows(stability: Stability) -> list[tuple[object, ...]]:
         counts,
         stability.pose_stays.tolist(),
         stability.chirality_stays.tolist(),
-        stability.neighbours_stay.tolist(),
         np.where(changes < 0, np.nan, changes).tolist(),
         [reasons.get(name, "") for name in stability.names],
     )

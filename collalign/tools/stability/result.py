@@ -27,12 +27,10 @@ class Stability:
         By how much its pose relative to the others differs; NaN where it is mirrored differently, absent or alone.
     same_chirality : ndarray of bool, shape (V, N)
         True where absent.
-    neighbours : ndarray, shape (V, N)
-        Share of its nearest neighbours that it keeps; NaN where absent.
     stay_deg : float
         A pose that changes by at most this stays.
     who : Members
-        Whose shapes count in the shares of all together, and as neighbours.
+        Whose shapes count in the shares of all together.
     """
 
     names: tuple[str, ...]
@@ -41,7 +39,6 @@ class Stability:
     present: BoolArray
     changes_deg: FloatArray
     same_chirality: BoolArray
-    neighbours: FloatArray
     stay_deg: float
     who: Members
 
@@ -60,13 +57,8 @@ class Stability:
         """Share of the repetitions in which each shape is mirrored as in the result, shape (N,)."""
         return _shares(self.same_chirality, self.known)
 
-    @property
-    def neighbours_stay(self) -> FloatArray:
-        """Mean share of its nearest neighbours that each shape keeps, shape (N,)."""
-        return _shares(np.nan_to_num(self.neighbours), ~np.isnan(self.neighbours))
 
-
-def _shares(values: FloatArray | BoolArray, known: BoolArray) -> FloatArray:
+def _shares(values: BoolArray, known: BoolArray) -> FloatArray:
     """Return the mean of the known entries of each column, NaN where there is none."""
     counts = known.sum(axis=0)
     return np.where(counts > 0, (values * known).sum(axis=0) / np.maximum(counts, 1), np.nan)

@@ -12,8 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.analysis.pose_changes import kept_neighbours, pose_changes
-from collalign.analysis.procrustes import procrustes_distances
+from collalign.analysis.pose_changes import pose_changes
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions
@@ -21,8 +20,8 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.stability.result import Stability
-from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.checks import as_options, check_count, check_flag
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.checks import as_options, check_count, check_kinds
 from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.options import MIN_POINTS
@@ -56,11 +55,11 @@ class StabilityOptions:
     """Let shapes whose pose is in doubt, and incomplete ones, count in the shares of all together."""
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         for num in self.num_points:
             check_count("num_points", num, lower=MIN_POINTS)
         for name in ("num_seeds", "num_subsets"):
             check_count(name, getattr(self, name), lower=0)
-        check_flag("include_doubtful", self.include_doubtful)
 
 
 #: One repetition: in words, with which options, of which shapes.
@@ -98,10 +97,9 @@ def check_stability(
     -----
     The sensitivity analysis that Vitek, Manz, Gao, Bloch, Strait and Boyer (Semi-supervised determination of
     pseudocryptic morphotypes using observer-free characterizations of anatomical alignment and shape, Ecology and
-    Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Neighbours are those by Procrustes
-    distances of the samples. Poses set by hand are not kept in the repetitions: what speaks for them is asked as
-    well. Shapes in doubt and incomplete ones are repeated like all others and have their own rows; they are nobody's
-    neighbours and do not count in the shares of all together.
+    Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Poses set by hand are not
+    kept in the repetitions: what speaks for them is asked as well. Shapes in doubt and incomplete ones are repeated
+    like all others and have their own rows; they do not count in the shares of all together.
 
     Examples
     --------
@@ -124,16 +122,14 @@ def check_stability(
         raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
     doubtful = wanted.include_doubtful
     who = statistics_members(collection, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
-    before = procrustes_distances(collection.aligned_landmarks)
-    before[:, np.setdiff1d(np.arange(len(collection)), who.chosen)] = np.nan
     rows = []
     with Session.open(asked, as_options("run", run, RunOptions), progress_display(progress)) as session:
         for number, (words, again_asked, members) in enumerate(plan, 1):
             shown = _titled(session.progress, f"{words} ({number} of {len(plan)})")
             repeated = replace(session, options=again_asked, progress=shown)
             again = align_listing(repeated, listing.some(members), fixed={})
-            rows.append(_compared(collection, before, again))
-    present, changes, same, neighbours = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
+            rows.append(_compared(collection, again))
+    present, changes, same = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
     return Stability(
         names=collection.names,
         confidence=collection.confidence,
@@ -141,15 +137,12 @@ def check_stability(
         present=present,
         changes_deg=changes,
         same_chirality=same,
-        neighbours=neighbours,
         stay_deg=AGREE_DEG,
         who=who,
     )
 
 
-def repetitions(
-    asked: AlignOptions, num_shapes: int, options: StabilityOptions | None = None
-) -> Iterator[Repetition]:
+def repetitions(asked: AlignOptions, num_shapes: int, wanted: StabilityOptions) -> Iterator[Repetition]:
     """Yield what is repeated, those first that have the most in common with the result.
 
     Parameters
@@ -157,14 +150,13 @@ def repetitions(
     asked : AlignOptions
         Of the result.
     num_shapes : int
-    options : StabilityOptions, optional
+    wanted : StabilityOptions
 
     Yields
     ------
     Repetition
     """
-    wanted, every = options or StabilityOptions(), np.arange(num_shapes)
-    size = max(2, round(SUBSET_SHARE * num_shapes))
+    every, size = np.arange(num_shapes), max(2, round(SUBSET_SHARE * num_shapes))
     rng = np.random.default_rng(asked.seed)
     for number in range(1, wanted.num_subsets + 1 if size < num_shapes else 1):
         members = np.sort(rng.permutation(num_shapes)[:size])
@@ -176,20 +168,16 @@ def repetitions(
         yield f"{num} points", replace(asked, sampling=sampling), every
 
 
-def _compared(collection: Collection, before: FloatArray, again: Collection) -> tuple[Any, Any, Any, Any]:
-    """Return a repetition's row of ``present``, ``changes_deg``, ``same_chirality`` and ``neighbours``."""
+def _compared(collection: Collection, again: Collection) -> tuple[BoolArray, FloatArray, BoolArray]:
+    """Return a repetition's row of ``present``, ``changes_deg`` and ``same_chirality``."""
     members = np.array([collection.names.index(name) for name in again.names])
     num = len(collection)
-    present, same = np.zeros(num, dtype=bool), np.ones(num, dtype=bool)
-    changes, neighbours = np.full(num, np.nan), np.full(num, np.nan)
+    present, changes, same = np.zeros(num, dtype=bool), np.full(num, np.nan), np.ones(num, dtype=bool)
     present[members] = True
     changes[members], same[members] = pose_changes(
         collection.rotations[members], again.rotations, collection.part_numbers[members]
     )
-    now = procrustes_distances(again.aligned_landmarks)
-    known = before[np.ix_(members, members)]
-    neighbours[members] = kept_neighbours(known, np.where(np.isnan(known), np.nan, now))
-    return present, changes, same, neighbours
+    return present, changes, same
 
 
 def _titled(progress: ProgressFactory | None, title: str) -> ProgressFactory | None:

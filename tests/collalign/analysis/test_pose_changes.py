@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.analysis.pose_changes import kept_neighbours, pose_changes
+from collalign.analysis.pose_changes import pose_changes
 from data_tools.rotations import random_rotation
 
 NUM = 7
@@ -46,13 +46,3 @@ def test_groups_may_turn_against_each_other_and_a_single_shape_is_not_compared(p
     assert np.isnan(changes[6])
     assert same.all()
     assert (pose_changes(poses, again, ONE_GROUP)[0] > 1.0).sum() == 3
-
-
-def test_neighbours_are_kept_under_any_growing_change_and_lost_by_a_shuffle(rng):
-    points = rng.random((12, 2))
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    np.testing.assert_array_equal(kept_neighbours(distances, 3.0 * distances**2), 1.0)
-    order = rng.permutation(12)
-    assert kept_neighbours(distances, distances[np.ix_(order, order)]).mean() < 0.6
-    distances[0] = distances[:, 0] = np.nan
-    assert np.isnan(kept_neighbours(distances, distances)[0])

@@ -62,7 +62,7 @@ def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy()
     def judged(proper, reflected):
         for search, bound in zip(searches, (proper, reflected), strict=True):
             search._open.bounds[:] = bound * best
-        return _proof(searches, 0.0)
+        return _proof(searches)
 
     is_reflected = searches[1].energy == best
     own, other = (1, 0) if is_reflected else (0, 1)
