@@ -20,7 +20,7 @@ from collalign.stages import steps
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import ONE_OF_TWO, RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.outvoted import preferred_poses
-from collalign.stages.trust.own_turns import near_symmetries, turns_in_words
+from collalign.stages.trust.own_turns import TWELFTHS, near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.witnesses import FAMILIES, hear_witnesses, witness_notes
 from collalign.stages.trust.words import listed, trust_notes
@@ -29,6 +29,7 @@ from data_tools.datasets.synthetic import bumped, planted_collection, write_coll
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
@@ -405,6 +406,11 @@ def test_the_turns_of_a_box_come_first(sides, num):
     assert ((axes == 0.0) | (axes == 1.0)).mean() > 0.9
     angles = rotation_angle_deg(found[:num])
     assert (np.minimum(np.abs(angles - 180.0), np.abs(angles - 90.0)) < 8.0).all()
+
+
+def test_twelfths_of_a_turn_are_apart_whatever_their_last_bits():
+    turns = Rotation.from_rotvec(np.outer(TWELFTHS, [0, 0, 1]), degrees=True).as_matrix()
+    assert (rotation_angle_deg(turns) > APART_DEG).all()
 
 
 @pytest.mark.parametrize("num_dense_points", [0, 400])
