@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.confidence.map_model import Evidence
+from collalign.confidence.map_model import NEAR, Evidence
 from collalign.nonrigid.eigen_starts import candidate_mask, sign_starts, wave_gaps
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
@@ -140,6 +140,20 @@ def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: Non
     maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=_chirality(coarse, options))
     found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
     return with_pose_evidence(mapper, judged(target, source, found, coarse.origin), options)
+
+
+def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> Refined:
+    """Return a candidate refined in all functions alike, which near-isometric surfaces allow, if no sample goes far.
+
+    Embeddings and space count what is coarse; ZoomOut counts what is fine as much, and turns limbs of other surfaces.
+    """
+    found = chosen.functional_map
+    zoomout = Refiner(target, source, first=30, last=len(target.eigenvalues) + 1, factor=1.2).zoomout
+    maps = zoomout.refine(found.map_target_source, found.map_source_target)
+    sharp = HarmonicRefiner(target, source).refine(maps.map_target_source, maps.map_source_target, SETTLING)
+    places = target.vertices[target.dense] / target.area**0.5
+    gone = np.linalg.norm(places[sharp.map_target_source] - places[found.map_target_source], axis=1)
+    return chosen if (gone > NEAR).any() else replace(chosen, functional_map=sharp)
 
 
 def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Refined:
