@@ -9,7 +9,7 @@ from collalign.nonrigid.functional_map import FunctionalMap, fitted_map
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import judged, laid, smooth_candidates
+from collalign.nonrigid.portfolio import judged, laid, sharpened, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.surface.posed import sampled_surface
@@ -69,6 +69,10 @@ def test_torn_maps_are_mended_and_all_vertices_follow(bodies):
         assert np.linalg.norm(rest[images] - rest, axis=1).mean() < 0.04 * unit
     before, after = (judge(*bodies, one).stretch for one in (as_map(bodies, broken), found))
     assert after < 2.0 < before
+    right, wrong = (judged(*bodies, one, "signs") for one in (found, as_map(bodies, broken)))
+    sharp, left = (sharpened(*bodies, one).functional_map for one in (right, wrong))
+    assert off(bodies, sharp.map_target_source) < 0.025
+    assert left is wrong.functional_map is not sharp
 
 
 def test_both_directions_are_treated_alike(bodies):
@@ -81,8 +85,7 @@ def test_both_directions_are_treated_alike(bodies):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_laying_surfaces_onto_each_other_mends_maps_both_ways_alike(bodies, sign):
-    faces = bodies[1].faces[:, :: int(sign)]
-    other = replace(bodies[1], vertices=bodies[1].vertices * [sign, 1.0, 1.0], faces=faces)
+    other = replace(bodies[1], vertices=bodies[1].vertices * [sign, 1.0, 1.0], faces=bodies[1].faces[:, :: int(sign)])
     forward, backward = torn(true_maps(bodies), np.random.default_rng(2))
     there, wrong = (ShellRefiner(bodies[0], other).refine(forward, backward, chirality=s) for s in (sign, -sign))
     back = ShellRefiner(other, bodies[0]).refine(backward, forward, chirality=sign)
