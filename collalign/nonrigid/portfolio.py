@@ -50,11 +50,11 @@ def find_candidates(target: SpectralShape, source: SpectralShape, options: Nonri
     Starts from within and, where there are normals, from poses (shapes of a class may look alike where their insides
     differ) are screened with few samples and functions; the best of each are refined with all.
     """
-    coarse = _likely(screened_from_within(target, source, options))
+    coarse = _likely(screened_from_within(target, source, options), options)
     if not has_normals(target, source):
         return distinct_maps([settled(target, source, one) for one in coarse])
     mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
-    coarse += _others(_likely(screened_from_poses(mapper, options)), coarse)
+    coarse += _others(_likely(screened_from_poses(mapper, options), options), coarse)
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
@@ -206,8 +206,10 @@ def distinct_maps(refined: list[Refined]) -> list[Refined]:
     return kept
 
 
-def _likely(coarse: list[Refined]) -> list[Refined]:
-    """Return the candidates that are not far worse than the best."""
+def _likely(coarse: list[Refined], options: NonrigidOptions) -> list[Refined]:
+    """Return the candidates that are not far worse than the best; all where both orientations are asked for."""
+    if options.orientation == "any":
+        return coarse
     best = min((one.score for one in coarse), default=0.0)
     return [one for one in coarse if one.score < best + TUNED.likely_lead]
 
