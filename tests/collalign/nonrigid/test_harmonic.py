@@ -99,8 +99,7 @@ def test_normals_turn_maps_over_that_exchange_front_and_back(bodies):
     over = np.where(np.arange(3) == np.argmin(np.ptp(rest, axis=0)), -1.0, 1.0)
     gaps = np.linalg.norm(over * rest[bodies[1].dense][:, None] - rest[bodies[0].dense], axis=2)
     wrong = as_map(bodies, (gaps.argmin(axis=1), gaps.argmin(axis=0)))
-    shells = ShellRefiner(*bodies)
-    found = laid(shells, mapper, judged(*bodies, wrong, "poses"), NonrigidOptions()).functional_map
+    found = laid(ShellRefiner(*bodies), mapper, judged(*bodies, wrong, "poses"), NonrigidOptions()).functional_map
     assert off(bodies, found.map_target_source) < 0.04 < off(bodies, wrong.map_target_source)
 
 
