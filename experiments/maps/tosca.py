@@ -11,7 +11,8 @@ from experiments.maps.map_trials import SEED, measure_trials, usual_trials
 NUM_COPIES, NUM_PAPER = 2, 1
 
 _ABOUT = f"""
-All pairs of the six poses of TOSCA's centaur, a body on which nothing was tuned. {PROTOCOL}
+All pairs of the six poses of TOSCA's centaur, a body on some pairs of which
+the last steps of maps were tried. {PROTOCOL}
 """
 
 
