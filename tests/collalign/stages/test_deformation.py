@@ -19,7 +19,7 @@ from collalign.products.deformation import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes
 from collalign.stages.deformation.places import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface
-from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
@@ -84,7 +84,7 @@ def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against
 
 
 def bent_blobs(folder, num):
-    """Write one blob bent in several ways, in random poses, vertices in the orders of :data:`ORDERS`."""
+    """Write one blob bent in several ways, in random poses, the last mirrored, vertices in :data:`ORDERS`."""
     rng = np.random.default_rng(5)
     body = blob(np.random.default_rng(8), num_vertices=len(ORDERS[0]))
     shapes = []
@@ -92,6 +92,7 @@ def bent_blobs(folder, num):
         shape = bent(body, rng, angle=0.5)
         vertices = shape.vertices[ORDERS[n]] @ random_rotation(rng).T
         posed = Shape.from_arrays(vertices, np.argsort(ORDERS[n])[shape.faces], name=f"f{n}")
+        posed = mirrored(posed) if n == num - 1 else posed
         write_mesh(folder / f"f{n}.ply", posed)
         shapes.append(posed)
     return shapes
@@ -103,7 +104,8 @@ def deformed(tmp_path_factory):
     folder = root / "shapes"
     folder.mkdir()
     shapes = bent_blobs(folder, 4)
-    aligned = align_collection(folder, options=AlignOptions(deformable=True), run=RunOptions(jobs=1), progress=False)
+    options = AlignOptions(deformable=True, group="O")
+    aligned = align_collection(folder, options=options, run=RunOptions(jobs=1), progress=False)
     aligned.save(root / "out", report=False)
     return shapes, aligned, root / "out"
 
