@@ -7,13 +7,11 @@ import pytest
 
 from collalign import load
 from collalign.align import align_collection
-from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.collection.bases import common_bases, map_residuals
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
-from collalign.options import AlignOptions
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.deformation import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes
@@ -104,8 +102,7 @@ def deformed(tmp_path_factory):
     folder = root / "shapes"
     folder.mkdir()
     shapes = bent_blobs(folder, 4)
-    options = AlignOptions(deformable=True, group="O")
-    aligned = align_collection(folder, options=options, run=RunOptions(jobs=1), progress=False)
+    aligned = align_collection(folder, deformable=True, group="O", jobs=1, progress=False)
     aligned.save(root / "out", report=False)
     return shapes, aligned, root / "out"
 
@@ -205,7 +202,7 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(deformed, tmp_path):
 
 def test_point_clouds_have_no_maps_of_vertices():
     points = np.random.default_rng(6).random((80, 3))
-    aligned = align_collection([points, points[::-1]], options=AlignOptions(deformable=True), progress=False)
+    aligned = align_collection([points, points[::-1]], deformable=True, progress=False)
     assert aligned.made.vertices is None
     assert any("no maps of vertices" in note for note in aligned.notes)
 
