@@ -83,9 +83,7 @@ def match(
                 raise OptionsError("--nonrigid goes with --deformation and --surface, not with options of poses")
             return _match_nonrigid(target, source, out, bending)
     if bending != Bending():
-        raise OptionsError(
-            "--deformation, --surface and --landmarks belong to --nonrigid; `collalign transfer` carries by poses"
-        )
+        raise OptionsError("--deformation, --surface and --landmarks go with --nonrigid (by poses: `transfer`)")
     if partial:
         if options.certify:
             raise OptionsError("--partial works on surfaces: --certify is for samples")
