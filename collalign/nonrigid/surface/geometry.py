@@ -19,10 +19,7 @@ NUM_FORM_FUNCTIONS = 6
 
 
 def outward(shape: Shape) -> Shape:
-    """Return the mesh with its triangles counterclockwise from outside, judged by the sign of its volume.
-
-    Triangles that disagree on a side are turned to agree first.
-    """
+    """Return the mesh with its triangles, made to agree, counterclockwise from outside by the sign of its volume."""
     if orientation_defects(shape) > MAX_DEFECTS:
         import trimesh
 
