@@ -103,7 +103,7 @@ def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
     return min(chance, MOST_CONFIDENT if knows_sides else WITHOUT_SIDES)
 
 
-def point_probability(terms: FloatArray, whole: float) -> FloatArray:
+def point_probability(terms: FloatArray, whole: float, *, knows_sides: bool) -> FloatArray:
     """Return the probability of each point to be within :data:`NEAR` of its true place, shape (s,).
 
     Parameters
@@ -112,6 +112,9 @@ def point_probability(terms: FloatArray, whole: float) -> FloatArray:
         As :func:`collalign.nonrigid.map_trust.point_terms` gives them.
     whole : float
         Probability of the map.
+    knows_sides : bool
+        As for :func:`map_probability`.
     """
+    most = MOST_CONFIDENT if knows_sides else WITHOUT_SIDES
     score = np.column_stack([terms, np.full(len(terms), np.log(whole / (1.0 - whole)))]) @ POINT_WEIGHTS
-    return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score - POINT_CONSTANT)), MOST_CONFIDENT))
+    return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score - POINT_CONSTANT)), most))

@@ -57,10 +57,9 @@ def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refin
     vertex_confidence : ndarray, shape (w,)
         That of the nearest dense sample.
     """
-    whole = map_probability(
-        map_terms(target, source, found, 0), knows_sides=bool(np.isfinite(found[0].evidence.orientation))
-    )
-    at_samples = point_probability(point_terms(target, source, found, 0), whole)
+    knows_sides = bool(np.isfinite(found[0].evidence.orientation))
+    whole = map_probability(map_terms(target, source, found, 0), knows_sides=knows_sides)
+    at_samples = point_probability(point_terms(target, source, found, 0), whole, knows_sides=knows_sides)
     return whole, at_samples[source.nearest_dense]
 
 

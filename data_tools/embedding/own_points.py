@@ -49,9 +49,8 @@ class OwnPoints:
         total, file = len(shape.vertices), shape.file_indices
         invariants, samples = self.invariants, self.samples
         if invariants is not None:
-            least = int(file.max()) + 1
-            if len(invariants) < least or (shape.source_indices is None and len(invariants) > least):
-                raise InputError(f"invariants: {len(invariants)} rows for {least} vertices of the file")
+            if len(invariants) != (num := shape.file_size or total):
+                raise InputError(f"invariants: {len(invariants)} rows for {num} vertices of the file")
             invariants = invariants[file]
         if samples is not None:
             at = np.searchsorted(file, samples)

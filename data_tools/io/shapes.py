@@ -138,7 +138,7 @@ def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -
     vertices = np.asarray(vertices)
     if vertices.size == 0:
         raise InputError(f"{path}: holds no points")
-    kept: IntArray | None = None
+    kept, file_size = None, len(vertices)
     notes: tuple[str, ...] = ()
     try:
         if (
@@ -162,4 +162,4 @@ def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -
             f"{path}: vertex {triangles_of.argmax()}, counted from 0, is a corner of {triangles_of.max()} triangles, "
             f"at most {MAX_TRIANGLES_OF_VERTEX} are worked on (a face of many corners is split at its first)"
         )
-    return shape if kept is None else replace(shape, source_indices=read_only(kept))
+    return shape if kept is None else replace(shape, source_indices=read_only(kept), file_size=file_size)

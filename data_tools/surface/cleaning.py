@@ -103,6 +103,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
         file=shape.file,
         notes=shape.notes + tuple(notes),
         source_indices=read_only(source) if len(source) < len(shape.vertices) else shape.source_indices,
+        file_size=shape.file_size or len(shape.vertices),
     )
 
 

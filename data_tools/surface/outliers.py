@@ -60,6 +60,7 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
         file=shape.file,
         notes=(*shape.notes, note),
         source_indices=read_only(shape.file_indices[kept]),
+        file_size=shape.file_size or len(shape.vertices),
     )
     return clean(rest, options)
 

@@ -31,6 +31,8 @@ class Shape:
         What cleaning changed, one sentence each.
     source_indices : ndarray of int, shape (v,), or None
         Where cleaning removed vertices: each vertex's index in the file. Read-only. None: the same as here.
+    file_size : int or None
+        Where cleaning removed vertices: how many the file has. None: as many as here.
     parts : tuple of (str, int)
         Of a specimen of several parts that move as one: the name of each and how many of the vertices are its own,
         one part after the other. Empty for all others.
@@ -42,6 +44,7 @@ class Shape:
     file: Path | None = None
     notes: tuple[str, ...] = field(default=())
     source_indices: IntArray | None = None
+    file_size: int | None = None
     parts: tuple[tuple[str, int], ...] = ()
 
     @classmethod

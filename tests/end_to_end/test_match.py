@@ -86,19 +86,9 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     for name in ("a", "stranger"):
         rows = (f"tip{v},{','.join(map(str, shape.vertices[v]))}\n" for v in marked)
         (tmp_path / f"{name}.csv").write_text("label,x,y,z\n" + "".join(rows))
-    target, source = (
-        write_mesh(tmp_path / "a.ply", shape),
-        write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3)),
-    )
-    flags = [
-        "--nonrigid",
-        "--surface.num-functions",
-        "40",
-        "--surface.num-dense",
-        "200",
-        "--out",
-        str(tmp_path / "o"),
-    ]
+    target = write_mesh(tmp_path / "a.ply", shape)
+    source = write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3))
+    flags = f"--nonrigid --surface.num-functions 40 --surface.num-dense 200 --out {tmp_path / 'o'}".split()
     assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "stranger.csv")]) == 2
     assert not (tmp_path / "o").exists() or not any((tmp_path / "o").glob("map*"))
     assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "a.csv")]) == 0
@@ -123,6 +113,10 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     assert np.median(distance) < 0.15 * np.linalg.norm(np.ptp(shape.vertices, axis=0))
     assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
     assert "confidence" in capsys.readouterr().out
+    np.savetxt(tmp_path / "c.xyz", shape.vertices)
+    assert main(["match", str(target), str(tmp_path / "c.xyz"), *flags]) == 0
+    assert not (tmp_path / "o" / "map_landmarks.csv").exists(), "of another map"
+    assert b"property float confidence" in (tmp_path / "o" / "map_source.ply").read_bytes()
 
 
 def test_bad_files_exit_with_2(tmp_path, capsys):
@@ -150,8 +144,9 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     found = match_in_part(*files, options=TwoShapeOptions(group="O"))
     assert found.transforms.shape == (len(found.poses), 4, 4)
     assert repr(found).count(" %") == 3
-    assert main(["match", *files, "--landmarks", "a.csv"]) == 2
-    assert "--nonrigid" in capsys.readouterr().err
+    for wrong in ("--landmarks a.csv", "--surface.num-dense 900", "--nonrigid --partial", "--nonrigid --group O"):
+        assert main(["match", *files, *wrong.split(), "--out", str(tmp_path / "o")]) == 2
+        assert "--nonrigid" in capsys.readouterr().err
     assert main(["match", *files, "--partial", "--certify"]) == 2
     assert "--partial works on surfaces" in capsys.readouterr().err
 
@@ -163,3 +158,5 @@ def test_outputs_over_the_landmarks_of_a_shape_are_refused(files, tmp_path, caps
     given = [*map(str, files[:2]), "--nonrigid", "--landmarks", f"a={marks / 'some.csv'}"]
     assert main(["match", *given, "--out", str(marks)]) == 2
     assert "contains" in capsys.readouterr().err
+    assert main(["match", given[0], given[0], *given[2:], "--out", str(tmp_path / "o")]) == 2
+    assert "rename" in capsys.readouterr().err

@@ -26,8 +26,11 @@ NAMES = tuple(f"body{i}" for i in range(NUM_SHAPES))
 
 @pytest.fixture(scope="module")
 def planted():
+    """Bodies, the last vertex of whose files belongs to no triangle."""
     rng = np.random.default_rng(12)
-    return planted_collection([replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng)
+    made = planted_collection([replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng)
+    loose = tuple(replace(shape, vertices=np.vstack([shape.vertices, np.zeros(3)])) for shape in made.shapes)
+    return replace(made, shapes=loose, origins=tuple(np.append(one, len(one)) for one in made.origins))
 
 
 @pytest.fixture(scope="module")

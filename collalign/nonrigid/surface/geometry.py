@@ -9,7 +9,9 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from data_tools.arrays import FloatArray, read_only
+from data_tools.embedding.surface_points import MAX_DEFECTS
 from data_tools.surface.laplacian import SurfaceOperators
+from data_tools.surface.normals import orientation_defects
 from data_tools.surface.shape import Shape
 
 #: Lowest functions of the target whose orientation is compared; the source needs more to represent them.
@@ -17,7 +19,13 @@ NUM_FORM_FUNCTIONS = 6
 
 
 def outward(shape: Shape) -> Shape:
-    """Return the mesh with its triangles counterclockwise from outside, judged by the sign of its volume."""
+    """Return the mesh with its triangles, made to agree, counterclockwise from outside by the sign of its volume."""
+    if orientation_defects(shape) > MAX_DEFECTS:
+        import trimesh
+
+        mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+        trimesh.repair.fix_winding(mesh)
+        shape = replace(shape, faces=read_only(np.array(mesh.faces, dtype=np.int64)))
     if signed_volume(shape) >= 0:
         return shape
     return replace(shape, faces=read_only(np.ascontiguousarray(shape.faces[:, ::-1])))

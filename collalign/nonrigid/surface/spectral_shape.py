@@ -17,10 +17,10 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
+from data_tools.surface.cleaning import clean
 from data_tools.surface.closest import SurfacePoints, closest_on_triangles
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas, mesh_edges, vertex_components
 from data_tools.threads import one_blas_thread
 
 #: Energies of the wave kernel signature.
@@ -46,8 +46,7 @@ class SpectralShape:
     vertices, faces : ndarray, shapes (w, 3) and (f, 3)
         The working surface, in the units of the file: the largest component, decimated if it was large.
     to_working : ndarray of int, shape (v,)
-        For each vertex of the file the vertex of the working surface that stands for it, -1 for none; vertices
-        without a triangle that end the file are left out.
+        For each vertex of the file the vertex of the working surface that stands for it, -1 for none.
     to_original : ndarray of int, shape (w,)
         For each vertex of the working surface its vertex of the file.
     in_file, points : ndarray, shapes (p,) and (p, 3)
@@ -122,7 +121,7 @@ def prepare_surface(
     ----------
     shape : Shape
         A mesh or point cloud as stored: several components, isolated vertices, holes and non-manifold edges are
-        allowed; the largest component is used.
+        allowed, and vertices may be repeated; the largest component is used.
     options : SurfaceOptions, optional
     spectrum_of : callable, optional
         Eigenfunctions of another operator: takes the surface, its dense samples and how many functions.
@@ -133,7 +132,7 @@ def prepare_surface(
         If the largest component has too few vertices for the functions or samples asked for.
     """
     options = options or SurfaceOptions()
-    part, kept, notes = _largest_part(shape)
+    part, kept, notes = _matched_part(shape)
     surface = WorkingSurface(part, SamplingOptions(max_faces=options.max_faces))
     working = outward(surface.shape) if surface.shape.is_mesh else surface.shape
     num = len(working.vertices)
@@ -146,8 +145,8 @@ def prepare_surface(
     eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     in_file = shape.file_indices
-    places = _places(part.vertices, working.vertices)
-    to_working = np.full(int(in_file.max()) + 1, -1, dtype=np.int64)
+    places = _places(shape.vertices[kept], working.vertices)
+    to_working = np.full(shape.file_size or len(shape.vertices), -1)
     to_working[in_file[kept]] = places.nearest
     curvature, orientation = _outside(surface, working, eigen, dense)
     return SpectralShape(
@@ -155,9 +154,9 @@ def prepare_surface(
         vertices=working.vertices,
         faces=working.faces,
         to_working=read_only(to_working),
-        to_original=read_only(in_file[kept[surface.to_original]]),
+        to_original=read_only(part.file_indices[surface.to_original]),
         in_file=read_only(in_file[kept]),
-        points=part.vertices,
+        points=shape.vertices[kept],
         places=places,
         area=surface.area,
         eigenvalues=eigen.values,
@@ -173,27 +172,13 @@ def prepare_surface(
     )
 
 
-def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
-    """Return the component of the largest area without loose vertices, its vertices in the file, and notes."""
-    if not shape.is_mesh:
-        return shape, np.arange(len(shape.vertices)), []
-    faces = shape.faces[face_areas(shape.vertices, shape.faces) > 0]
-    if not len(faces):
-        raise InputError(f"{shape.file or shape.name}: all its triangles are degenerate")
-    num_vertices = len(shape.vertices)
-    _, labels = vertex_components(num_vertices, mesh_edges(faces))
-    areas = np.bincount(labels[faces[:, 0]], weights=face_areas(shape.vertices, faces))
-    chosen = int(areas.argmax())
-    faces = faces[labels[faces[:, 0]] == chosen]
-    kept = np.unique(faces)
-    notes = []
-    if len(kept) < num_vertices:
-        notes.append(
-            f"matched {len(kept)} of {num_vertices} vertices, the largest of {int((areas > 0).sum())} components; "
-            "the others have no counterpart"
-        )
-    part = Shape.from_arrays(shape.vertices[kept], np.searchsorted(kept, faces), name=shape.name, file=shape.file)
-    return part, kept, notes
+def _matched_part(shape: Shape) -> tuple[Shape, IntArray, tuple[str, ...]]:
+    """Return the component of the largest area, the shape's vertices that lie at its vertices, and notes."""
+    part = clean(shape)
+    kept = np.flatnonzero(cKDTree(part.vertices).query(shape.vertices)[0] == 0.0)
+    total = shape.file_size or len(shape.vertices)
+    lost = (f"{total - len(kept)} of its {total} vertices have no counterpart",) if len(kept) < total else ()
+    return part, kept, part.notes + lost
 
 
 def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:

@@ -48,7 +48,8 @@ def places_on_reference(
         places, sure, sure_at = of.vertices, 1.0, np.ones(len(of.vertices))
     else:
         goals = _goals(of, *_vertex_maps(reference, shape, bases))
-        fitted = fitted_by_map(of, to, goals)
+        moving = to.transformed(np.diag([1.0, 1.0, -1.0 if mirrored else 1.0, 1.0]))  # none turns inside out
+        fitted = fitted_by_map(of, moving, goals)
         places = SurfaceLocator(fitted, to.faces).closest(of.vertices).on(to.vertices)
         sure, sure_at = trust_of_places(of, places, samples, mirrored=mirrored)
     every = np.column_stack([places, sure_at])

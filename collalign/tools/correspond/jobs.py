@@ -159,7 +159,7 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-7", run=register_file, reader=Registration)
+REGISTERING = Job(kind="registrations", version="dense-8", run=register_file, reader=Registration)
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
@@ -177,5 +177,8 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
 
 
 def stored_shape(file: PosedFile) -> Shape:
-    """Read a file with the vertices that it has, and put it into the common frame."""
-    return file.read(AS_STORED).transformed(file.transform)
+    """Read a file with all its vertices, anywhere those that are of no use, and put it into the common frame."""
+    shape = file.read(AS_STORED)
+    vertices = np.zeros((shape.file_size or len(shape.vertices), 3))
+    vertices[shape.file_indices] = shape.vertices
+    return Shape.from_arrays(vertices, shape.file_indices[shape.faces], name=shape.name).transformed(file.transform)

@@ -22,7 +22,7 @@ from collalign.tools.match.map_files import NONRIGID_FILES, stage_match
 from collalign.tools.match.nonrigid import match_prepared, prepare_file
 from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid
-from data_tools.errors import OptionsError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import refuse_overlap
@@ -68,9 +68,9 @@ def match(
     target, source
         Two mesh or point cloud files; the result takes the source to the target.
     out
-        Folder for the result: match.json and match.png, or the map both ways with its page and coloured surfaces. In
-        match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps go
-        to the folder ``map`` by default.
+        Folder for the result: match.json and match.png, or the map both ways with its picture and coloured surfaces.
+        In match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps
+        go to the folder ``map`` by default, in the place of those that an earlier run wrote there.
     partial
         Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
         --sampling.normalisation none), and the overlap of both is said.
@@ -79,9 +79,11 @@ def match(
     if out is not None:
         refuse_overlap(out, (target, source, *(shape_of(path)[1] for path in bending.landmarks)))
         if bending.nonrigid:
+            if partial or options != TwoShapeOptions():
+                raise OptionsError("--nonrigid goes with --deformation and --surface, not with options of poses")
             return _match_nonrigid(target, source, out, bending)
-    if bending.landmarks:
-        raise OptionsError("--landmarks are carried by --nonrigid; `collalign transfer` carries them by poses")
+    if bending != Bending():
+        raise OptionsError("--deformation, --surface and --landmarks go with --nonrigid (by poses: `transfer`)")
     if partial:
         if options.certify:
             raise OptionsError("--partial works on surfaces: --certify is for samples")
@@ -142,8 +144,10 @@ def _write_rigid(
 
 def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
+    if bending.landmarks and target.stem == source.stem:
+        raise InputError(f"both shapes are called {target.stem}: landmarks do not say which they are of; rename one")
     with (
-        OutputFolder.open(out, writer=WRITER) as output,
+        OutputFolder.open(out, writer=f"{WRITER} --nonrigid") as output,
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
@@ -154,12 +158,11 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
         result = match_prepared(to, of, bending.deformation)
         bar.advance()
         stage_match(output, result, target, source, bending.landmarks)
-        written = output.publish()
+        written = output.publish(complete=True)
         bar.advance()
-    best = result.candidates[0]
-    say(f"{result.source_name} -> {result.target_name}: confidence {percent(result.confidence)}, {best.orientation}")
+    say(result.summary)
     for note in result.notes:
         say(f"Note: {note}")
-    tell(confidence=result.confidence, orientation=best.orientation, notes=result.notes)
+    tell(confidence=result.confidence, orientation=result.orientation, notes=result.notes)
     say_files(written)
     return 0

@@ -46,7 +46,7 @@ def stage_match(
     found.stage(output)
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
-    figure = match_figure(left, right, point_map, confidence)
+    figure = match_figure(left, right, point_map, confidence, title=found.summary)
     figure.savefig(output.stage("map.png"), format="png", metadata={"Software": None})
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
@@ -96,8 +96,6 @@ def _write_coloured(path: Path, shape: Shape, colours: FloatArray, confidence: F
     import trimesh
 
     rgb = np.round(255 * colours).astype(np.uint8)
-    if not shape.is_mesh:
-        return write_atomic(path, trimesh.PointCloud(shape.vertices, colors=rgb).export(file_type="ply"))
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, vertex_colors=rgb, process=False)
     if confidence is not None:
         mesh.vertex_attributes["confidence"] = confidence.astype(np.float32)

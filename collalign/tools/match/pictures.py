@@ -91,9 +91,8 @@ def match_figure(
         shown.append((source, _confidence_colours(confidence), turned, "confidence: dark 0, yellow 1"))
     size = (2.0 * len(shown), 1.2)
     figure = new_figure(figsize=(2.25 * size[0], 2.25 * size[1] + 0.4), dpi=130)
-    axes = figure.add_axes(
-        (0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal", title=title
-    )
+    axes = figure.add_axes((0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal")
+    axes.set_title(title, parse_math=False)
     axes.set_axis_off()
     panels = []
     for column, (shape, colours, frame, name) in enumerate(shown):

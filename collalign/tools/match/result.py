@@ -103,6 +103,12 @@ class NonrigidMatch:
         """Orientation of the chosen map, see :attr:`NonrigidCandidate.orientation`."""
         return self.candidates[0].orientation
 
+    @property
+    def summary(self) -> str:
+        """One line: which shapes, how sure the map is, and what becomes of left and right."""
+        names = f"{self.source_name} -> {self.target_name}"
+        return f"{names}: confidence {percent(self.confidence)}, orientation {self.orientation}"
+
     def plot(self, target: ShapeLike, source: ShapeLike) -> Figure:
         """Draw both shapes coloured by the map, from the front and from behind; notebooks show the figure.
 
@@ -116,19 +122,20 @@ class NonrigidMatch:
         left = read_shape(as_origin(target, self.target_name), AS_STORED, name=self.target_name)
         right = read_shape(as_origin(source, self.source_name), AS_STORED, name=self.source_name)
         point_map = vertices_map(self.point_map_target_source, left, right)
-        return match_figure(left, right, point_map, at_vertices(np.append(self.vertex_confidence, np.nan), right))
+        confidence = at_vertices(np.append(self.vertex_confidence, np.nan), right)
+        return match_figure(left, right, point_map, confidence, title=self.summary)
 
     def save(self, folder: Path | str) -> tuple[Path, ...]:
-        """Write the files of :meth:`stage`, each complete or not at all; other files of these names stay.
+        """Write the files of :meth:`stage` in the place of those of an earlier map, each complete or not at all.
 
         Raises
         ------
         InputError
             If the folder cannot be written, or holds somebody else's file under one of the names.
         """
-        with OutputFolder.open(folder, writer="match") as output:
+        with OutputFolder.open(folder, writer="match --nonrigid") as output:
             self.stage(output)
-            return output.publish()
+            return output.publish(complete=True)
 
     def stage(self, output: OutputFolder) -> None:
         """Stage ``map.npz``, ``map.txt`` and ``map_back.txt``.

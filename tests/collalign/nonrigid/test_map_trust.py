@@ -58,9 +58,9 @@ def test_what_speaks_for_a_map_raises_its_confidence():
     assert all(map_probability(terms + 0.2 * step, knows_sides=True) > base for step in np.eye(3))
     assert map_probability(np.full(3, 99.0), knows_sides=True) == MOST_CONFIDENT
     assert map_probability(np.full(3, 99.0), knows_sides=False) == WITHOUT_SIDES
-    points = point_probability(np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5)
+    points = point_probability(at := np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5, knows_sides=True)
     assert points[0] > max(points[1:])
-    assert (point_probability(np.array([[0.0, 2.0], [-2.0, 2.0]]), 0.9) > points[:2]).all()
+    assert (point_probability(at, 0.9, knows_sides=True) > points).all()
 
 
 def test_points_that_candidates_take_elsewhere_or_that_do_not_come_back_are_doubted():

@@ -7,19 +7,17 @@ import pytest
 
 from collalign import load
 from collalign.align import align_collection
-from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.collection.bases import common_bases, map_residuals
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
-from collalign.options import AlignOptions
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.deformation import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes
 from collalign.stages.deformation.places import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface
-from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
@@ -84,7 +82,7 @@ def test_cycles_choose_a_map_that_its_own_evidence_places_second_but_not_against
 
 
 def bent_blobs(folder, num):
-    """Write one blob bent in several ways, in random poses, vertices in the orders of :data:`ORDERS`."""
+    """Write one blob bent in several ways, in random poses, the last mirrored, vertices in :data:`ORDERS`."""
     rng = np.random.default_rng(5)
     body = blob(np.random.default_rng(8), num_vertices=len(ORDERS[0]))
     shapes = []
@@ -92,6 +90,7 @@ def bent_blobs(folder, num):
         shape = bent(body, rng, angle=0.5)
         vertices = shape.vertices[ORDERS[n]] @ random_rotation(rng).T
         posed = Shape.from_arrays(vertices, np.argsort(ORDERS[n])[shape.faces], name=f"f{n}")
+        posed = mirrored(posed) if n == num - 1 else posed
         write_mesh(folder / f"f{n}.ply", posed)
         shapes.append(posed)
     return shapes
@@ -103,7 +102,7 @@ def deformed(tmp_path_factory):
     folder = root / "shapes"
     folder.mkdir()
     shapes = bent_blobs(folder, 4)
-    aligned = align_collection(folder, options=AlignOptions(deformable=True), run=RunOptions(jobs=1), progress=False)
+    aligned = align_collection(folder, deformable=True, group="O", jobs=1, progress=False)
     aligned.save(root / "out", report=False)
     return shapes, aligned, root / "out"
 
@@ -203,7 +202,7 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(deformed, tmp_path):
 
 def test_point_clouds_have_no_maps_of_vertices():
     points = np.random.default_rng(6).random((80, 3))
-    aligned = align_collection([points, points[::-1]], options=AlignOptions(deformable=True), progress=False)
+    aligned = align_collection([points, points[::-1]], deformable=True, progress=False)
     assert aligned.made.vertices is None
     assert any("no maps of vertices" in note for note in aligned.notes)
 
