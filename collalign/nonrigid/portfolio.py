@@ -18,6 +18,7 @@ from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.tears import without_torn_ends
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.local.local_search import LocalMinima
 
@@ -142,13 +143,25 @@ def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: Non
     return with_pose_evidence(mapper, judged(target, source, found, coarse.origin), options)
 
 
+def mended(target: SpectralShape, source: SpectralShape, torn: Refined, options: NonrigidOptions) -> Refined:
+    """Return a candidate found again from its largest piece each way, if it is torn and that is judged no worse."""
+    if not has_normals(target, source):
+        return torn
+    maps = without_torn_ends(target, source, torn.functional_map)
+    if min(maps[0].min(), maps[1].min()) >= 0:
+        return torn
+    coarse = replace(torn, functional_map=HarmonicRefiner(target, source).refine(*maps, ANNEALED[:1]))
+    mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
+    return min(torn, laid(ShellRefiner(target, source), mapper, coarse, options), key=lambda one: one.score)
+
+
 def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> Refined:
     """Return a candidate refined in all functions alike, which near-isometric surfaces allow, if no sample goes far.
 
     Embeddings and space count what is coarse; ZoomOut counts what is fine as much, and turns limbs of other surfaces.
     """
     found = chosen.functional_map
-    zoomout = Refiner(target, source, first=30, last=len(target.eigenvalues) + 1, factor=1.2).zoomout
+    zoomout = Refiner(target, source, first=30, factor=1.2).zoomout
     maps = zoomout.refine(found.map_target_source, found.map_source_target)
     sharp = HarmonicRefiner(target, source).refine(maps.map_target_source, maps.map_source_target, SETTLING)
     places = target.vertices[target.dense] / target.area**0.5

@@ -60,13 +60,7 @@ class PoseMapper:
 
     def __init__(self, target: PosedSurface, source: PosedSurface) -> None:
         self.target, self.source = target, source
-        self._refiner = Refiner(
-            target.spectral,
-            source.spectral,
-            first=FIRST_SIZE,
-            last=len(target.spectral.eigenvalues) + 1,
-            factor=GROWTH,
-        )
+        self._refiner = Refiner(target.spectral, source.spectral, first=FIRST_SIZE, factor=GROWTH)
         self._features = _start_features(target, np.eye(3))
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:

@@ -21,12 +21,12 @@ class Refiner:
     Parameters
     ----------
     target, source : SpectralShape
-    first, last : int
-        Numbers of functions, the constant one included, at the start and the end (at most all of them).
+    first : int
+        Number of functions, the constant one included, at the start.
     factor : float
         Growth of the number of functions from step to step.
-    num_dense : int, optional
-        How many of the dense samples are used; all by default.
+    last, num_dense : int, optional
+        Number of functions at the end, and how many of the dense samples are used; all by default.
     """
 
     def __init__(
@@ -35,17 +35,17 @@ class Refiner:
         source: SpectralShape,
         *,
         first: int,
-        last: int,
         factor: float,
+        last: int | None = None,
         num_dense: int | None = None,
     ) -> None:
-        self.on_target, self.on_source = target.dense[:num_dense], source.dense[:num_dense]
-        last = min(last, len(target.eigenvalues) + 1, len(source.eigenvalues) + 1)
+        on_target, on_source = target.dense[:num_dense], source.dense[:num_dense]
+        most = min(len(target.eigenvalues), len(source.eigenvalues)) + 1
+        last = min(last or most, most)
         self._form_target, self._form_source = target.orientation[:num_dense], source.orientation[:num_dense]
-        self._target, self._source = target.basis[self.on_target], source.basis[self.on_source]
-        features = vertex_curvatures(target, source)
-        if features is not None:
-            features = features[0][self.on_target], features[1][self.on_source]
+        self._target, self._source = target.basis[on_target], source.basis[on_source]
+        has_normals = np.isfinite(target.curvature).all() and np.isfinite(source.curvature).all()
+        features = (_standardised(target)[on_target], _standardised(source)[on_source]) if has_normals else None
         self.zoomout = ZoomOut(
             self._target,
             self._source,
@@ -90,13 +90,6 @@ class Refiner:
         return self.zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
 
 
-def vertex_curvatures(target: SpectralShape, source: SpectralShape) -> tuple[FloatArray, FloatArray] | None:
-    """Return the curvatures of all working vertices, each of mean 0 and variance 1; None without normals."""
-    if not (np.isfinite(target.curvature).all() and np.isfinite(source.curvature).all()):
-        return None
-    return _standardised(target), _standardised(source)
-
-
 def between_files(laid: FloatArray, target: SpectralShape, source: SpectralShape) -> tuple[IntArray, IntArray]:
     """Return the maps of the files' vertices, source to target (v,) and back (u,), -1 for none, where a target lies.
 
@@ -126,6 +119,7 @@ def unit_rows(values: FloatArray) -> FloatArray:
 
 
 def _standardised(shape: SpectralShape) -> FloatArray:
+    """Return the curvatures of all working vertices, each of mean 0 and variance 1."""
     centred = shape.curvature - shape.mass @ shape.curvature
     deviation = np.sqrt(shape.mass @ centred**2)
     return centred / np.where(deviation > 0, deviation, 1.0)

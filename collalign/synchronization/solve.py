@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,9 @@ from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
-#: Methods that find the frames of a connected graph, (N, d, d), from one rotation per pair, (E, d, d), and weights.
-BASELINES: dict[str, Callable[[PairGraph, FloatArray, FloatArray], FloatArray]] = {"spectral": spectral_frames}
-METHODS = ("robust", *BASELINES)
-
-#: A baseline calls a pair an inlier within this angle of its answer.
-BASELINE_INLIER_RAD = np.deg2rad(30.0)
+METHODS = ("robust", "spectral")
+#: The eigenprojection calls a pair an inlier within this angle of its answer.
+SPECTRAL_INLIER_RAD = np.deg2rad(30.0)
 
 
 @one_blas_thread()
@@ -108,31 +105,26 @@ def synchronize_graph(
     >>> collalign.synchronize_graph(graph).rotations.shape
     (2, 3, 3)
     """
-    if method in BASELINES:
-        return _baseline(graph, BASELINES[method], fixed or {}, reference)
+    if method == "spectral":
+        return _eigenprojection(graph, fixed or {}, reference)
     return robust_synchronization(graph, fixed or {}, reference)
 
 
-def _baseline(
-    graph: PairGraph,
-    find_frames: Callable[[PairGraph, FloatArray, FloatArray], FloatArray],
-    fixed: Mapping[int, FloatArray],
-    reference: int,
-) -> SynchronizationResult:
-    """Return what a baseline makes of the best candidates, one connected part after the other."""
+def _eigenprojection(graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int) -> SynchronizationResult:
+    """Return what the eigenprojection makes of the best candidates, one connected part after the other."""
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
     components = graph.connected_components()
     chosen = graph.chosen(graph.best_choice)
     for members in components:
         part, kept = graph.subgraph(members)
         if part.num_edges:
-            frames[members] = find_frames(part, chosen[kept], part.weights)
+            frames[members] = spectral_frames(part, chosen[kept], part.weights)
     poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
     misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
     return SynchronizationResult(
         rotations=read_only(poses),
         confidence=read_only(np.full(graph.num_shapes, np.nan)),
-        edge_inlier=read_only(misfit <= BASELINE_INLIER_RAD),
+        edge_inlier=read_only(misfit <= SPECTRAL_INLIER_RAD),
         edge_choice=read_only(graph.best_choice),
         parts=components,
         components=components,

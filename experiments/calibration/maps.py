@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import map_terms, point_terms
-from collalign.nonrigid.portfolio import Refined, find_candidates
+from collalign.nonrigid.portfolio import Refined
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -37,6 +37,7 @@ class JudgedPair:
     ----------
     target : SpectralShape
     found : list of Refined
+        The chosen one first, as it ends.
     terms : ndarray, shape (m, 3)
         As :func:`~collalign.nonrigid.map_trust.map_terms`.
     points : ndarray, shape (m, s, 2)
@@ -70,7 +71,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
         settings: dict[str, Any] = {"set": name, "variant": "original", "surface": QUICK_SURFACE if quick else {}}
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
         to, of = prepared(data, settings, target), prepared(data, settings, source)
-        found = find_candidates(to.spectral, of.spectral, NonrigidOptions())
+        found = match.finished(to.spectral, of.spectral, NonrigidOptions())
 
         def images(candidate: Refined) -> IntArray:
             forward = to.spectral.dense[candidate.functional_map.map_target_source]  # noqa: B023
@@ -99,7 +100,7 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     pairs = [(number, pair) for number, some in enumerate(drawn.values()) for pair in some]
     terms, right = (np.concatenate([getattr(pair, one) for _, pair in pairs]) for one in ("terms", "right"))
     kind = np.concatenate([np.full(len(pair.found), number) for number, pair in pairs])
-    chosen = np.concatenate([np.arange(len(pair.found)) == pair.chosen() for _, pair in pairs])
+    chosen = np.concatenate([np.arange(len(pair.found)) == 0 for _, pair in pairs])
     found = _fitted("MAP", terms, right, kind, chosen)
     odds = terms @ map_model.MAP_WEIGHTS + map_model.MAP_CONSTANT
     sizes = np.concatenate([np.full(len(pair.found), pair.in_place.shape[1]) for _, pair in pairs])

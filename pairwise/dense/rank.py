@@ -37,7 +37,9 @@ def ranked_on_dense(
         Of target and source, in the coordinates of the rotation block and the units of the samples.
     """
     poses = [_refined_on_dense(candidate, problem, dense) for candidate in result.candidates]
-    pairs = sorted(zip(result.candidates, poses, strict=True), key=_both_energies)
+    # Exact matches of the samples differ on the dense points at most.
+    both = zip(result.candidates, poses, strict=True)
+    pairs = sorted(both, key=lambda pair: (pair[0].energy * pair[1].energy, pair[1].energy))
     best = pairs[0][0]
     is_other = best.energy > result.energy
     ranked = replace(
@@ -60,8 +62,3 @@ def _refined_on_dense(candidate: Candidate, problem: Problem, dense: tuple[Dense
         normal_weight=_NORMAL_WEIGHT,
         max_iterations=_MAX_ITERATIONS,
     )
-
-
-def _both_energies(pair: tuple[Candidate, RefinedPose]) -> tuple[float, float]:
-    """Return what candidates are sorted by; exact matches of the samples differ on the dense points at most."""
-    return pair[0].energy * pair[1].energy, pair[1].energy

@@ -91,11 +91,6 @@ def test_tables_show_what_was_not_measured_and_what_is_impossible():
     assert "| c | – |  |" in shown
 
 
-def test_a_row_needs_its_columns():
-    with pytest.raises(ValueError, match="other"):
-        table({"name": "a", "other": 1})
-
-
 def test_differences_see_a_wrong_value_but_no_clock():
     text = table({"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}).to_csv()
     assert differences(table({"name": "a", "share": 50.0 + 1e-9, "seconds": 7.0}), text) == []
@@ -106,12 +101,11 @@ def test_differences_see_a_wrong_value_but_no_clock():
         differences(table({"name": "a", "share": 50.0}), "name\na\n")
 
 
-def test_a_collection_that_is_not_there_is_named(bench):
+def test_what_is_not_there_is_named(bench):
+    with pytest.raises(ValueError, match="other"):
+        table({"name": "a", "other": 1})
     with pytest.raises(InputError, match="teeth_pnas116"):
         bench.folder("teeth_pnas116")
-
-
-def test_an_unknown_experiment_is_named():
     with pytest.raises(OptionsError, match="nope"):
         load_experiment("nope")
 

@@ -142,7 +142,9 @@ def prepare_surface(
             f"{options.num_samples} samples need more: refine the mesh, or lower num_functions and num_samples"
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
-    eigen = (spectrum_of or _spectrum)(surface, dense, options.num_functions)
+    size = options.num_functions
+    eigen = spectrum_of(surface, dense, size) if spectrum_of else surface.eigenfunctions(size)
+    lowest = Spectrum(eigen.values[:NUM_SPECTRUM], eigen.functions[:, :NUM_SPECTRUM], eigen.mass, eigen.kind)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     in_file = shape.file_indices
     places = _places(shape.vertices[kept], working.vertices)
@@ -163,7 +165,7 @@ def prepare_surface(
         functions=eigen.functions,
         mass=eigen.mass,
         agd=read_only(surface.agd),
-        waves=read_only(wave_kernel_signature(_lowest(eigen, NUM_SPECTRUM), NUM_WAVES)),
+        waves=read_only(wave_kernel_signature(lowest, NUM_WAVES)),
         curvature=read_only(curvature),
         samples=samples,
         dense=dense,
@@ -187,10 +189,6 @@ def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:
     return SurfacePoints(corners=corners, weights=closest_on_triangles(points, vertices[corners]))
 
 
-def _spectrum(surface: WorkingSurface, dense: IntArray, num: int) -> Spectrum:
-    return surface.eigenfunctions(num)
-
-
 def _outside(
     surface: WorkingSurface, working: Shape, eigen: Spectrum, dense: IntArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -201,7 +199,3 @@ def _outside(
     operators = surface.operators
     curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
     return curvature, orientation_form(working, eigen.functions[:, :num])[dense]
-
-
-def _lowest(eigen: Spectrum, num: int) -> Spectrum:
-    return Spectrum(eigen.values[:num], eigen.functions[:, :num], eigen.mass, eigen.kind)

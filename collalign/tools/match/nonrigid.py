@@ -10,7 +10,7 @@ import numpy as np
 from collalign.nonrigid.harmonic import HarmonicRefiner
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_trust import agreements, trust_of
-from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, sharpened
+from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, mended, sharpened
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.registration.fit import fitted_by_map
@@ -94,10 +94,15 @@ def match_prepared(
     """
     options = options or NonrigidOptions()
     _check_fit(target, source)
-    found = chosen_first(target, find_candidates(target, source, options), options)
-    found[0] = sharpened(target, source, found[0])
+    found = finished(target, source, options)
     maps = vertex_maps(target, source, found[0])
     return match_of(target, source, found, maps, num_candidates=options.num_candidates)
+
+
+def finished(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+    """Return all candidates, the chosen one first, and that one mended and sharpened."""
+    chosen, *others = chosen_first(target, find_candidates(target, source, options), options)
+    return [sharpened(target, source, mended(target, source, chosen, options)), *others]
 
 
 def vertex_maps(target: SpectralShape, source: SpectralShape, chosen: Refined) -> tuple[IntArray, IntArray]:

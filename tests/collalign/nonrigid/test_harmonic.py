@@ -9,11 +9,12 @@ from collalign.nonrigid.functional_map import FunctionalMap, fitted_map
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import judged, laid, sharpened, smooth_candidates
+from collalign.nonrigid.portfolio import judged, laid, mended, sharpened, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.tears import without_torn_ends
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
@@ -81,6 +82,22 @@ def test_both_directions_are_treated_alike(bodies):
     back = HarmonicRefiner(*bodies[::-1]).refine(backward, forward, [1e-3] * 3)
     assert (there.map_target_source == back.map_source_target).mean() > 0.99
     assert (there.map_source_target == back.map_target_source).mean() > 0.99
+
+
+def test_ends_of_limbs_that_are_exchanged_are_found_and_mended(bodies):
+    def exchanged(points, is_end):
+        return np.where(is_end[:, None], [21.0, 0.0, 0.0] + points * [-1.0, 1.0, 1.0], points)
+
+    to, of = (bodies[0].vertices[one.dense] for one in bodies)
+    ends = [np.abs(points[:, 0] - 10.5) > 5.0 for points in (of, to)]
+    there = np.linalg.norm(exchanged(of, ends[0])[:, None] - to, axis=2).argmin(axis=1)
+    back = np.linalg.norm(exchanged(to, ends[1])[:, None] - of, axis=2).argmin(axis=1)
+    wrong, right = (as_map(bodies, maps) for maps in ((there, back), true_maps(bodies)))
+    for maps, found in zip(without_torn_ends(*bodies, wrong), ends, strict=True):
+        np.testing.assert_array_equal(maps < 0, found)
+    whole, same = (mended(*bodies, judged(*bodies, one, "signs"), NonrigidOptions()) for one in (wrong, right))
+    assert off(bodies, whole.functional_map.map_target_source) < 0.05 < 0.15 < off(bodies, there)
+    assert same.functional_map is right
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -8,7 +8,7 @@ import pytest
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
-from collalign.tools.match.pictures import match_figure, transferred_colours
+from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
@@ -168,3 +168,10 @@ def test_pictures_colour_both_shapes_alike(pair):
     assert match_figure(target, source, images).axes[0].texts
     with pytest.raises(InputError, match="names vertex"):
         transferred_colours(target, truth + 1)
+
+
+def test_maps_of_files_become_maps_of_shapes_without_the_vertices_that_were_dropped():
+    kept = [0, 2, 3], [1, 2]
+    target, source = (replace(Shape.from_arrays(np.eye(4)[one, :3]), source_indices=np.array(one)) for one in kept)
+    assert vertices_map(np.array([-1, 3, 0]), target, source).tolist() == [2, 0]
+    assert vertices_map(np.array([0, 1, -1]), target, source).tolist() == [-1, -1]
