@@ -94,7 +94,7 @@ def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
 
     Parameters
     ----------
-    terms : ndarray, shape (3,)
+    terms : ndarray, shape (4,)
         As :func:`collalign.nonrigid.map_trust.map_terms` gives them.
     knows_sides : bool
         Whether normals tell left from right.

@@ -28,12 +28,12 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     return np.array([(weights @ _same_places(target, found, number)).mean() for number in range(len(found))])
 
 
-def map_terms(target: SpectralShape, source: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
-    """Return what :func:`map_probability` weighs of a candidate, shape (3,).
+def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
+    """Return what :func:`map_probability` weighs of a candidate, shape (4,).
 
     Parameters
     ----------
-    target, source : SpectralShape
+    target : SpectralShape
     found : sequence of Refined
         All candidates, also those that are shown to nobody.
     number : int
@@ -44,8 +44,9 @@ def map_terms(target: SpectralShape, source: SpectralShape, found: Sequence[Refi
     rivals = scores[same.mean(axis=1) < SAME_SHARE]
     lead = float(rivals.min() - scores[number]) if len(rivals) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
-    commutativity = max(found[number].evidence.commutativity, FLOOR)
-    return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), -np.log(commutativity)])
+    evidence = found[number].evidence
+    gaps = -np.log(np.maximum([evidence.commutativity, evidence.roughness], FLOOR))
+    return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), *gaps])
 
 
 def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refined]) -> tuple[float, FloatArray]:
@@ -58,7 +59,7 @@ def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refin
         That of the nearest dense sample.
     """
     knows_sides = bool(np.isfinite(found[0].evidence.orientation))
-    whole = map_probability(map_terms(target, source, found, 0), knows_sides=knows_sides)
+    whole = map_probability(map_terms(target, found, 0), knows_sides=knows_sides)
     at_samples = point_probability(point_terms(target, source, found, 0), whole, knows_sides=knows_sides)
     return whole, at_samples[source.nearest_dense]
 

@@ -38,12 +38,13 @@ class JudgedPair:
     target : SpectralShape
     found : list of Refined
         The chosen one first, as it ends.
-    terms : ndarray, shape (m, 3)
+    terms : ndarray, shape (m, 4)
         As :func:`~collalign.nonrigid.map_trust.map_terms`.
     points : ndarray, shape (m, s, 2)
         As :func:`~collalign.nonrigid.map_trust.point_terms`, at the evaluated points.
     in_place : ndarray of bool, shape (m, s)
-        Whether these are near their true places.
+        Whether these are near their true places: of the first one by its map of all vertices, of others by that of
+        the samples.
     """
 
     target: SpectralShape
@@ -79,14 +80,15 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
             return in_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
 
         judge = judge_of(maps, settings, (to.copy, of.copy), None)
-        errors = [judge(images(one)).direct for one in found]
+        whole = match.vertex_maps(to.spectral, of.spectral, found[0])[0]
+        errors = [judge(whole).direct, *(judge(images(one)).direct for one in found[1:])]
         at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]
         numbers = range(len(found))
         judged.append(
             JudgedPair(
                 target=to.spectral,
                 found=found,
-                terms=np.stack([map_terms(to.spectral, of.spectral, found, number) for number in numbers]),
+                terms=np.stack([map_terms(to.spectral, found, number) for number in numbers]),
                 points=np.stack([point_terms(to.spectral, of.spectral, found, number)[at] for number in numbers]),
                 in_place=np.stack(errors) <= map_model.NEAR,
             )
