@@ -123,6 +123,8 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         raise InputError(f"{path}: cannot write {suffix!r}; writable are {', '.join(WRITABLE)}")
     if not shape.is_mesh and suffix not in (".ply", ".obj"):
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
+    if suffix == ".ply":
+        return write_atomic(path, _ply(shape))
     import trimesh
 
     if shape.is_mesh:
@@ -131,6 +133,17 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         geometry = trimesh.PointCloud(shape.vertices)
     content: Any = geometry.export(file_type=suffix[1:])
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
+
+
+def _ply(shape: Shape) -> bytes:
+    """Return a binary PLY file of coordinates in single precision, and triangles where there are any."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(shape.vertices)}"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    rows = np.empty(len(shape.faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
+    if shape.is_mesh:
+        header += [f"element face {len(rows)}", "property list uchar int vertex_indices"]
+        rows["corners"], rows["vertices"] = 3, shape.faces
+    return b"".join(["\n".join([*header, "end_header\n"]).encode(), shape.vertices.astype("<f4").data, rows.data])
 
 
 def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -> Shape:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import fast_simplification
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.surface.topology import face_areas
+from data_tools.surface.topology import face_areas, vertex_components
 
 #: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together.
 MOST_COLLAPSED = 200_000
@@ -56,18 +54,17 @@ def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     cells = np.floor((vertices - vertices.min(axis=0)) / side).astype(np.int64)
     x, y, z = cells.T
     sizes = cells.max(axis=0) + 1
-    cell = ((x * sizes[1] + y) * sizes[2] + z).take(faces)
-    inside = cell == np.roll(cell, -1, axis=1)
-    inside[:, 2] &= ~inside[:, 0]  # two sides of a triangle connect its three corners
-    ends = faces[inside], np.roll(faces, -1, axis=1)[inside]
-    graph = csr_array((np.ones(len(ends[0])), ends), shape=(len(vertices),) * 2)
-    num, cluster = connected_components(graph, directed=False)
+    cell = (x * sizes[1] + y) * sizes[2] + z
+    corners = np.ascontiguousarray(faces.T)
+    of = cell[corners]
+    sides = ((corners[[i, i - 1]], of[i] == of[i - 1]) for i in range(3))
+    num, cluster = vertex_components(len(vertices), (ends.compress(inside, axis=1).T for ends, inside in sides))
     if num > _MOST_KEYED:
         return vertices, faces
     counts = np.bincount(cluster, minlength=num)
     means = np.column_stack([np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T])
-    triangles = cluster.take(faces)
-    triangles = triangles[(triangles != np.roll(triangles, -1, axis=1)).all(axis=1)].astype(np.int64)
+    a, b, c = corners = cluster[corners]
+    triangles = corners.T[(a != b) & (b != c) & (c != a)]
     a, b, c = np.sort(triangles, axis=1).T
     # Where a fold of the surface became flat, two triangles lie on each other; neither is left.
     key = (a * num + b) * num + c

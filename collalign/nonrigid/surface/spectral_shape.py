@@ -181,7 +181,7 @@ def _largest_part(shape: Shape) -> tuple[Shape, IntArray, list[str]]:
     if not len(faces):
         raise InputError(f"{shape.file or shape.name}: all its triangles are degenerate")
     num_vertices = len(shape.vertices)
-    _, labels = vertex_components(num_vertices, mesh_edges(faces))
+    _, labels = vertex_components(num_vertices, [mesh_edges(faces)])
     areas = np.bincount(labels[faces[:, 0]], weights=face_areas(shape.vertices, faces))
     chosen = int(areas.argmax())
     faces = faces[labels[faces[:, 0]] == chosen]

@@ -64,6 +64,6 @@ def test_sheets_that_come_near_stay_apart():
     two = np.concatenate([vertices, 1.002 * vertices])
     few, triangles = decimate(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 10**6)
     used = np.unique(triangles)
-    _, labels = vertex_components(len(few), mesh_edges(triangles))
+    _, labels = vertex_components(len(few), [mesh_edges(triangles)])
     assert len(np.unique(labels[used])) == 2
     assert len(few) < 6_000
