@@ -69,7 +69,7 @@ def prepare_surface_file(path: Origin, name: str, digest: str, cleaning: Cleanin
 
 
 #: Prepares a surface. The version changes whenever the same file would give another one.
-PREPARING = Job(kind="surfaces", version="surface-2", run=prepare_surface_file, reader=StoredSurface)
+PREPARING = Job(kind="surfaces", version="surface-3", run=prepare_surface_file, reader=StoredSurface)
 
 
 def prepare_surfaces(session: AlignSession, shapes: Shapes) -> Results[int, StoredSurface]:
