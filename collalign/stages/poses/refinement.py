@@ -39,7 +39,7 @@ LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
 def refine_pair(
-    target: DensePoints, source: DensePoints, start: FloatArray, max_steps: int = 30
+    target: DensePoints, source: DensePoints, start: FloatArray, steps: int = ROUND_STEPS[-1]
 ) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
@@ -50,7 +50,7 @@ def refine_pair(
     energy : float
         In squares of the target's radius.
     """
-    found = refine_pose(target, source, start, max_iterations=max_steps)
+    found = refine_pose(target, source, start, max_iterations=steps)
     return found.pose.rotation, found.energy / target.radius**2
 
 
@@ -140,7 +140,7 @@ def refine_rotations(
         for steps in ROUND_STEPS:
             starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
             tasks = {
-                (i, j): {"target": points[i], "source": points[j], "start": start, "max_steps": steps}
+                (i, j): {"target": points[i], "source": points[j], "start": start, "steps": steps}
                 for (i, j), start in starts.items()
             }
             poses = list(session.spread("refinements", refine_pair, tasks, shared=table).values())
