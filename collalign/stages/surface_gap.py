@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
@@ -24,26 +26,31 @@ def surface_gaps(target: Samples, source: Samples, rotations: FloatArray) -> Flo
         ``R_target_source`` in the embedding; space comes first.
     """
     of_target, of_source = surface_points(target, first=0, every=1), surface_points(source, first=1, every=1)
-    return read_only(np.array([surface_gap(of_target, of_source, rotation[:3, :3]) for rotation in rotations]))
+    return read_only(surface_gap(of_target, of_source, rotations[:, :3, :3]))
 
 
 def surface_gap(
-    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
-) -> float:
-    """Return the mean squared distance of closest points, normals included where both have any, both ways."""
-    gaps = point_gaps(target, source, rotation)
-    return max(0.0, float(0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())))
+    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
+) -> FloatArray:
+    """Return the mean squared distances of closest points both ways at rotations (m, 3, 3), shape (m,)."""
+    each = (
+        0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean()) for gaps in point_gaps(target, source, rotations)
+    )
+    return np.maximum(np.fromiter(each, dtype=np.float64, count=len(rotations)), 0.0)
 
 
 def point_gaps(
-    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotation: FloatArray
-) -> FloatArray:
-    """Return |t|^2 - 2 ts + |s|^2 of all points of two surfaces by one product; with normals where both have any."""
-    turned, with_normals = [part @ rotation.T for part in source], len(target[1]) > 0 < len(source[1])
-    to, of = (np.hstack([p, NORMAL_WEIGHT * n]) if with_normals else p for p, n in (target, turned))
-    squares = [(features**2).sum(axis=1, keepdims=True) for features in (to, of)]
-    ones = [np.ones_like(square) for square in squares]
-    return np.hstack([-2.0 * to, squares[0], ones[0]]) @ np.hstack([of, ones[1], squares[1]]).T
+    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
+) -> Iterator[FloatArray]:
+    """Yield |t|^2 - 2 ts + |s|^2 of all points of two surfaces at each rotation, with normals where both have any."""
+    num = 2 if len(target[1]) > 0 < len(source[1]) else 1
+    to, of = (np.hstack([p, NORMAL_WEIGHT * n][:num]) for p, n in (target, source))
+    left = np.column_stack([-2.0 * to, (to**2).sum(axis=1), np.ones(len(to))])
+    right = np.vstack([of.T, np.ones(len(of)), (of**2).sum(axis=1)])
+    columns = of.T.reshape(num, 3, -1)
+    for rotation in rotations:
+        right[:-2] = (rotation @ columns).reshape(3 * num, -1)
+        yield left @ right
 
 
 def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[FloatArray, FloatArray]:

@@ -128,6 +128,8 @@ def _places(vertices: FloatArray) -> tuple[IntArray, IntArray]:
     To sort a hash of each row is far quicker than to sort the rows.
     """
     hashes = _hashes(vertices)
+    if (np.diff(np.sort(hashes)) > 0).all():
+        return np.arange(len(hashes)), np.arange(len(hashes))
     order = np.argsort(hashes)
     starts = np.flatnonzero(np.diff(hashes[order], prepend=hashes[order[:1]] + np.uint64(1)))
     first = np.minimum.reduceat(order, starts)
@@ -158,7 +160,8 @@ def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) ->
 
 
 def _largest_component(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[str]) -> IntArray:
-    _, labels = vertex_components(num_vertices, np.concatenate([faces[:, :2], faces[:, 1:]]))
+    corners = np.ascontiguousarray(faces.T)
+    _, labels = vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
     of_face = labels[faces[:, 0]]
     areas = np.bincount(of_face, weights=face_area)
     num_parts = int((areas > 0).sum())

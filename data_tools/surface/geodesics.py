@@ -149,7 +149,7 @@ def _heat_solver(shape: Shape, edges: IntArray, graph: csr_array) -> potpourri3d
     It needs one component without stray vertices; its tufted operators take meshes that are not manifold. Its answer
     for one source must agree with the shortest paths along edges as far as those are exact.
     """
-    num_parts, _ = vertex_components(len(shape.vertices), edges)
+    num_parts, _ = vertex_components(len(shape.vertices), [edges])
     if num_parts > 1:
         return None
     try:

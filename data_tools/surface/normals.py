@@ -27,7 +27,7 @@ def outward_normals(shape: Shape, *, at: IntArray | None = None, max_defects: fl
     if not shape.is_mesh or orientation_defects(shape) > max_defects:
         return np.empty((0, 3))
     arms = shape.vertices - shape.vertices.mean(axis=0)
-    inside_out = np.einsum("fd,fd->", face_crosses(arms, shape.faces), arms[shape.faces[:, 0]]) < 0
+    inside_out = np.vdot(face_crosses(arms, shape.faces), arms.T[:, shape.faces[:, 0]]) < 0
     faces = shape.faces[:, ::-1] if inside_out else shape.faces
     if at is None:
         return vertex_normals(shape.vertices, faces)
@@ -41,8 +41,8 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
     Triangles count by their area.
     """
-    at, each = faces.T.ravel(), np.tile(face_crosses(vertices, faces), (3, 1))
-    normals = np.stack([np.bincount(at, weights=column, minlength=len(vertices)) for column in each.T], axis=1)
+    at, each = faces.T.ravel(), np.tile(face_crosses(vertices, faces), 3)
+    normals = np.stack([np.bincount(at, weights=axis, minlength=len(vertices)) for axis in each], axis=1)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
 

@@ -86,7 +86,7 @@ def _out_of_place(vertices: FloatArray, faces: IntArray, far: BoolArray, radius:
     have vertices at its ends alone, a cone a fine rim and one tip.
     """
     edges = mesh_edges(faces)
-    num, group = vertex_components(len(vertices), edges[far[edges].all(axis=1)])
+    num, group = vertex_components(len(vertices), [edges[far[edges].all(axis=1)]])
     across = edges[far[edges].sum(axis=1) == 1]
     across = np.where(far[across[:, :1]], across, across[:, ::-1])  # from far to near
     of, near = group[across[:, 0]], across[:, 1]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from data_tools.arrays import FloatArray, IntArray
 
@@ -34,22 +34,39 @@ def counted_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return (b - a) x (c - a) of the triangles' corners, shape (f, 3): the normal, twice as long as the area."""
-    a, b, c = vertices.take(faces.T, axis=0)
-    return np.asarray(np.cross(b - a, c - a))
+    """Return (b - a) x (c - a) of the triangles' corners, shape (3, f): the normal, twice as long as the area."""
+    crosses = np.empty((3, len(faces)))
+    for start in range(0, len(faces), 2**13):  # what is between stays in the processor's cache
+        block = slice(start, start + 2**13)
+        a, b, c = vertices.take(np.ascontiguousarray(faces[block].T), axis=0)
+        (x, y, z), (u, v, w) = np.ascontiguousarray((b - a).T), np.ascontiguousarray((c - a).T)
+        crosses[:, block] = y * w - z * v, z * u - x * w, x * v - y * u
+    return crosses
 
 
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return the triangles' areas, shape (f,)."""
-    blocks = np.array_split(faces, 1 + len(faces) // 2**15)  # their crosses stay in the processor's cache
-    return 0.5 * np.concatenate([np.linalg.norm(face_crosses(vertices, block), axis=1) for block in blocks])
+    crosses = face_crosses(vertices, faces)
+    return np.asarray(0.5 * np.sqrt(np.square(crosses, out=crosses).sum(axis=0)))
 
 
-def vertex_components(num_vertices: int, edges: IntArray) -> tuple[int, IntArray]:
-    """Return the number of connected components and each vertex's label, shape (v,)."""
-    graph = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num_vertices, num_vertices))
-    num, labels = connected_components(graph, directed=False)
-    return int(num), labels.astype(np.int64)
+def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int, IntArray]:
+    """Return the number of connected components and each vertex's label, shape (v,), in the order of first vertices.
+
+    Edges are arrays of two columns. Trees of vertices hang on smaller ones (algorithm S of Liu and Tarjan 2022).
+    """
+    root = np.arange(num_vertices)
+    for ends in edges:
+        one, other = ends.T
+        while len(one):
+            one, other = root[one], root[other]
+            if len(apart := np.flatnonzero(one != other)) < len(one):
+                one, other = one[apart], other[apart]
+            np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
+            while ((above := root[root]) != root).any():
+                root = above
+    is_root = root == np.arange(num_vertices)
+    return int(is_root.sum()), (np.cumsum(is_root) - 1)[root]
 
 
 def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:

@@ -73,8 +73,10 @@ class DenseMatcher:
         self.target, self.source = target, source
         has_normals = target.normals is not None and source.normals is not None
         self._normal_weight = normal_weight if has_normals else 0.0
-        self._of_target = self._columns(target, target.points, np.eye(target.points.shape[1]))
-        self._of_source = np.zeros((len(self._of_target), len(source.points)))
+        dim = target.points.shape[1]
+        still = Similarity(rotation=np.eye(dim), scale=1.0, shift=np.zeros(dim))
+        self._target, self._source = self._columns(target, still), self._columns(source, still)
+        self._from_target = _squared_from(self._target)
         self._there, self._back = _Nearest(len(source.points)), _Nearest(len(target.points))
 
     def mean_cost(self, pairs: tuple[IntArray, IntArray], pose: Similarity) -> float:
@@ -84,22 +86,29 @@ class DenseMatcher:
         other = self.target.invariants[of_target] - self.source.invariants[of_source]
         return float(((gaps**2).sum() + (other**2).sum()) / len(gaps))
 
-    def _columns(self, shape: DensePoints, points: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return columns (-2 f, |f|^2, 1): products with (t, 1, |t|^2) are the squared distances |t - f|^2."""
-        features = np.hstack([points, shape.invariants])
+    def _columns(self, shape: DensePoints, pose: Similarity) -> FloatArray:
+        """Return columns (f, 1) of what is compared at a pose: places, invariants and weighted normals."""
+        features = [(pose.scale * pose.rotation) @ shape.points.T + pose.shift[:, None], shape.invariants.T]
         if self._normal_weight and shape.normals is not None:
-            features = np.hstack([features, self._normal_weight * shape.normals @ turn.T])
-        return np.vstack([-2.0 * features.T, np.einsum("ij,ij->i", features, features), np.ones(len(features))])
+            features.append((self._normal_weight * pose.rotation) @ shape.normals.T)
+        return np.concatenate([*features, np.ones((1, len(shape.points)))])
 
     def pair_up(self, pose: Similarity) -> tuple[IntArray, IntArray]:
         """Return indices on target and source of nearest neighbours both ways at a pose."""
-        former, moved_source = self._of_source, pose.apply(self.source.points)
-        self._of_source = self._columns(self.source, moved_source, pose.rotation)
-        moved = 0.5 * np.linalg.norm(self._of_source[:-2] - former[:-2], axis=0)
-        self._there.look(self._of_source, self._of_target, 2.0 * moved)
-        self._back.look(self._of_target, self._of_source, moved[self._back.rows] + moved.max())
+        former, self._source = self._source, self._columns(self.source, pose)
+        moved = np.sqrt(np.square(self._source - former).sum(axis=0))
+        from_source = _squared_from(self._source)
+        self._there.look(self._source, from_source[-1], self._from_target, 2.0 * moved)
+        self._back.look(self._target, self._from_target[-1], from_source, moved[self._back.rows] + moved.max())
         own = [np.arange(len(one.rows)) for one in (self._there, self._back)]
         return np.concatenate([self._there.rows, own[1]]), np.concatenate([own[0], self._back.rows])
+
+
+def _squared_from(columns: FloatArray) -> FloatArray:
+    """Return (-2 f, |f|^2) of columns (f, 1): their products with (t, 1) are |t - f|^2 - |t|^2."""
+    doubled = -2.0 * columns
+    np.einsum("kl,kl->l", columns[:-1], columns[:-1], out=doubled[-1])
+    return doubled
 
 
 class _Nearest:
@@ -111,17 +120,16 @@ class _Nearest:
     def __init__(self, num: int) -> None:
         self.rows, self._leads = np.zeros(num, dtype=np.int64), np.full(num, -np.inf)
 
-    def look(self, own: FloatArray, others: FloatArray, moved: FloatArray) -> None:
-        """Find what is nearest, both as columns, in slabs; no lead has shrunk by more than ``moved``."""
+    def look(self, own: FloatArray, sizes: FloatArray, others: FloatArray, moved: FloatArray) -> None:
+        """Find what is nearest, in slabs; no lead has shrunk by more than ``moved``, ``sizes`` are |own|^2."""
         self._leads -= moved
         unsure, slab = np.flatnonzero(self._leads <= 0.0), max(1, _CHUNK_ENTRIES // others.shape[1])
-        rounding = 4.0 * np.finfo(float).eps * len(own) * float(own[-2].max() + others[-2].max())
+        rounding = 4.0 * np.finfo(float).eps * (len(own) + 1) * float(sizes.max() + others[-1].max())
         for first in range(0, len(unsure), slab):
             rows = unsure[first : first + slab]
-            mine, each = own.take(rows, axis=1), np.arange(len(rows))
-            costs = np.vstack([-0.5 * mine[:-2], mine[:-3:-1]]).T @ others
+            costs, each = own.take(rows, axis=1).T @ others, np.arange(len(rows))
             self.rows[rows] = nearest = costs.argmin(axis=1)
-            least = np.maximum(costs[each, nearest], 0.0)
+            least = np.maximum(costs[each, nearest] + sizes[rows], 0.0)
             costs[each, nearest] = np.inf
-            second = np.maximum(costs.min(axis=1) - rounding, 0.0)
+            second = np.maximum(costs.min(axis=1) + sizes[rows] - rounding, 0.0)
             self._leads[rows] = np.sqrt(second) - np.sqrt(least + rounding)

@@ -31,13 +31,16 @@ from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8
-#: How often pairs are refined from the poses of the round before.
-NUM_ROUNDS = 2
+#: Most steps of closest points in each round: the first one settles where the next one starts. With 30 steps in both,
+#: teeth, chairs, fish, glasses and skulls err as much or more, bones 3 % less.
+ROUND_STEPS = (4, 16)
 #: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
 LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
-def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> tuple[FloatArray, float]:
+def refine_pair(
+    target: DensePoints, source: DensePoints, start: FloatArray, steps: int = ROUND_STEPS[-1]
+) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
@@ -47,7 +50,7 @@ def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> 
     energy : float
         In squares of the target's radius.
     """
-    found = refine_pose(target, source, start)
+    found = refine_pose(target, source, start, max_iterations=steps)
     return found.pose.rotation, found.energy / target.radius**2
 
 
@@ -134,10 +137,11 @@ def refine_rotations(
     pattern = RotationPattern.from_user(None, 3, group)
     points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
     with table_of_values(samples) as table:
-        for _ in range(NUM_ROUNDS):
+        for steps in ROUND_STEPS:
+            starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
             tasks = {
-                (i, j): {"target": points[i], "source": points[j], "start": rotations[i].T @ rotations[j]}
-                for i, j in local.tolist()
+                (i, j): {"target": points[i], "source": points[j], "start": start, "steps": steps}
+                for (i, j), start in starts.items()
             }
             poses = list(session.spread("refinements", refine_pair, tasks, shared=table).values())
             graph = PairGraph.of_candidates(

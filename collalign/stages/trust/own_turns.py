@@ -33,9 +33,9 @@ def near_symmetries(samples: Samples) -> FloatArray:
     turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
     turns = turns[rotation_angle_deg(turns) > APART_DEG]
     few = tuple((points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS]) for points, normals in (fixed, moving))
-    gaps = np.array([surface_gap(few[0], few[1], turn) for turn in turns])
+    gaps = surface_gap(few[0], few[1], turns)
     best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
-    exact = np.array([surface_gap(fixed, moving, turn) for turn in best])
+    exact = surface_gap(fixed, moving, np.stack(best))
     ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
     found = ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
     axes = Rotation.from_matrix(found).as_rotvec()
@@ -51,7 +51,7 @@ def near_symmetries(samples: Samples) -> FloatArray:
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
     """Return the turn after some steps of closest points, both ways, and Procrustes."""
     for _ in range(NUM_STEPS):
-        gaps = point_gaps(fixed, moving, turn)
+        gaps = next(point_gaps(fixed, moving, turn[None]))
         there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
         cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
         turn = nearest_orthogonal(cross, determinant=1.0)

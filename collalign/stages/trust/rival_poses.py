@@ -150,7 +150,5 @@ def pose_costs(
     own = surface_points(shape, first=0)
     costs = np.empty((len(poses), len(partners)))
     for p, (partner, partner_pose) in enumerate(zip(partners, partner_poses, strict=True)):
-        other = surface_points(partner, first=1)
-        for r, pose in enumerate(poses):
-            costs[r, p] = surface_gap(other, own, partner_pose.T @ pose)
+        costs[:, p] = surface_gap(surface_points(partner, first=1), own, partner_pose.T @ poses)
     return costs

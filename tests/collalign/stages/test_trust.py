@@ -160,11 +160,13 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(rng):
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     points = rng.standard_normal((40, 3))
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
-    assert surface_gap((points, normals), (points, normals), np.eye(3)) == pytest.approx(0.0, abs=1e-12)
-    inside_out = surface_gap((points, normals), (points, -normals), np.eye(3))
-    assert inside_out > surface_gap((points, normals), (points, np.empty((0, 3))), np.eye(3))
+    assert surface_gap((points, normals), (points, normals), np.eye(3)[None]) == pytest.approx(0.0, abs=1e-12)
+    inside_out = surface_gap((points, normals), (points, -normals), np.eye(3)[None])
+    assert inside_out > surface_gap((points, normals), (points, np.empty((0, 3))), np.eye(3)[None])
     turn = Rotation.from_euler("z", 40, degrees=True).as_matrix()
-    assert surface_gap((points, normals), (points @ turn, normals @ turn), turn) == pytest.approx(0.0, abs=1e-12)
+    assert surface_gap((points, normals), (points @ turn, normals @ turn), turn[None]) == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability():
@@ -285,7 +287,7 @@ def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copie
 def test_the_cost_looks_both_ways(rng):
     whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
     part = whole[:10]
-    costs = [surface_gap((a, none), (b, none), np.eye(3)) for a, b in ((whole, part), (part, whole))]
+    costs = [surface_gap((a, none), (b, none), np.eye(3)[None]) for a, b in ((whole, part), (part, whole))]
     assert costs[0] == pytest.approx(costs[1])
     assert min(costs) > 0.01
 

@@ -31,7 +31,7 @@ def test_solid_shapes_are_closed_oriented_and_in_one_piece(make, rng):
     shape = make(rng)
     assert is_closed_manifold(shape.faces)
     assert volume(shape) > 0
-    assert vertex_components(len(shape.vertices), mesh_edges(shape.faces))[0] == 1
+    assert vertex_components(len(shape.vertices), [mesh_edges(shape.faces)])[0] == 1
     assert 900 < len(shape.vertices) < 2500
 
 
@@ -54,7 +54,7 @@ def test_crown_is_open_with_one_rim():
     assert abs(len(shape.vertices) - 800) < 40
     assert is_open_surface(shape.vertices, shape.faces)
     rim = boundary_edges(shape.faces)
-    _, labels = vertex_components(len(shape.vertices), rim)
+    _, labels = vertex_components(len(shape.vertices), [rim])
     assert len(set(labels[np.unique(rim)])) == 1
     np.testing.assert_array_equal(crown(num_vertices=800).vertices, shape.vertices)
     varied = crown(np.random.default_rng(1), num_vertices=800)

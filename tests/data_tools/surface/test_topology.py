@@ -34,7 +34,7 @@ def test_sphere_area_and_euler_characteristic():
 
 def test_components():
     _, faces = sphere_mesh(30)
-    num, labels = vertex_components(61, mesh_edges(np.concatenate([faces, faces + 30])))
+    num, labels = vertex_components(61, [mesh_edges(np.concatenate([faces, faces + 30]))])
     assert num == 3
     assert len(set(labels[:30])) == len(set(labels[30:60])) == 1
 
