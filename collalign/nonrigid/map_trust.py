@@ -29,7 +29,7 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
 
 
 def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
-    """Return what :func:`map_probability` weighs of a candidate, shape (4,).
+    """Return what :func:`map_probability` weighs of a candidate, shape (3,).
 
     Parameters
     ----------
@@ -44,9 +44,8 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
     rivals = scores[same.mean(axis=1) < SAME_SHARE]
     lead = float(rivals.min() - scores[number]) if len(rivals) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
-    evidence = found[number].evidence
-    gaps = -np.log(np.maximum([evidence.commutativity, evidence.roughness], FLOOR))
-    return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), *gaps])
+    commutativity = max(found[number].evidence.commutativity, FLOOR)
+    return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), -np.log(commutativity)])
 
 
 def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refined]) -> tuple[float, FloatArray]:

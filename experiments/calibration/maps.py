@@ -38,7 +38,7 @@ class JudgedPair:
     target : SpectralShape
     found : list of Refined
         The chosen one first, as it ends.
-    terms : ndarray, shape (m, 4)
+    terms : ndarray, shape (m, 3)
         As :func:`~collalign.nonrigid.map_trust.map_terms`.
     points : ndarray, shape (m, s, 2)
         As :func:`~collalign.nonrigid.map_trust.point_terms`, at the evaluated points.
