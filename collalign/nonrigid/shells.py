@@ -17,11 +17,10 @@ import numpy as np
 from collalign.nonrigid.functional_map import fitted_map, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.harmonic import SMOOTHNESS, Side
 from collalign.nonrigid.map_tuning import TUNED
-from collalign.nonrigid.surface.geometry import summed_normals
 from collalign.nonrigid.surface.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
-from data_tools.surface.shape import Shape
+from data_tools.surface.normals import vertex_normals
 
 
 class ShellRefiner:
@@ -72,7 +71,7 @@ class _Skin:
 
     def in_space(self, places: FloatArray, chirality: float = 1.0) -> FloatArray:
         """Return what is compared of the samples where the vertices are at ``places``, shape (s, 6)."""
-        normals = chirality * summed_normals(Shape.from_arrays(places, self.faces))[self.dense]
+        normals = chirality * vertex_normals(places, self.faces)[self.dense]
         return np.hstack([TUNED.shell_position * places[self.dense], TUNED.shell_normal * normals])
 
 

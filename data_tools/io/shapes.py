@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
@@ -124,7 +125,7 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
     if not shape.is_mesh and suffix not in (".ply", ".obj"):
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
     if suffix == ".ply":
-        return write_atomic(path, _ply(shape))
+        return write_ply(path, shape.vertices, shape.faces)
     import trimesh
 
     if shape.is_mesh:
@@ -135,15 +136,22 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
     return write_atomic(path, content.encode() if isinstance(content, str) else content)
 
 
-def _ply(shape: Shape) -> bytes:
-    """Return a binary PLY file of coordinates in single precision, and triangles where there are any."""
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(shape.vertices)}"]
-    header += [f"property float {axis}" for axis in "xyz"]
-    rows = np.empty(len(shape.faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
-    if shape.is_mesh:
-        header += [f"element face {len(rows)}", "property list uchar int vertex_indices"]
-        rows["corners"], rows["vertices"] = 3, shape.faces
-    return b"".join(["\n".join([*header, "end_header\n"]).encode(), shape.vertices.astype("<f4").data, rows.data])
+def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArray[Any]) -> Path:
+    """Write a binary PLY, atomically, with values of the vertices, shape (v,), as further properties.
+
+    Bytes, such as ``red``, stay; all else is in single precision. MeshLab, ParaView, 3D Slicer and R (Rvcg) read it.
+    """
+    columns = dict(zip("xyz", vertices.T, strict=True)) | values
+    is_byte = {name: column.dtype == np.uint8 for name, column in columns.items()}
+    kinds = [(name, "u1" if byte else "<f4") for name, byte in is_byte.items()]
+    points = np.rec.fromarrays(list(columns.values()), dtype=kinds)
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property {'uchar' if byte else 'float'} {name}" for name, byte in is_byte.items()]
+    triangles = np.empty(len(faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
+    triangles["corners"], triangles["vertices"] = 3, faces
+    if len(faces):
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    return write_atomic(path, b"".join(["\n".join([*header, "end_header\n"]).encode(), points.data, triangles.data]))
 
 
 def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -> Shape:

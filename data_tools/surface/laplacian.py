@@ -175,15 +175,6 @@ def _shifted_inverse(matrix: csc_array) -> LinearOperator:
     return LinearOperator(matrix.shape, matvec=factor.solve, dtype=np.float64)
 
 
-@one_blas_thread()
-def eigenfunctions(shape: Shape, num: int) -> Spectrum:
-    """Return the ``num`` lowest non-constant Laplace-Beltrami eigenpairs of a shape, scaled to unit area.
-
-    See :func:`surface_operators` and :func:`spectrum`.
-    """
-    return spectrum(surface_operators(shape), num, name=shape.name)
-
-
 def _cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return the cotangent of the angle at each corner, shape (f, 3)."""
     corners = vertices[faces]

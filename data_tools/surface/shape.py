@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only
 from data_tools.poses import moved_by
+from data_tools.surface.topology import face_areas
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,10 +103,7 @@ class Shape:
     @property
     def area(self) -> float:
         """Surface area in squared units of the vertices; NaN for a point cloud."""
-        if not self.is_mesh:
-            return float("nan")
-        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
-        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return float(face_areas(self.vertices, self.faces).sum()) if self.is_mesh else float("nan")
 
     def transformed(self, transform: FloatArray) -> Shape:
         """Return the shape elsewhere; triangles are turned round where the transform mirrors.

@@ -53,8 +53,7 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int, IntArray]:
     """Return the number of connected components and each vertex's label, shape (v,), in the order of first vertices.
 
-    Each vertex hangs on a smaller neighbour, and all of a tree on its root (algorithm S of Liu and Tarjan 2022): no
-    matrix is sorted. Edges are arrays of two columns; where the first connect most, the others cost little.
+    Edges are arrays of two columns. Trees of vertices hang on smaller ones (algorithm S of Liu and Tarjan 2022).
     """
     root = np.arange(num_vertices)
     for ends in edges:

@@ -10,7 +10,9 @@ from scipy.sparse.linalg import splu
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.surface.laplacian import SurfaceOperators
+from data_tools.surface.normals import vertex_normals
 from data_tools.surface.shape import Shape
+from data_tools.surface.topology import face_areas
 
 #: Lowest functions of the target whose orientation is compared; the source needs more to represent them.
 NUM_FORM_FUNCTIONS = 6
@@ -27,13 +29,6 @@ def signed_volume(shape: Shape) -> float:
     """Return the volume inside a mesh (of an open one, of the cone from its centroid); negative if inside out."""
     a, b, c = (shape.vertices[shape.faces[:, i]] - shape.vertices.mean(axis=0) for i in range(3))
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
-
-
-def summed_normals(shape: Shape) -> FloatArray:
-    """Return unit normals, the area-weighted mean of those of the triangles around a vertex, shape (v, 3)."""
-    normals = _around(shape) @ _doubled_normals(shape)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(lengths > 0, lengths, 1.0)
 
 
 def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float) -> FloatArray:
@@ -57,7 +52,7 @@ def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float
     positions = shape.vertices
     for _ in range(2):
         positions = step.solve(mass @ positions)
-    bending = ((operators.stiffness @ positions) * summed_normals(shape)).sum(axis=1)
+    bending = ((operators.stiffness @ positions) * vertex_normals(shape.vertices, shape.faces)).sum(axis=1)
     curvature = 0.5 * np.sqrt(shape.area) * step.solve(bending)
     return np.clip(curvature, *np.quantile(curvature, [0.01, 0.99]))
 
@@ -80,15 +75,9 @@ def orientation_form(shape: Shape, functions: FloatArray) -> FloatArray:
     wedge = along[:, :, None] * across[:, None, :]
     wedge = wedge - np.swapaxes(wedge, 1, 2)
     around = _around(shape)
-    doubled_areas = around @ np.linalg.norm(_doubled_normals(shape), axis=1)
+    doubled_areas = around @ (2.0 * face_areas(shape.vertices, shape.faces))
     sums = (around @ wedge.reshape(len(wedge), -1)).reshape(-1, *wedge.shape[1:])
     return sums * (shape.area / np.where(doubled_areas > 0, doubled_areas, 1.0))[:, None, None]
-
-
-def _doubled_normals(shape: Shape) -> FloatArray:
-    """Return the normals of the triangles, as long as twice their areas, shape (f, 3)."""
-    a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
-    return np.cross(b - a, c - a)
 
 
 def _around(shape: Shape) -> csr_array:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature, summed_normals
+from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
 from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
@@ -16,6 +16,7 @@ from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.laplacian import Spectrum
+from data_tools.surface.normals import vertex_normals
 from data_tools.surface.shape import Shape
 
 #: Triangles, points and eigenfunctions of a prepared surface: few enough that a map takes a few milliseconds.
@@ -73,7 +74,7 @@ def prepare_posed(shape: Shape) -> PosedSurface:
         curvature=curvature[dense],
         orientation=orientation_form(working, eigen.functions[:, :NUM_ORIENTATION])[dense],
     )
-    return posed_surface(spectral, summed_normals(working)[dense])
+    return posed_surface(spectral, vertex_normals(working.vertices, working.faces)[dense])
 
 
 def spectral_samples(**known: Any) -> SpectralShape:
@@ -128,7 +129,7 @@ def first_samples(surface: PosedSurface, num_points: int, num_functions: int) ->
 def sampled_surface(shape: SpectralShape) -> PosedSurface:
     """Return a shape that is prepared in full, at its dense samples; it must have triangles."""
     sampled = _at(shape, shape.dense, shape.orientation, len(shape.eigenvalues))
-    return posed_surface(sampled, summed_normals(shape.working_shape)[shape.dense])
+    return posed_surface(sampled, vertex_normals(shape.vertices, shape.faces)[shape.dense])
 
 
 def _at(shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, num_functions: int) -> SpectralShape:

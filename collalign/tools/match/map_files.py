@@ -17,7 +17,7 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import read_shape, write_ply
 from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 
@@ -50,7 +50,7 @@ def stage_match(
     figure.savefig(output.stage("map.png"), format="png", metadata={"Software": None})
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
-    _write_coloured(output.stage("map_source.ply"), right, of_source, confidence)
+    _write_coloured(output.stage("map_source.ply"), right, of_source, confidence=confidence)
     if landmarks:
         write_atomic(output.stage(LANDMARKS_FILE), csv_text(rows).encode())
 
@@ -91,14 +91,7 @@ def carried_rows(
     return rows
 
 
-def _write_coloured(path: Path, shape: Shape, colours: FloatArray, confidence: FloatArray | None = None) -> Path:
-    """Write a PLY with colours, and with the confidence as a further property of the vertices."""
-    import trimesh
-
-    rgb = np.round(255 * colours).astype(np.uint8)
-    if not shape.is_mesh:
-        return write_atomic(path, trimesh.PointCloud(shape.vertices, colors=rgb).export(file_type="ply"))
-    mesh = trimesh.Trimesh(shape.vertices, shape.faces, vertex_colors=rgb, process=False)
-    if confidence is not None:
-        mesh.vertex_attributes["confidence"] = confidence.astype(np.float32)
-    return write_atomic(path, mesh.export(file_type="ply", include_attributes=True))
+def _write_coloured(path: Path, shape: Shape, colours: FloatArray, **values: FloatArray) -> Path:
+    """Write a PLY with colours, and with values as further properties of the vertices."""
+    channels = zip(("red", "green", "blue"), np.round(255 * colours).astype(np.uint8).T, strict=True)
+    return write_ply(path, shape.vertices, shape.faces, **dict(channels), **values)

@@ -6,8 +6,6 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
@@ -15,9 +13,10 @@ from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray
 from data_tools.io.files import file_stems, write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import write_ply
 
 PAGE_FILE = "variation.html"
 #: Where in a result's folder the page is, which its report names.
@@ -94,7 +93,7 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
 
     def write(folder: str, stem: str, vertices: FloatArray) -> None:
         offset = signed_offsets(variation.mean, variation.faces, vertices)
-        _write_mesh(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, offset=offset)
+        write_ply(output.stage(folder, f"{stem}.ply"), vertices, variation.faces, offset=offset)
 
     write("components", "mean", variation.mean)
     for at in range(min(NUM_COMPONENTS, len(variation.components.shares))):
@@ -118,13 +117,4 @@ def _write_asymmetry(variation: SurfaceVariation, symmetry: ObjectSymmetry, outp
         vertices = symmetry.mean + parts
         offset = signed_offsets(symmetry.mean, variation.faces, vertices)
         path = output.stage(SYMMETRY_FOLDER, *f"{stem}.ply".split("/"))
-        _write_mesh(path, vertices, variation.faces, asymmetry=offset)
-
-
-def _write_mesh(path: Path, vertices: FloatArray, faces: IntArray, **values: FloatArray) -> None:
-    """Write a mesh with values at its vertices, which MeshLab, ParaView, 3D Slicer and R (Rvcg) read."""
-    import trimesh
-
-    attributes = {name: value.astype(np.float32) for name, value in values.items()}
-    mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_attributes=attributes)
-    write_atomic(path, mesh.export(file_type="ply", vertex_normal=False))
+        write_ply(path, vertices, variation.faces, asymmetry=offset)
