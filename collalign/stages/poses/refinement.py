@@ -38,7 +38,7 @@ LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
 def refine_pair(
-    target: DensePoints, source: DensePoints, start: FloatArray, steps: int = ROUND_STEPS[-1]
+    target: DensePoints, source: DensePoints, start: FloatArray, steps: int = 30
 ) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
