@@ -143,9 +143,8 @@ def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArr
     """
     columns = dict(zip("xyz", vertices.T, strict=True)) | values
     is_byte = {name: column.dtype == np.uint8 for name, column in columns.items()}
-    points = np.empty(len(vertices), dtype=[(name, "u1" if byte else "<f4") for name, byte in is_byte.items()])
-    for name, column in columns.items():
-        points[name] = column
+    kinds = [(name, "u1" if byte else "<f4") for name, byte in is_byte.items()]
+    points = np.rec.fromarrays(list(columns.values()), dtype=kinds)
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property {'uchar' if byte else 'float'} {name}" for name, byte in is_byte.items()]
     triangles = np.empty(len(faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])

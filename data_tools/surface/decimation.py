@@ -8,10 +8,11 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.topology import face_areas, vertex_components
 
-#: Of a mesh of more than so many times the triangles asked for, vertices near each other are put together before
-#: edges are collapsed one by one; a third as many are left. A generated bone of 40 000 triangles, decimated to 4000,
-#: then lies 4.0e-4 sqrt(area) from the original (root mean square) instead of 3.9e-4, one of 600 000 4.4e-4 (4.2e-4).
-MOST_COLLAPSED = 8
+#: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together.
+MOST_COLLAPSED = 200_000
+#: Vertices that are left of such a mesh, about. A generated bone of 600 000 triangles, decimated to 4000, then lies
+#: 3.6e-4 sqrt(area) from the original (root mean square) instead of 3.2e-4.
+_NUM_CLUSTERS = MOST_COLLAPSED // 4
 #: The three clusters of a triangle fit into one integer of 64 bits.
 _MOST_KEYED = 2**21
 #: Cells of a cubic grid that a surface passes through, for an area of one cell's side.
@@ -21,8 +22,8 @@ _CELLS_PER_AREA = 1.5
 def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[FloatArray, IntArray]:
     """Return a mesh of at most about ``max_faces`` triangles by quadric decimation (Garland and Heckbert 1997).
 
-    Of a mesh of more than :data:`MOST_COLLAPSED` times as many, vertices of one cell of a grid that edges inside the
-    cell connect are first replaced by their mean (Rossignac and Borrel 1993; sheets that only come near stay apart).
+    Of a mesh of more than :data:`MOST_COLLAPSED` triangles, vertices of one cell of a grid that edges inside the cell
+    connect are first replaced by their mean (Rossignac and Borrel 1993, but sheets that only come near stay apart).
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
     faces : ndarray of int, shape (g, 3)
         Some may be degenerate.
     """
-    if len(faces) > MOST_COLLAPSED * max_faces:
-        vertices, faces = _clustered(vertices, faces, MOST_COLLAPSED * max_faces / 3)
+    if len(faces) > MOST_COLLAPSED:
+        vertices, faces = _clustered(vertices, faces)
     if len(faces) <= max_faces:
         return vertices, faces
     # The thresholds of the library are lengths: without a common unit, millimetres and metres would differ.
@@ -47,9 +48,9 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
     return unit * np.asarray(small, dtype=np.float64) + centre, np.asarray(triangles, dtype=np.int64)
 
 
-def _clustered(vertices: FloatArray, faces: IntArray, size: float) -> tuple[FloatArray, IntArray]:
-    """Return a mesh of about ``size`` vertices, the means of connected vertices of one cell."""
-    side = float(np.sqrt(_CELLS_PER_AREA * face_areas(vertices, faces).sum() / size))
+def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return a mesh whose vertices are the means of connected vertices of one cell."""
+    side = float(np.sqrt(_CELLS_PER_AREA * face_areas(vertices, faces).sum() / _NUM_CLUSTERS))
     cells = np.floor((vertices - vertices.min(axis=0)) / side).astype(np.int64)
     x, y, z = cells.T
     sizes = cells.max(axis=0) + 1

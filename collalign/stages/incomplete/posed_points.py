@@ -30,7 +30,7 @@ def points_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptio
 
 
 #: Reads a surface. The version changes whenever the same file would give other points.
-READING = Job(kind="surfaces", version="points-3", run=points_of_file, reader=OrientedPoints)
+READING = Job(kind="surfaces", version="points-2", run=points_of_file, reader=OrientedPoints)
 
 
 def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int]) -> Results[int, OrientedPoints]:

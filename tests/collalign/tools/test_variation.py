@@ -8,12 +8,13 @@ import pytest
 import trimesh
 
 from collalign.output.evidence.members import Members
-from collalign.tools.variation.files import _write_mesh, write_variation
+from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.shape_statistics import statistics_tables
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
+from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
@@ -71,7 +72,7 @@ def test_a_single_surface_is_refused():
 def test_values_come_back_from_ply(tmp_path):
     mean, faces = sphere_mesh(50)
     path = tmp_path / "a.ply"
-    _write_mesh(path, mean, faces, offset=mean[:, 0])
+    write_ply(path, mean, faces, offset=mean[:, 0])
     back = trimesh.load(path, process=False)
     np.testing.assert_allclose(back.vertices, mean, atol=1e-6)
     np.testing.assert_array_equal(back.faces, faces)

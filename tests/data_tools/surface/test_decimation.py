@@ -10,6 +10,12 @@ from data_tools.surface.decimation import decimate
 from data_tools.surface.topology import counted_edges, face_areas, mesh_edges, vertex_components
 
 
+@pytest.fixture
+def clusters_first(monkeypatch):
+    monkeypatch.setattr(decimation, "MOST_COLLAPSED", 2_000)
+    monkeypatch.setattr(decimation, "_NUM_CLUSTERS", 1_500)
+
+
 def largest_gap(points, vertices, faces):
     places = SurfaceLocator(vertices, faces).closest(points).on(vertices)
     return float(np.linalg.norm(places - points, axis=1).max())
@@ -38,9 +44,10 @@ def test_the_unit_of_length_decides_nothing(rng, unit):
     np.testing.assert_allclose(others / unit, vertices, atol=1e-9)
 
 
+@pytest.mark.usefixtures("clusters_first")
 def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     shape = blob(rng, num_vertices=20_000)
-    clustered, triangles = decimation._clustered(shape.vertices, shape.faces, 1_500)
+    clustered, triangles = decimate(shape.vertices, shape.faces, 10**6)
     assert 1_000 < len(clustered) < 3_000
     _, num_faces = counted_edges(triangles)
     assert num_faces.min() == 2
@@ -51,10 +58,11 @@ def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     assert face_areas(vertices, faces).sum() == pytest.approx(face_areas(shape.vertices, shape.faces).sum(), rel=0.03)
 
 
+@pytest.mark.usefixtures("clusters_first")
 def test_sheets_that_come_near_stay_apart():
     vertices, faces = sphere_mesh(4_000)
     two = np.concatenate([vertices, 1.002 * vertices])
-    few, triangles = decimation._clustered(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 1_500)
+    few, triangles = decimate(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 10**6)
     used = np.unique(triangles)
     _, labels = vertex_components(len(few), [mesh_edges(triangles)])
     assert len(np.unique(labels[used])) == 2
