@@ -181,7 +181,9 @@ def demo(
     if not {path.absolute() for path in read_folder(out / "shapes").files} <= {path.absolute() for path in files}:
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
     if not options.reference and options.gauge == "reference":
-        options = replace(options, reference=_most_upright(planted))
+        # The shape that stands most upright in pictures: their up is y, a chair's is z.
+        upright = int(np.argmax(planted.rotations[:, 2, 1]))
+        options = replace(options, reference=planted.shapes[upright].name)
     code = align([out / "shapes"], out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
@@ -199,11 +201,6 @@ def _listed(given: Path | list[Path], *, recursive: bool, parts: bool) -> tuple[
     listing = list_shapes(given, recursive=recursive, parts=parts)
     places = given if isinstance(given, list) else [given]
     return listing, {*(Path(str(place).removeprefix("@")) for place in places), *inputs_of(listing.files)}
-
-
-def _most_upright(planted: PlantedCollection) -> str:
-    """Return the shape that stands most upright in pictures (their up is y, a chair's is z): a reference for all."""
-    return planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name
 
 
 def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:

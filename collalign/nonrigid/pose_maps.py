@@ -77,7 +77,10 @@ class PoseMapper:
         Eigenfunctions of near-isometric surfaces agree up to sign where their eigenvalues are simple; the descriptors
         beside them steady those that are not. No pose takes part.
         """
-        target, source = (_sign_features(one) for one in (self.target, self.source))
+        target, source = (
+            np.hstack([unit_rows(one.spectral.functions[:, :NUM_SIGNS]), START_DESCRIPTOR_WEIGHT * one.descriptors])
+            for one in (self.target, self.source)
+        )
         unsigned, starts = cdist(target, source, "sqeuclidean"), []
         for turned in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
             gaps = unsigned + (target[:, :NUM_SIGNS] * turned) @ source[:, :NUM_SIGNS].T
@@ -121,10 +124,3 @@ def _start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
     """Return what closest points compare at the start, shape (n, 6 + m)."""
     normals = START_NORMAL_WEIGHT * surface.normals @ rotation.T
     return np.hstack([surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors])
-
-
-def _sign_features(surface: PosedSurface) -> FloatArray:
-    """Return the lowest functions, of root mean square length 1, and weighted descriptors, shape (n, q + m)."""
-    return np.hstack(
-        [unit_rows(surface.spectral.functions[:, :NUM_SIGNS]), START_DESCRIPTOR_WEIGHT * surface.descriptors]
-    )

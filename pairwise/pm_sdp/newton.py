@@ -73,7 +73,7 @@ class NewtonSystem:
         data, basis = self.data, self.basis
         num_rows = data.num_rows
         coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
-        pushes = targets.products / self._safe_x()
+        pushes = targets.products / (self.primal.x if data.is_full else np.where(data.valid, self.primal.x, 1.0))
         acceptable = 0.0
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
@@ -106,9 +106,6 @@ class NewtonSystem:
         residual[open_rows] += change / self.dual.beta[open_rows]
         residual[data.pinned] = 0.0
         return residual
-
-    def _safe_x(self) -> FloatArray:
-        return self.primal.x if self.data.is_full else np.where(self.data.valid, self.primal.x, 1.0)
 
     def _quaternion_step(self, targets: Targets, dR: FloatArray) -> FloatArray:
         """Return dY (q, 4, 4) of the dual point for a step of R."""

@@ -33,7 +33,8 @@ def appendix_starts(problem: Problem, relaxation: RelaxationResult) -> FloatArra
     """
     entries, probabilities = rank_one_factors(relaxation)
     maps = [nearest_map(problem, relaxation.X), nearest_map(problem, probabilities)]
-    moments = [_moment(problem, point_map) for point_map in maps]
+    weighted = problem.weights[:, None] * problem.source
+    moments = [problem.target[point_map].T @ weighted for point_map in maps]
     return np.stack([relaxation.R, problem.pattern.unpack(entries), *moments])
 
 
@@ -91,7 +92,3 @@ def _conditional_means(relaxation: RelaxationResult, num: int, rng: np.random.Ge
     drawn = rng.choice(mass.size, size=num, p=mass.ravel() / mass.sum())
     source, target = np.unravel_index(drawn, mass.shape)
     return relaxation.B[source, :, target] / mass[source, target, None]
-
-
-def _moment(problem: Problem, point_map: IntArray) -> FloatArray:
-    return problem.target[point_map].T @ (problem.weights[:, None] * problem.source)

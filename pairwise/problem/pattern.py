@@ -65,7 +65,8 @@ class RotationPattern:
         mask, first = _mask_from_user(pattern, dim)
         special = ((0, first),) if group == "SO" else ()
         _check_sizes(special)
-        if not mask.all() and np.linalg.matrix_rank(_random_filling(mask)) < dim:
+        filled = np.where(mask, np.random.default_rng(0).standard_normal(mask.shape), 0.0)
+        if not mask.all() and np.linalg.matrix_rank(filled) < dim:
             raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
         return cls(read_only(mask), special)
 
@@ -208,7 +209,3 @@ def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:
 def _check_sizes(blocks: Iterable[tuple[int, int]]) -> None:
     if any(stop - start < 2 for start, stop in blocks):
         raise OptionsError("rotation_pattern: a rotation block has two coordinates or more, one cannot turn")
-
-
-def _random_filling(mask: BoolArray) -> FloatArray:
-    return np.where(mask, np.random.default_rng(0).standard_normal(mask.shape), 0.0)

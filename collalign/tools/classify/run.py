@@ -138,7 +138,10 @@ def classify_leave_one_out(
         scored=scored,
         by_label=by_label,
         single_members=single_members,
-        statement=_statement(num - int(known.sum()), len(single_members)),
+        statement="Leave-one-out classification by the nearest neighbour. "
+        f"{num - int(known.sum())} shapes without a label were neither scored nor neighbours; {len(single_members)} "
+        "shapes that are the only member of their label were not scored (they can never be right) but kept as "
+        "neighbours.",
     )
 
 
@@ -157,12 +160,3 @@ def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) 
             num, correct = found[value]
             found[value] = (num + 1, correct + int(near >= 0 and values[near] == value))
     return found
-
-
-def _statement(num_unknown: int, num_single: int) -> str:
-    return (
-        "Leave-one-out classification by the nearest neighbour. "
-        f"{num_unknown} shapes without a label were neither scored nor neighbours; "
-        f"{num_single} shapes that are the only member of their label were not scored (they can never be right) but "
-        "kept as neighbours."
-    )

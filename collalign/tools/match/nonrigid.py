@@ -93,7 +93,11 @@ def match_prepared(
     options : NonrigidOptions, optional
     """
     options = options or NonrigidOptions()
-    _check_fit(target, source)
+    if len(target.eigenvalues) != len(source.eigenvalues):
+        raise InputError(
+            f"{target.name} has {len(target.eigenvalues)} eigenfunctions, {source.name} {len(source.eigenvalues)}: "
+            "prepare both with the same options"
+        )
     found = finished(target, source, options)
     maps = vertex_maps(target, source, found[0])
     return match_of(target, source, found, maps, num_candidates=options.num_candidates)
@@ -170,11 +174,3 @@ def _public(target: SpectralShape, candidate: Refined) -> NonrigidCandidate:
         evidence=candidate.evidence,
         origin=candidate.origin,
     )
-
-
-def _check_fit(target: SpectralShape, source: SpectralShape) -> None:
-    if len(target.eigenvalues) != len(source.eigenvalues):
-        raise InputError(
-            f"{target.name} has {len(target.eigenvalues)} eigenfunctions, {source.name} {len(source.eigenvalues)}: "
-            "prepare both with the same options"
-        )
