@@ -182,8 +182,7 @@ def demo(
         raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
     if not options.reference and options.gauge == "reference":
         # The shape that stands most upright in pictures: their up is y, a chair's is z.
-        upright = int(np.argmax(planted.rotations[:, 2, 1]))
-        options = replace(options, reference=planted.shapes[upright].name)
+        options = replace(options, reference=planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name)
     code = align([out / "shapes"], out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)

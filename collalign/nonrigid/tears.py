@@ -17,12 +17,10 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.topology import mesh_edges
 
 
-def without_torn_ends(
-    target: SpectralShape, source: SpectralShape, found: FunctionalMap
-) -> tuple[IntArray, IntArray]:
+def without_torn_ends(target: SpectralShape, source: SpectralShape, torn: FunctionalMap) -> tuple[IntArray, IntArray]:
     """Return the point maps of the samples of two meshes, there and back, with -1 beyond where they are torn."""
     of_target, of_source = _Net(target), _Net(source)
-    there, back = found.map_target_source, found.map_source_target
+    there, back = torn.map_target_source, torn.map_source_target
     return (
         np.where(of_source.largest_piece(there, of_target), there, -1),
         np.where(of_target.largest_piece(back, of_source), back, -1),

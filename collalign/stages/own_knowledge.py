@@ -116,7 +116,7 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
         (pair, as_rotations(given, f"candidates[{', '.join(pair)}]", group=group).reshape(-1, 3, 3))
         for pair, given in sorted(own.candidates.items())
     ]
-    vertices = cache(lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).vertices)
+    vertices = cache(lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).file_vertices)
     for both, rows in sorted(own.correspondences.items()):
         if at.keys() >= {*both}:
             proposed.append((both, _pose_of_matches(both, rows, vertices, group)))
@@ -186,10 +186,11 @@ def _pose_of_matches(pair: Names, rows: ArrayLike, vertices: Callable[[str], Flo
     """
     called = f"correspondences[{', '.join(pair)}]"
     matches = as_indices(rows, called, upper=MAX_INDEX, shape=(None, 2))
-    centred = []
+    points = []
     for name, chosen in zip(pair, matches.T, strict=True):
-        points = vertices(name)[as_indices(chosen, f"{called}, of {name}", upper=len(vertices(name)))]
-        centred.append(points - points.mean(axis=0))
+        points.append(vertices(name)[as_indices(chosen, f"{called}, of {name}", upper=len(vertices(name)))])
+    matched = np.stack(points)[:, np.isfinite(points).all(axis=(0, 2))]
+    centred = matched - matched.mean(axis=1, keepdims=True) if matched.size else matched
     covariance = centred[0].T @ centred[1]
     rank = np.linalg.matrix_rank(covariance, rtol=1e-9)
     if rank < 2:

@@ -99,6 +99,13 @@ class Shape:
         return np.arange(len(self.vertices)) if self.source_indices is None else self.source_indices
 
     @property
+    def file_vertices(self) -> FloatArray:
+        """The vertices as the file numbers them, NaN for those that reading left out, shape (w, 3)."""
+        vertices = np.full((self.file_size or len(self.vertices), 3), np.nan)
+        vertices[self.file_indices] = self.vertices
+        return vertices
+
+    @property
     def is_mesh(self) -> bool:
         """Whether the shape has triangles."""
         return len(self.faces) > 0

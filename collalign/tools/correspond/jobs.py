@@ -179,6 +179,5 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
 def stored_shape(file: PosedFile) -> Shape:
     """Read a file with all its vertices, anywhere those that are of no use, and put it into the common frame."""
     shape = file.read(AS_STORED)
-    vertices = np.zeros((shape.file_size or len(shape.vertices), 3))
-    vertices[shape.file_indices] = shape.vertices
+    vertices = np.nan_to_num(shape.file_vertices)
     return Shape.from_arrays(vertices, shape.file_indices[shape.faces], name=shape.name).transformed(file.transform)
