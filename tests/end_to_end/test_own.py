@@ -69,6 +69,7 @@ def test_matched_vertices_give_a_pose_of_the_pair(planted, store):
     found = align(planted, store=store, correspondences={(second, first): rows}, **few)
     assert found.own == ("correspondences",)
     assert any("poses of 1 pairs, 1 within 20 deg" in note for note in found.notes)
+    assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
     one, other = ((shape.vertices, shape.faces) for shape in planted.shapes[:2])
     shifted = np.vstack([np.zeros((1, 3)), one[0]]), one[1] + 1  # its first vertex is of no triangle
     later = {(second, first): np.add(rows, [0, 1])}

@@ -85,13 +85,10 @@ def test_both_directions_are_treated_alike(bodies):
 
 
 def test_ends_of_limbs_that_are_exchanged_are_found_and_mended(bodies):
-    def exchanged(points, is_end):
-        return np.where(is_end[:, None], [21.0, 0.0, 0.0] + points * [-1.0, 1.0, 1.0], points)
-
-    to, of = (bodies[0].vertices[one.dense] for one in bodies)
+    of, to = (bodies[0].vertices[one.dense] for one in bodies[::-1])
     ends = [np.abs(points[:, 0] - 10.5) > 5.0 for points in (of, to)]
-    there = np.linalg.norm(exchanged(of, ends[0])[:, None] - to, axis=2).argmin(axis=1)
-    back = np.linalg.norm(exchanged(to, ends[1])[:, None] - of, axis=2).argmin(axis=1)
+    other = [p + end[:, None] * ([21, 0, 0] - p * [2, 0, 0]) for p, end in zip((of, to), ends, strict=True)]
+    there, back = (np.linalg.norm(p[:, None] - q, axis=2).argmin(1) for p, q in zip(other, (to, of), strict=True))
     wrong, right = (as_map(bodies, maps) for maps in ((there, back), true_maps(bodies)))
     for maps, found in zip(without_torn_ends(*bodies, wrong), ends, strict=True):
         np.testing.assert_array_equal(maps < 0, found)

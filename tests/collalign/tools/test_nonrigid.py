@@ -175,3 +175,5 @@ def test_maps_of_files_become_maps_of_shapes_without_the_vertices_that_were_drop
     target, source = (replace(Shape.from_arrays(np.eye(4)[one, :3]), source_indices=np.array(one)) for one in kept)
     assert vertices_map(np.array([-1, 3, 0]), target, source).tolist() == [2, 0]
     assert vertices_map(np.array([0, 1, -1]), target, source).tolist() == [-1, -1]
+    whole, images = Shape.from_arrays(np.eye(4)[:, :3]), np.array([3, 2, -1, 0])
+    assert np.array_equal(vertices_map(images, whole, whole), images)
