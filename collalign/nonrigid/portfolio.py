@@ -59,6 +59,16 @@ def find_candidates(target: SpectralShape, source: SpectralShape, options: Nonri
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
+def candidates_from(
+    target: SpectralShape, source: SpectralShape, poses: FloatArray, options: NonrigidOptions
+) -> list[Refined]:
+    """Return distinct candidates that poses (m, 3, 3) of two meshes start, best evidence first."""
+    mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
+    few = at_few_samples(mapper)
+    coarse = [judged(few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES) for pose in poses]
+    return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
+
+
 def with_others_from_poses(mapper: PoseMapper, own: Refined, options: NonrigidOptions) -> list[Refined]:
     """Return a candidate, and behind it other maps that poses start, all with what their poses leave."""
     target, source = mapper.target.spectral, mapper.source.spectral
@@ -128,7 +138,7 @@ def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOpt
 
 def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
     """Return a candidate whose evidence knows what the pose that it asks for leaves between the surfaces."""
-    rotation = mapper.rotation_of(candidate.functional_map, chirality=_chirality(candidate, options))
+    rotation = mapper.rotation_of(candidate.functional_map, chirality=chirality_of(candidate, options))
     normals = mapper.normal_gap(candidate.functional_map, rotation)
     return replace(
         candidate, evidence=replace(candidate.evidence, normals=normals, surface=mapper.surface_gap(rotation))
@@ -138,7 +148,7 @@ def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: Nonrigid
 def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: NonrigidOptions) -> Refined:
     """Return what a map leads to with all samples where the surfaces are laid onto each other, smooth both ways."""
     target, source = mapper.target.spectral, mapper.source.spectral
-    maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=_chirality(coarse, options))
+    maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options))
     found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
     return with_pose_evidence(mapper, judged(target, source, found, coarse.origin), options)
 
@@ -181,7 +191,7 @@ def _at_all_samples(target: SpectralShape, source: SpectralShape, coarse: Refine
     return mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
 
 
-def _chirality(candidate: Refined, options: NonrigidOptions) -> float:
+def chirality_of(candidate: Refined, options: NonrigidOptions) -> float:
     """Return the determinant of the pose that a candidate asks for, -1 only where mirrored maps are asked for."""
     return -1.0 if candidate.evidence.orientation < 0 and options.orientation == "any" else 1.0
 

@@ -15,6 +15,7 @@ from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.match import match_pairs
@@ -81,7 +82,7 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
         if wants_maps(options, pairs):
-            weigh_pairs(session, shapes, pairs)
+            weigh_pairs(session, shapes, pairs, searched=num <= MOST_SEARCHED)
         costs = costs_of(session.store)
     busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
     return costs, max(0.0, prepared_s - busy_s)

@@ -24,6 +24,7 @@ from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.rivals import try_rivals
+from collalign.stages.evidence.search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
@@ -123,8 +124,9 @@ def weigh(run: Run, matched: Matched) -> Matched:
     if not wants_maps(run.session.options, matched.pairs):
         return matched
     with run.stage("maps"):
-        weighed = weigh_pairs(run.session, run.shapes, matched.pairs)
-        pairs, solution, gain = try_rivals(run.session, run.shapes, weighed)
+        searched = len(run.shapes.names) <= MOST_SEARCHED
+        weighed = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
+        pairs, solution, gain = try_rivals(run.session, run.shapes, weighed, searched=searched)
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
     return replace(matched, pairs=pairs, solution=solution, search_gain=gain, may_be_mirrored=())
 

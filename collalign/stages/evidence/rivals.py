@@ -31,7 +31,7 @@ Votes: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def try_rivals(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool
 ) -> tuple[list[Pair], SynchronizationResult, float]:
     """Try the rival poses of all shapes against all their partners by maps, until nothing is new.
 
@@ -42,6 +42,8 @@ def try_rivals(
     shapes : Shapes
     pairs : sequence of Pair
         Weighed.
+    searched : bool
+        How, see :func:`collalign.stages.evidence.weigh.weigh_starts`.
 
     Returns
     -------
@@ -57,7 +59,8 @@ def try_rivals(
     for _ in range(MAX_ROUNDS):
         starts = missing_poses(tried, solution.rotations)
         grown = False
-        for e, found in weigh_starts(session, shapes, tried, starts, is_first=False).items() if starts else ():
+        weighed = weigh_starts(session, shapes, tried, starts, is_first=False, searched=searched) if starts else {}
+        for e, found in weighed.items():
             known = [_is_known(tried[e], rotation, SAME_DEG) for rotation in found.rotations]
             fresh = [pose for pose, is_known in enumerate(known) if not is_known]
             if fresh:

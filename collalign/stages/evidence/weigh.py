@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
-from collalign.stages.evidence.map_surfaces import StoredSurface, prepare_surfaces
+from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces, wanted_file
+from collalign.stages.evidence.search import search_pair
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -51,6 +52,7 @@ def weigh_pair(
     group: str,
     starts: FloatArray,
     is_first: bool,
+    files: Sequence[Mapping[str, Any]] = (),
 ) -> PairEvidence:
     """Weigh poses of one pair and find those of its maps; runs inside a worker.
 
@@ -63,14 +65,19 @@ def weigh_pair(
         Poses that start maps.
     is_first : bool
         Start from those of the principal axes, and from signs of eigenfunctions, as well.
+    files : sequence of two mappings, optional
+        Of both shapes, for the search that takes the place of this, see :func:`search_pair`.
     """
-    to, of = (surface.posed for surface in surfaces)
-    weigher = PoseWeigher(target, source, PoseMapper(to, of))
-    if is_first:
-        starts = np.concatenate([starts, axis_poses(to, of, mirrored=group == "O")])
-    candidates = [weigher.candidate_from(start) for start in starts]
-    if is_first:
-        candidates += weigher.candidates_from_signs(mirrored=group == "O")
+    if files:
+        candidates = search_pair(target, source, files, group, None if is_first else starts)
+    else:
+        to, of = (surface.posed for surface in surfaces)
+        weigher = PoseWeigher(target, source, PoseMapper(to, of))
+        if is_first:
+            starts = np.concatenate([starts, axis_poses(to, of, mirrored=group == "O")])
+        candidates = [weigher.candidate_from(start) for start in starts]
+        if is_first:
+            candidates += weigher.candidates_from_signs(mirrored=group == "O")
     rotations, maps, evidence = (np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True))
     return PairEvidence(rotations=rotations, maps=maps.astype(np.int32), evidence=evidence)
 
@@ -79,7 +86,7 @@ def weigh_pair(
 WEIGHING = Job(kind="evidence", version="evidence-5", run=weigh_pair, reader=PairEvidence)
 
 
-def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
+def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool) -> list[Pair]:
     """Return the pairs with the candidates of their maps, and with the log-odds and evidence of these.
 
     Pairs whose shapes have no surface (point clouds) keep their candidates, with the log-odds of their energies.
@@ -91,16 +98,24 @@ def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) ->
     shapes : Shapes
     pairs : sequence of Pair
         With their first, rigid candidates.
+    searched : bool
+        As for :func:`weigh_starts`.
     """
     own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
     weighed = [by_energy(pair) for pair in pairs]
-    for e, found in weigh_starts(session, shapes, pairs, own, is_first=True).items():
+    for e, found in weigh_starts(session, shapes, pairs, own, is_first=True, searched=searched).items():
         weighed[e] = with_evidence(pairs[e], found)
     return weighed
 
 
 def weigh_starts(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], starts: Mapping[int, FloatArray], *, is_first: bool
+    session: AlignSession,
+    shapes: Shapes,
+    pairs: Sequence[Pair],
+    starts: Mapping[int, FloatArray],
+    *,
+    is_first: bool,
+    searched: bool,
 ) -> Results[int, PairEvidence]:
     """Return what maps of some pairs make of some poses, by position of the pair, as :func:`weigh_pair` does.
 
@@ -113,6 +128,8 @@ def weigh_starts(
         Poses of each pair that is to be weighed; pairs without surfaces are left out.
     is_first : bool
         Start from the pairings of the principal axes and from signs of eigenfunctions as well.
+    searched : bool
+        Whether pairs are searched as in :func:`search_pair`.
     """
     surfaces = prepare_surfaces(session, shapes)
     group, wanted = session.options.group, {}
@@ -120,7 +137,8 @@ def weigh_starts(
         i, j = pairs[e].target, pairs[e].source
         if i in surfaces and j in surfaces:
             ends = surfaces.shared(i), surfaces.shared(j)
-            settings = {"group": group, "starts": poses.tolist(), "is_first": is_first}
+            settings = {"group": group, "starts": poses.tolist(), "is_first": is_first, "searched": searched}
+            files = [wanted_file(PREPARING, session, shapes, end).arguments for end in (i, j)] if searched else ()
             wanted[e] = Wanted(
                 key=WEIGHING.key(settings, *(end.key for end in ends)),
                 label=shapes.label(i, j),
@@ -131,6 +149,7 @@ def weigh_starts(
                     "group": group,
                     "starts": poses,
                     "is_first": is_first,
+                    "files": files,
                 },
             )
     return session.compute(
