@@ -63,12 +63,7 @@ def ceiling(evidence: FloatArray) -> FloatArray:
 
 
 def probability(evidence: FloatArray) -> FloatArray:
-    """Return the probability that poses with this evidence are right, shape (N,); NaN where nothing is known.
-
-    Parameters
-    ----------
-    evidence : ndarray, shape (N, len(KINDS))
-    """
+    """Return how probably poses with evidence (N, len(KINDS)) are right, shape (N,); NaN where nothing is known."""
     score = terms(evidence) @ [AGREEMENT_WEIGHT, MARGIN_WEIGHT, LEAD_WEIGHT, WITNESS_WEIGHT] + CONSTANT
     return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score)), ceiling(evidence)))
 
@@ -77,10 +72,6 @@ def pose_confidence(trust: Trust) -> FloatArray:
     """Return the confidence in each pose, shape (N,): its probability, shared with the rivals that fit as well.
 
     Where turns leave a whole part as it is, no pose is likelier than any other that they lead to.
-
-    Parameters
-    ----------
-    trust : Trust
     """
     ties = [((own < TIED) & (over < TIED_LEAD)).sum() for own, over in zip(trust.excess, trust.leads, strict=True)]
     alike = np.array([len(turns) for turns in trust.symmetries])
@@ -89,12 +80,7 @@ def pose_confidence(trust: Trust) -> FloatArray:
 
 
 def symmetric_confidence(trust: Trust) -> FloatArray:
-    """Return the confidence in each pose up to the turns that leave its part as it is, shape (N,).
-
-    Parameters
-    ----------
-    trust : Trust
-    """
+    """Return the confidence in each pose up to the turns that leave its part as it is, shape (N,)."""
     return probability(trust.up_to_symmetry)
 
 

@@ -26,15 +26,7 @@ def embedded_problem(
     allowed: BoolArray,
     dim: int,
 ) -> Problem:
-    """Return the Procrustes matching problem of the samples in the lowest ``dim`` eigenfunctions.
-
-    Parameters
-    ----------
-    target, source : SpectralShape
-    source_samples : ndarray of int, shape (k,)
-    allowed : ndarray of bool, shape (n, k)
-    dim : int
-    """
+    """Return the Procrustes matching problem of samples in ``dim`` functions, where ``allowed`` (n, k)."""
     return Problem.from_user(
         target.functions[target.samples, :dim],
         source.functions[source_samples, :dim],

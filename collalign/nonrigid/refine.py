@@ -68,16 +68,11 @@ class Refiner:
         return self.zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
 
     def oriented(self, c_source_target: FloatArray, *, preserving: bool) -> FunctionalMap:
-        """Refine the lowest functions of a functional map towards keeping, or reversing, the orientation.
+        """Refine the lowest functions of a functional map (m, m) towards keeping, or reversing, the orientation.
 
         Few functions do not tell the two sides of a limb or a trunk apart, but the orientation form does: it changes
         its sign from one side to the other. So the first nearest neighbours compare both, and each coarse map leads
         to a map that keeps left and right and to one that swaps them.
-
-        Parameters
-        ----------
-        c_source_target : ndarray, shape (m, m)
-        preserving : bool
         """
         size = min(len(c_source_target), TUNED.num_oriented)
         weight = np.sqrt(size)

@@ -57,12 +57,7 @@ def write_contact_sheet(path: Path, tiles: Iterable[Tile]) -> None:
 
 
 def contact_sheet(tiles: Iterable[Tile]) -> Figure:
-    """Return a figure of all tiles, each before (left) and after (right) alignment.
-
-    Parameters
-    ----------
-    tiles : iterable of Tile
-    """
+    """Return a figure of all tiles, each before (left) and after (right) alignment."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     tiles = list(tiles)

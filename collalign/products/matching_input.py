@@ -8,13 +8,7 @@ from pairwise.problem.problem import Problem
 
 
 def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
-    """Return the Procrustes matching problem of two preprocessed shapes.
-
-    Parameters
-    ----------
-    target, source : Samples
-    group : {"SO", "O"}
-    """
+    """Return the Procrustes matching problem of two preprocessed shapes."""
     return Problem.from_user(
         target.coordinates,
         source.coordinates,

@@ -71,10 +71,6 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[
     Correspondences on a rim, with normals that disagree, or far beyond the median distance have no say. Where an
     iteration would fold space, correspondences are trusted less from then on, until none does.
 
-    Parameters
-    ----------
-    target, source : RegistrationSurface
-
     Raises
     ------
     InputError

@@ -90,14 +90,7 @@ def synchronize_graph(
     fixed: Mapping[int, FloatArray] | None = None,
     reference: int = 0,
 ) -> SynchronizationResult:
-    """Synchronize as :func:`synchronize` does, from a checked graph and checked fixed poses.
-
-    Parameters
-    ----------
-    graph : PairGraph
-    method : {"robust", "spectral"}
-    fixed : mapping of int to ndarray (d, d), optional
-    reference : int
+    """Synchronize as :func:`synchronize` does, from a checked graph and checked fixed poses (d, d).
 
     Examples
     --------

@@ -38,6 +38,12 @@ class Source:
         self.suffix = (path.suffix if suffix is None else suffix).lower()
         self.is_file = suffix is None
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Source) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((self.path, self.content))
+
     def absolute(self) -> Source:
         """Return the source itself: it is in memory, wherever it came from."""
         return self

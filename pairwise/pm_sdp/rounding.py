@@ -52,13 +52,7 @@ def rank_one_factors(relaxation: RelaxationResult) -> tuple[FloatArray, FloatArr
 
 
 def nearest_map(problem: Problem, probabilities: FloatArray) -> IntArray:
-    """Return the allowed map of largest total probability, shape (k,), by exact assignment.
-
-    Parameters
-    ----------
-    problem : Problem
-    probabilities : ndarray, shape (n, k)
-    """
+    """Return the allowed map of largest total probability (n, k), shape (k,), by exact assignment."""
     scores = np.where(problem.allowed, probabilities, -np.inf)
     return np.asarray(linear_sum_assignment(scores.T, maximize=True)[1])
 
@@ -70,13 +64,6 @@ def draw_rotations(
 
     Half of them are Gaussian with mean [R] and covariance C - [R][R]^T; the others are means under one match,
     ``E[R | j -> i] = B_ij / X_ij``, drawn with probability X_ij: matches tell the poses apart.
-
-    Parameters
-    ----------
-    problem : Problem
-    relaxation : RelaxationResult
-    num_draws : int
-    rng : Generator
     """
     mean = problem.pattern.pack(relaxation.R)
     values, vectors = np.linalg.eigh(relaxation.C - np.outer(mean, mean))

@@ -84,11 +84,6 @@ class Store:
     def get(self, kind: str, key: str) -> Record | None:
         """Return a record, or None where there is none.
 
-        Parameters
-        ----------
-        kind : {"shapes", "pairs"}
-        key : str
-
         Raises
         ------
         StoreError

@@ -65,12 +65,6 @@ def map_residuals(edges: IntArray, maps: FloatArray, bases: FloatArray) -> Float
     """Return how far maps are from what the bases ask for, shape (E,).
 
     That is ``|C Y_target - Y_source|_F / sqrt(k)``: 0 if a map agrees, some 1.4 if it has nothing to do with it.
-
-    Parameters
-    ----------
-    edges : ndarray of int, shape (E, 2)
-    maps : ndarray, shape (E, k, k)
-    bases : ndarray, shape (N, k, k)
     """
     gaps = maps @ bases[edges[:, 0]] - bases[edges[:, 1]]
     return np.asarray(np.linalg.norm(gaps, axis=(1, 2)) / np.sqrt(bases.shape[-1]))

@@ -118,12 +118,7 @@ def distinct_poses(rotations: FloatArray, doubts: FloatArray, choice: int) -> tu
 
 
 def label_maps(pairs: Sequence[Pair], labels: IntArray) -> IntArray:
-    """Return the map of each pair in terms of labels.
-
-    Parameters
-    ----------
-    pairs : sequence of Pair
-    labels : ndarray of int, shape (N, k)
+    """Return the map of each pair in terms of labels (N, k).
 
     Returns
     -------

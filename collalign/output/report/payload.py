@@ -87,12 +87,7 @@ def _quantise(points: FloatArray, centre: FloatArray, step: float) -> NDArray[np
 
 
 def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Unit quaternions (x, y, z, w) of orthogonal matrices, shape (m, 4), and whether each is a rotation times -1.
-
-    Parameters
-    ----------
-    rotations : ndarray, shape (m, 3, 3)
-    """
+    """Unit quaternions (x, y, z, w) of orthogonal matrices (m, 3, 3), (m, 4); whether each is a rotation times -1."""
     from scipy.spatial.transform import Rotation
 
     if not len(rotations):

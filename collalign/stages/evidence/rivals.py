@@ -35,15 +35,7 @@ def try_rivals(
 ) -> tuple[list[Pair], SynchronizationResult, float]:
     """Try the rival poses of all shapes against all their partners by maps, until nothing is new.
 
-    Parameters
-    ----------
-    session : Session
-        Its group is decided.
-    shapes : Shapes
-    pairs : sequence of Pair
-        Weighed.
-    searched : bool
-        How, see :func:`collalign.stages.evidence.weigh.weigh_starts`.
+    The session's group is decided, the pairs are weighed; ``searched`` as for :func:`weigh_starts`.
 
     Returns
     -------

@@ -6,7 +6,7 @@ which a large collection outvotes. Here maps start from within as well, and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -18,6 +18,7 @@ from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_sur
 from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
@@ -27,16 +28,27 @@ from data_tools.options import CleaningOptions
 MOST_SEARCHED = 8
 #: Functions and samples of a search; 120 and 1000 take twice as long and settle no more poses.
 SEARCHED = SurfaceOptions(num_functions=60, num_dense=400, max_faces=MAX_FACES)
+#: Share of the area that the largest piece must have.
+ONE_PIECE = 0.9
+
+
+def searched_surfaces(files: Iterable[Mapping[str, Any]], areas: Iterable[float]) -> list[SpectralShape]:
+    """Return surfaces prepared for a search, none where one is in pieces: a search would see only the largest.
+
+    Files are what :func:`collalign.stages.evidence.map_surfaces.prepare_surface_file` takes; areas are of all pieces.
+    """
+    try:
+        found = [_prepared(**file) for file in files]
+    except InputError:
+        return []
+    return found if all(one.area >= ONE_PIECE * area for one, area in zip(found, areas, strict=True)) else []
 
 
 def search_pair(
-    target: Samples, source: Samples, files: Sequence[Mapping[str, Any]], group: str, starts: FloatArray | None
+    target: Samples, source: Samples, surfaces: Sequence[SpectralShape], group: str, starts: FloatArray | None
 ) -> list[WeighedPose]:
-    """Return poses of a pair that a search proposes, or those that maps from some starts (m, 3, 3) ask for.
-
-    Files are what :func:`collalign.stages.evidence.map_surfaces.prepare_surface_file` takes.
-    """
-    to, of = (_prepared(**file) for file in files)
+    """Return poses of a pair that a search proposes, or those that maps from some starts (m, 3, 3) ask for."""
+    to, of = surfaces
     options = NonrigidOptions(orientation="any" if group == "O" else "preserving")
     found = find_candidates(to, of, options) if starts is None else candidates_from(to, of, starts, options)
     weigher = PoseWeigher(target, source, PoseMapper(sampled_surface(to), sampled_surface(of)))

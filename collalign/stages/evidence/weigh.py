@@ -20,7 +20,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces, wanted_file
-from collalign.stages.evidence.search import search_pair
+from collalign.stages.evidence.search import search_pair, searched_surfaces
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -66,10 +66,11 @@ def weigh_pair(
     is_first : bool
         Start from those of the principal axes, and from signs of eigenfunctions, as well.
     files : sequence of two mappings, optional
-        Of both shapes, for the search that takes the place of this, see :func:`search_pair`.
+        Of both shapes, for the search that takes the place of this, see :func:`searched_surfaces`.
     """
-    if files:
-        candidates = search_pair(target, source, files, group, None if is_first else starts)
+    whole = searched_surfaces(files, [surface.area for surface in surfaces]) if files else []
+    if whole:
+        candidates = search_pair(target, source, whole, group, None if is_first else starts)
     else:
         to, of = (surface.posed for surface in surfaces)
         weigher = PoseWeigher(target, source, PoseMapper(to, of))
@@ -89,17 +90,8 @@ WEIGHING = Job(kind="evidence", version="evidence-5", run=weigh_pair, reader=Pai
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool) -> list[Pair]:
     """Return the pairs with the candidates of their maps, and with the log-odds and evidence of these.
 
-    Pairs whose shapes have no surface (point clouds) keep their candidates, with the log-odds of their energies.
-
-    Parameters
-    ----------
-    session : Session
-        Its group is decided.
-    shapes : Shapes
-    pairs : sequence of Pair
-        With their first, rigid candidates.
-    searched : bool
-        As for :func:`weigh_starts`.
+    They have their first, rigid candidates, and the session's group is decided. Pairs whose shapes have no surface
+    (point clouds) keep their candidates, with the log-odds of their energies. Searched as in :func:`search_pair`.
     """
     own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
     weighed = [by_energy(pair) for pair in pairs]

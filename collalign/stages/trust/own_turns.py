@@ -59,12 +59,7 @@ def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
 
 
 def turns_in_words(turns: FloatArray) -> str:
-    """Return what some turns are: their axes, as directions, the angles about each, and whether some mirror.
-
-    Parameters
-    ----------
-    turns : ndarray, shape (m, 3, 3)
-    """
+    """Return what turns (m, 3, 3) are: their axes, as directions, the angles about each, and whether some mirror."""
     by_axis: list[tuple[FloatArray, list[float]]] = []
     mirrored = np.linalg.det(turns) < 0
     for turn in turns[~mirrored]:

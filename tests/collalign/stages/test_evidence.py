@@ -13,9 +13,11 @@ from collalign.engine.store.typed import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
+from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
+from collalign.stages.evidence.search import search_pair, searched_surfaces
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
@@ -23,7 +25,7 @@ from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.options import AS_STORED, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.products import pair_of
@@ -93,18 +95,23 @@ def test_near_rotations_are_one_candidate_the_better_one():
     assert len(distinct_weighed(many)) == MAX_CANDIDATES
 
 
-def test_maps_of_signs_that_swap_sides_are_for_mirrored_poses_alone():
-    shape = figure(resolution=2)
-    mirror = Shape.from_arrays(shape.vertices * [-1.0, 1.0, 1.0], shape.faces[:, ::-1])
-    target, source = prepare_posed(shape), prepare_posed(mirror)
-    samples = [sample_shape(one, SamplingOptions(num_points=24), EmbeddingOptions()) for one in (shape, mirror)]
-    weigher = PoseWeigher(samples[0], samples[1], PoseMapper(target, source))
-    turned = weigher.candidates_from_signs(mirrored=False)
-    assert {round(float(np.linalg.det(one[0]))) for one in turned} <= {1}
-    both = weigher.candidates_from_signs(mirrored=True)
-    best = both[int(np.argmax(evidence_score(np.stack([one[2] for one in both]))))][0]
-    assert np.linalg.det(best) == pytest.approx(-1.0)
-    assert rotation_angle_deg(best, np.diag([-1.0, 1.0, 1.0])) < 10.0
+def test_mirrored_poses_are_proposed_only_where_they_may_be(tmp_path):
+    shape, flip = figure(resolution=2), np.diag([-1.0, 1.0, 1.0, 1.0])
+    two = [shape, shape.transformed(flip)]
+    samples = [sample_shape(one, SamplingOptions(num_points=24), EmbeddingOptions()) for one in two]
+    weigher = PoseWeigher(*samples, PoseMapper(*(prepare_posed(one) for one in two)))
+    files = [{"path": tmp_path / f"{n}.ply", "name": f"{n}", "digest": None, "cleaning": AS_STORED} for n in (0, 1)]
+    for file, one in zip(files, two, strict=True):
+        write_mesh(file["path"], one)
+    surfaces = searched_surfaces(files, [shape.area] * 2)
+    assert not searched_surfaces(files, [2.0 * shape.area] * 2)
+    proper = weigher.candidates_from_signs(mirrored=False) + search_pair(*samples, surfaces, "SO", None)
+    assert {round(float(np.linalg.det(rotation))) for rotation, _, _ in proper} == {1}
+    for both in (weigher.candidates_from_signs(mirrored=True), search_pair(*samples, surfaces, "O", None)):
+        best = distinct_weighed(both)[0][0]
+        assert rotation_angle_deg(best, flip[:3, :3]) < 10.0
+    (asked,) = search_pair(*samples, surfaces, "O", best[None])
+    assert rotation_angle_deg(asked[0], best) < 10.0
 
 
 def test_maps_are_asked_where_pairs_match_badly():
@@ -145,10 +152,11 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part():
     assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
 
 
-def test_bent_figures_are_put_right_by_maps(tmp_path):
+@pytest.mark.parametrize("most_searched", [0, steps.MOST_SEARCHED])
+def test_bent_figures_are_put_right_by_maps(tmp_path, monkeypatch, most_searched):
+    monkeypatch.setattr(steps, "MOST_SEARCHED", most_searched)
     rng, turns = np.random.default_rng(5), []
-    folder = tmp_path / "figures"
-    folder.mkdir()
+    (folder := tmp_path / "figures").mkdir()
     for number in range(5):
         shape, turn = bent(figure(resolution=2), rng, angle=0.9), random_rotation(rng)
         write_mesh(folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces))
@@ -189,6 +197,8 @@ def test_dense_points_speak_beside_energies():
     assert pair.costs[0] == pytest.approx(0.10)
     assert replace(pair, energies=2.0 * pair.energies).costs == pytest.approx(2.0 * pair.costs)
     assert np.argmin(replace(pair, gaps=np.array([0.03, 0.09, 0.2])).costs) == 0
+    for unknown in ([], [0.1, np.nan, 0.2], [0.1]):
+        assert (replace(pair, gaps=np.array(unknown)).costs == pair.energies).all()
 
 
 def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():
@@ -198,27 +208,17 @@ def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():
     assert 0.85 < chances.sum() < 0.95
     assert chances[0] / chances[1] == pytest.approx(1.1**24)
     np.testing.assert_allclose(candidate_chances(replace(pair, energies=7.0 * pair.energies)), chances)
-    alone = candidate_chances(a_pair([0.1]))[0]
-    assert alone == pytest.approx(1.0 / (1.0 + np.exp(-2.35)))
+    assert candidate_chances(a_pair([0.1]))[0] == pytest.approx(1.0 / (1.0 + np.exp(-2.35)))
     assert candidate_chances(a_pair([0.0, 0.0])) == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
     weighed = candidate_chances(replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])))
-    assert weighed[0] == 0.0
-    assert weighed[1] / weighed[2] == pytest.approx(np.e)
-
-
-@pytest.mark.parametrize("gaps", [np.zeros(0), np.array([0.1, np.nan, 0.2]), np.array([0.1])])
-def test_where_a_gap_is_unknown_the_energies_decide(gaps):
-    pair = replace(a_pair([0.2, 0.1, 0.3]), gaps=gaps)
-    assert (pair.costs == pair.energies).all()
+    assert weighed == pytest.approx([0.0, np.e * weighed[2], weighed[2]])
 
 
 def test_the_paper_s_own_synchronization_takes_energies_alone():
     pair = replace(a_pair([0.10, 0.11]), gaps=np.array([0.09, 0.03]))
     dense, published = (pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True))
-    assert published.energies is not None
-    assert dense.energies is not None
-    assert (published.energies[0] == pair.energies).all()
-    assert (dense.energies[0] == pair.costs).all()
+    np.testing.assert_array_equal(published.energies[0], pair.energies)
+    np.testing.assert_array_equal(dense.energies[0], pair.costs)
 
 
 def test_poses_that_likely_candidates_ask_for_have_more_support():
