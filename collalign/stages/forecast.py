@@ -15,7 +15,7 @@ from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.chirality.pilot import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
-from collalign.stages.evidence.search import MOST_SEARCHED
+from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.match import match_pairs

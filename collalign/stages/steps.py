@@ -23,8 +23,8 @@ from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
+from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.rivals import try_rivals
-from collalign.stages.evidence.search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match

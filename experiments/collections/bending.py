@@ -42,7 +42,7 @@ NUM_DRAWS = 5
 FEW, NUM_SMALL_DRAWS = 6, 12
 SMALL_SETS = ("human", "armadillo", "scape", "ant", "glasses", "teddy", "chair", "fish")
 #: Raised when what is recorded changes.
-VERSION = "2"
+VERSION = "3"
 
 _ABOUT = f"""
 Every collection in random poses, default options, {NUM_DRAWS} draws of poses (and of shapes, where there are more).

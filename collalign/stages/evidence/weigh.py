@@ -20,7 +20,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces, wanted_file
-from collalign.stages.evidence.search import search_pair, searched_surfaces
+from collalign.stages.evidence.pair_search import search_pair, searched_surfaces
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples

@@ -16,8 +16,8 @@ from collalign.options import AlignOptions
 from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
+from collalign.stages.evidence.pair_search import search_pair, searched_surfaces
 from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
-from collalign.stages.evidence.search import search_pair, searched_surfaces
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
+from collalign.confidence.map_model import RIGHT_SHARE
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import candidates_from, chirality_of, find_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
@@ -24,12 +25,10 @@ from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
 
 #: Collections of at most so many shapes are searched: 28 pairs of .8 s. Of 216 shapes in 36 sixes of SCAPE and of
-#: SHREC07's humans and armadillos, on which this was chosen, 19 are beyond 20 deg without.
+#: SHREC07's humans and armadillos, on which this was chosen, 6 are beyond 20 deg, 19 without.
 MOST_SEARCHED = 8
 #: Functions and samples of a search; 120 and 1000 take twice as long and settle no more poses.
 SEARCHED = SurfaceOptions(num_functions=60, num_dense=400, max_faces=MAX_FACES)
-#: Share of the area that the largest piece must have.
-ONE_PIECE = 0.9
 
 
 def searched_surfaces(files: Iterable[Mapping[str, Any]], areas: Iterable[float]) -> list[SpectralShape]:
@@ -41,7 +40,7 @@ def searched_surfaces(files: Iterable[Mapping[str, Any]], areas: Iterable[float]
         found = [_prepared(**file) for file in files]
     except InputError:
         return []
-    return found if all(one.area >= ONE_PIECE * area for one, area in zip(found, areas, strict=True)) else []
+    return found if all(one.area >= RIGHT_SHARE * area for one, area in zip(found, areas, strict=True)) else []
 
 
 def search_pair(
