@@ -207,7 +207,6 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             invariants=read_only(np.stack([item.invariants for item in samples])),
             shape_notes=tuple(item.notes for item in samples),
             trust=posed.trust,
-            search_gain=matched.search_gain,
             vertices=posed.vertices,
         ),
     )

@@ -26,6 +26,7 @@ from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
+from collalign.products.pair import are_weighed
 from collalign.products.trust import KINDS, Trust
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
@@ -203,8 +204,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         "decided": {
             "group": collection.group,
             "own": list(collection.own),
-            "maps": collection.made.search_gain is not None,
-            "search_gain": collection.made.search_gain,
+            "maps": are_weighed(collection.pairs),
         },
         "shapes": [
             {

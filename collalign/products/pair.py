@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -115,6 +115,11 @@ class Pair:
             return self.energies
         best, gaps = int(np.argmin(self.energies)), self.gaps + SMALLEST_GAP
         return read_only(np.sqrt(self.energies * self.energies[best] * gaps / gaps[best]))
+
+
+def are_weighed(pairs: Iterable[Pair]) -> bool:
+    """Whether maps were asked: pairs then have log-odds."""
+    return any(len(pair.log_odds) for pair in pairs)
 
 
 class Pairs(tuple[Pair, ...]):

@@ -48,9 +48,6 @@ class Made:
         What was repaired or simplified in each shape before it was matched.
     trust : Trust or None
         The evidence behind the confidences; None where none was gathered.
-    search_gain : float or None
-        Log-odds, summed over the pairs, that trying the rival poses of all shapes by maps gained; None where maps
-        were not asked.
     vertices : VertexMaps or None
         Maps of all vertices, where they were asked for (``options.deformable``).
     """
@@ -61,5 +58,4 @@ class Made:
     invariants: FloatArray
     shape_notes: tuple[tuple[str, ...], ...]
     trust: Trust | None = None
-    search_gain: float | None = None
     vertices: VertexMaps | None = None

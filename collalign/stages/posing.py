@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
+from collalign.products.pair import are_weighed
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_whole
@@ -28,7 +29,7 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
     if len(missing) == len(run.shapes.names):
         decided, matched, posed = _pose(run)
-        posed = align_scans(with_group(run, matched.group), _judged(decided, posed), missing)
+        posed = align_scans(with_group(run, matched.group), _judged(decided, matched, posed), missing)
         return replace(matched, notes=()), posed  # they speak of other poses
     matched, posed = _pose_on_complete(run, missing)
     whole = turned_out_whole(posed.incomplete)
@@ -43,7 +44,7 @@ def _pose_on_complete(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Po
     decided, matched, posed = _pose_others(run, missing)
     if {*missing.values()} <= {OPEN} and looks_for_incomplete(session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
-    posed = _judged(decided, posed)
+    posed = _judged(decided, matched, posed)
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)
     elif _asks_for_scans(decided, posed):
@@ -60,7 +61,7 @@ def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tup
     asked tell nothing.
     """
     missing = dict(missing)
-    for _ in range(MAX_ROUNDS if answer[1].search_gain is None else 0):
+    for _ in range(0 if are_weighed(answer[1].pairs) else MAX_ROUNDS):
         posed = answer[2]
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]
         with run.stage("incomplete shapes"):
@@ -114,6 +115,7 @@ def _pose(run: Run) -> _Answer:
     return decided, matched, steps.pose(decided, matched)
 
 
-def _judged(decided: Run, posed: Posed) -> Posed:
-    """State confidences and map all vertices, once it is settled which shapes are posed together."""
-    return steps.with_vertices(decided, steps.state_trust(decided, posed))
+def _judged(decided: Run, matched: Matched, posed: Posed) -> Posed:
+    """State confidences, settle doubts, and map all vertices, once it is known which shapes are posed together."""
+    posed = steps.settle(decided, matched, steps.state_trust(decided, posed))
+    return steps.with_vertices(decided, posed)

@@ -17,14 +17,14 @@ import numpy as np
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import FormerPairs, Pair
+from collalign.products.pair import FormerPairs, Pair, are_weighed
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
-from collalign.stages.evidence.rivals import try_rivals
+from collalign.stages.evidence.rivals import settle_doubtful, try_rivals
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
@@ -83,7 +83,6 @@ class Matched:
     solution: SynchronizationResult | None
     notes: tuple[str, ...]
     may_be_mirrored: tuple[int, ...] = ()
-    search_gain: float | None = None
 
 
 def match(run: Run) -> tuple[Run, Matched]:
@@ -126,9 +125,9 @@ def weigh(run: Run, matched: Matched) -> Matched:
     with run.stage("maps"):
         searched = len(run.shapes.names) <= MOST_SEARCHED
         weighed = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
-        pairs, solution, gain = try_rivals(run.session, run.shapes, weighed, searched=searched)
+        pairs, solution = try_rivals(run.session, run.shapes, weighed, searched=searched)
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
-    return replace(matched, pairs=pairs, solution=solution, search_gain=gain, may_be_mirrored=())
+    return replace(matched, pairs=pairs, solution=solution, may_be_mirrored=())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,6 +214,17 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     return replace(posed, solution=solution, trust=trust, notes=notes)
 
 
+def settle(run: Run, matched: Matched, posed: Posed) -> Posed:
+    """Weigh and pose doubtful shapes anew, where maps were asked and have not searched all pairs."""
+    if not are_weighed(matched.pairs) or len(run.shapes.names) <= MOST_SEARCHED:
+        return posed
+    with run.stage("maps"):
+        pairs = settle_doubtful(run.session, run.shapes, matched.pairs, posed.rotations, posed.solution.confidence)
+    if all(pair is before for pair, before in zip(pairs, matched.pairs, strict=True)):
+        return posed
+    return state_trust(run, pose(run, replace(matched, pairs=pairs, solution=None)))
+
+
 def with_vertices(run: Run, posed: Posed) -> Posed:
     """Map all vertices between all shapes, where that is asked for."""
     if not run.session.options.deformable:
@@ -230,4 +240,4 @@ def timed(session: AlignSession, times_s: dict[str, float], stage: str) -> Itera
     session.enter(stage)
     start_s = time.perf_counter()
     yield
-    times_s[stage] = time.perf_counter() - start_s
+    times_s[stage] = times_s.get(stage, 0.0) + time.perf_counter() - start_s

@@ -20,7 +20,6 @@ from data_tools.poses import SAME_DEG, keep_apart
 #: Candidates kept, the ones that most speaks for.
 MAX_CANDIDATES = 10
 
-
 #: A pose (3, 3) that a map asks for, the samples' best one-to-one match there (k,), and the evidence of both, in the
 #: order of :data:`collalign.confidence.candidate_model.EVIDENCE`.
 WeighedPose: TypeAlias = tuple[FloatArray, IntArray, FloatArray]

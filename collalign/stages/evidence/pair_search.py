@@ -54,6 +54,6 @@ def search_pair(
     return [weigher.weigh(one.functional_map, one.evidence, chirality=chirality_of(one, options)) for one in found]
 
 
-@lru_cache(maxsize=MOST_SEARCHED)
+@lru_cache(maxsize=4 * MOST_SEARCHED)
 def _prepared(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SpectralShape:
     return prepare_surface(read_shape(path, cleaning, name=name, digest=digest), SEARCHED)

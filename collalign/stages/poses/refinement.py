@@ -18,7 +18,7 @@ from collalign.engine.store.records import Record
 from collalign.engine.store.typed import from_record
 from collalign.options import AlignSession
 from collalign.products.matching_input import dense_points
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
 from collalign.stages.poses.bent import bent_poses
@@ -89,7 +89,7 @@ def refine_poses(
         if not set(members.tolist()) & constraints.fixed.keys():
             first = constraints.reference if constraints.reference in members else int(members[0])
             kept[first] = rotations[first]
-    if any(len(pair.log_odds) for pair in pairs):
+    if are_weighed(pairs):
         return bent_poses(session, samples, pairs, solution, fixed=kept)
     if not all(len(item.dense_indices) > 1 for item in samples):
         return rotations

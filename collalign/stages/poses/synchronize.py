@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.options import AlignOptions
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
 from collalign.synchronization import PairGraph, SynchronizationResult, alternate_assignments, synchronize_graph
 from data_tools.arrays import read_only
@@ -46,13 +46,12 @@ def pair_graph(
     1
     """
     dim = sum(block_sizes)
-    is_weighed = any(len(pair.log_odds) for pair in pairs)
     return PairGraph.of_candidates(
         np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64),
         [(pair.rotations[:, :dim, :dim], pair.energies if energies_alone else pair.costs) for pair in pairs],
         num_shapes=num_shapes,
         pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
-        log_odds=[pair.log_odds for pair in pairs] if is_weighed else None,
+        log_odds=[pair.log_odds for pair in pairs] if are_weighed(pairs) else None,
         weights=np.array([pair.weight for pair in pairs]),
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from collalign.confidence.pose_model import ALIKE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, are_weighed
 from collalign.products.trust import Trust
 from collalign.stages.poses.refinement import NUM_NEIGHBOURS, points_from_record, refine_pair
 from collalign.stages.trust.assess import RESOLUTION
@@ -52,7 +52,7 @@ def preferred_poses(
     kept : container of int
         Shapes whose poses were given.
     """
-    if any(len(pair.log_odds) for pair in pairs) or not all(len(item.dense_indices) > 1 for item in samples):
+    if are_weighed(pairs) or not all(len(item.dense_indices) > 1 for item in samples):
         return rotations
     graph = nx.Graph()
     graph.add_weighted_edges_from((pair.target, pair.source, pair.energies.min()) for pair in pairs)

@@ -17,7 +17,7 @@ from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.pair_search import search_pair, searched_surfaces
-from collalign.stages.evidence.rivals import missing_poses, support, voted_poses, votes_of
+from collalign.stages.evidence.rivals import missing_poses, settle_doubtful, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_candidates, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
@@ -171,7 +171,7 @@ def test_bent_figures_are_put_right_by_maps(tmp_path, monkeypatch, most_searched
     assert all(np.isfinite(pair.log_odds).any() for pair in aligned.pairs)
 
 
-def test_the_strongest_votes_are_rivals_and_asked_of_every_partner():
+def test_the_strongest_votes_are_rivals_and_asked_of_every_partner(monkeypatch):
     rng = np.random.default_rng(7)
     poses = np.stack([random_rotation(rng) for _ in range(4)])
     flip = np.diag([-1.0, 1.0, -1.0])
@@ -181,14 +181,20 @@ def test_the_strongest_votes_are_rivals_and_asked_of_every_partner():
             right = poses[i].T @ poses[j]
             # The pairs of shape 3 but one know its flipped pose alone.
             own = right @ flip if j == 3 and i > 0 else right
-            pair = replace(a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1))
-            pairs.append(pair)
+            pairs.append(replace(a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1)))
     rivals = voted_poses(votes_of(pairs, poses)[3], poses[3])
     assert rotation_angle_deg(rivals[1], poses[3] @ flip.T) < 1e-3
     asked = missing_poses(pairs, poses)
     by_ends = {(pairs[e].target, pairs[e].source): starts for e, starts in asked.items()}
     assert rotation_angle_deg(by_ends[0, 3][0], poses[0].T @ poses[3] @ flip) < 1e-3
     assert rotation_angle_deg(by_ends[1, 3][0], poses[1].T @ poses[3]) < 1e-3
+    found, laid = {2: from_record(PairEvidence, a_record(2), "0 - 3")}, {}
+    weigh = "collalign.stages.evidence.rivals.weigh_starts"
+    monkeypatch.setattr(weigh, lambda *given, **_: laid.update(given[3]) or found)
+    settled = settle_doubtful(None, None, pairs, poses, np.array([0.95, 0.95, 0.95, 0.5]))
+    assert [e for e, pair in enumerate(pairs) if pair.source == 3] == list(laid)
+    assert [len(pair.energies) for pair in settled] == [1, 1, 3, 1, 1, 1]
+    np.testing.assert_allclose(rotation_angle_deg(laid[2][:2], poses[0].T @ poses[3]), [0.0, 180.0], atol=1e-3)
 
 
 def test_dense_points_speak_beside_energies():
@@ -219,10 +225,3 @@ def test_the_paper_s_own_synchronization_takes_energies_alone():
     dense, published = (pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True))
     np.testing.assert_array_equal(published.energies[0], pair.energies)
     np.testing.assert_array_equal(dense.energies[0], pair.costs)
-
-
-def test_poses_that_likely_candidates_ask_for_have_more_support():
-    pair = replace(a_pair([0.1, 0.2, 0.3]), log_odds=np.array([3.0, 1.0, -np.inf]))
-    poses = [np.stack([np.eye(3), rotation]) for rotation in pair.rotations]
-    assert [support([pair], pose) for pose in poses] == [3.0, 1.0, 1.0]
-    assert support([pair, pair], poses[0]) == 6.0

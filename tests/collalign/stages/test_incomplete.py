@@ -12,6 +12,7 @@ from collalign import AlignOptions, RunOptions, add_to_collection, align_collect
 from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
+from collalign.stages.evidence.weigh import by_energy
 from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
 from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
@@ -217,7 +218,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
             shapes = prepare_shapes(session, list_shapes(given))
             assert list(find_incomplete(session, shapes, pairs, poses)) == lacking
         run = Run(session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={})
-        bent = Matched(group="SO", pairs=[], failed=[], solution=None, notes=(), search_gain=0.0)
+        bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
         assert _without_found(run, {}, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
