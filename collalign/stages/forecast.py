@@ -21,6 +21,7 @@ from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from collalign.stages.shape_stage import prepare_shapes
+from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing
 
 #: Shapes of a trial, from all over the folder.
@@ -126,7 +127,8 @@ def forecast(
     shared = {"shapes": _times(missing_shapes, prepare_s), "pairs": _times(new, match_s)}
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
     if missing_pairs and not math.isnan(costs["evidence"]):
-        shared["maps"] = num * costs["surfaces"] + missing_pairs * costs["evidence"]
+        settled = num * MAX_PARTNERS / 2 if num > MOST_SEARCHED else 0.0  # as if half of the shapes were in doubt
+        shared["maps"] = num * costs["surfaces"] + (missing_pairs + settled) * costs["evidence"]
     if options.synchronization == "robust":
         shared["poses"] = refines * LOCAL * num * match_s
         alone["poses"] = SYNCHRONIZATION * num_pairs * match_s

@@ -215,7 +215,7 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     facts = [
         (len(collection), f"shapes aligned{incomplete}"),
         (int(collection.reflected.sum()), "of them mirrored"),
-        (len(collection.pairs), f"pairs compared, {against} contradict the common poses"),
+        (len(collection.pairs), f"pairs compared, {against} against the common poses"),
     ]
     items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
     listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
