@@ -71,7 +71,7 @@ class PoseMapper:
         """Return the point maps of the samples, there and back, by closest points at a pose."""
         return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
 
-    def maps_from_signs(self) -> list[FunctionalMap]:
+    def maps_from_signs(self, num: int = NUM_SIGN_MAPS) -> list[FunctionalMap]:
         """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
 
         Eigenfunctions of near-isometric surfaces agree up to sign where their eigenvalues are simple; the descriptors
@@ -86,7 +86,7 @@ class PoseMapper:
             gaps = unsigned + (target[:, :NUM_SIGNS] * turned) @ source[:, :NUM_SIGNS].T
             loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
             starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
-        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:NUM_SIGN_MAPS]
+        best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
         return [self._refiner.zoomout.refine(*starts[i][1:]) for i in best]
 
     def oriented(self, found: FunctionalMap, *, preserving: bool) -> FunctionalMap:

@@ -24,7 +24,7 @@ from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
-from collalign.stages.evidence.rivals import settle_doubtful, try_rivals
+from collalign.stages.evidence.rivals import settle_doubtful
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
@@ -124,10 +124,9 @@ def weigh(run: Run, matched: Matched) -> Matched:
         return matched
     with run.stage("maps"):
         searched = len(run.shapes.names) <= MOST_SEARCHED
-        weighed = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
-        pairs, solution = try_rivals(run.session, run.shapes, weighed, searched=searched)
+        pairs = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
-    return replace(matched, pairs=pairs, solution=solution, may_be_mirrored=())
+    return replace(matched, pairs=pairs, solution=None, may_be_mirrored=())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

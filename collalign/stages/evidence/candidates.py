@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.nonrigid.pose_maps import NUM_SIGN_MAPS, PoseMapper
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import SAME_DEG, keep_apart
@@ -46,7 +46,7 @@ class PoseWeigher:
 
     def candidates_from_signs(self, *, mirrored: bool) -> list[WeighedPose]:
         """Return the poses of maps that eigenfunctions start; maps that swap sides ask for mirrored poses, if any."""
-        found = [(self._mapper.evidence(one), one) for one in self._mapper.maps_from_signs()]
+        found = [(self._mapper.evidence(one), one) for one in self._mapper.maps_from_signs(NUM_SIGN_MAPS // 2)]
         return [
             self.weigh(one, of_map, chirality=-1.0 if of_map.orientation < 0 else 1.0)
             for of_map, one in found

@@ -28,7 +28,7 @@ from data_tools.options import CleaningOptions
 #: SHREC07's humans and armadillos, on which this was chosen, 6 are beyond 20 deg, 19 without.
 MOST_SEARCHED = 8
 #: Functions and samples of a search; 120 and 1000 take twice as long and settle no more poses.
-SEARCHED = SurfaceOptions(num_functions=60, num_dense=400, max_faces=MAX_FACES)
+SEARCHED = SurfaceOptions(num_functions=50, num_dense=300, max_faces=MAX_FACES // 2)
 
 
 def searched_surfaces(files: Iterable[Mapping[str, Any]], areas: Iterable[float]) -> list[SpectralShape]:

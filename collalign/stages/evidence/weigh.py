@@ -39,11 +39,6 @@ class PairEvidence:
         if not 0 <= self.maps.max(initial=-1) < self.maps.shape[1]:
             raise InputError(f"maps: holds no pose, or indices of more than {self.maps.shape[1]} samples")
 
-    def some(self, chosen: Sequence[int]) -> PairEvidence:
-        """Return some of the poses, at least one."""
-        rows = list(chosen)
-        return PairEvidence(rotations=self.rotations[rows], maps=self.maps[rows], evidence=self.evidence[rows])
-
 
 def weigh_pair(
     target: Samples,
@@ -84,7 +79,7 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-5", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-6", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool) -> list[Pair]:
@@ -157,23 +152,18 @@ def by_energy(pair: Pair) -> Pair:
 
 
 def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
-    """Return a pair of rigid candidates with those of its maps behind its own, which no longer take part."""
-    silent = replace(by_energy(pair), log_odds=read_only(np.full(len(pair.energies), -np.inf)))
-    return with_candidates(silent, found)
-
-
-def with_candidates(pair: Pair, found: PairEvidence) -> Pair:
-    """Return a weighed pair with further candidates at its end; all that take part are weighed anew, together."""
+    """Return a pair with the candidates of its maps behind its own, which no longer take part."""
     rotations = np.tile(np.eye(pair.rotations.shape[-1]), (len(found.rotations), 1, 1))
     rotations[:, :3, :3] = found.rotations
     energies = found.evidence[:, EVIDENCE.index("energy")]
+    own, num = by_energy(pair), len(pair.energies)
     grown = replace(
         pair,
         rotations=read_only(np.concatenate([pair.rotations, rotations])),
         maps=read_only(np.concatenate([pair.maps, found.maps])),
         energies=read_only(np.concatenate([pair.energies, energies])),
-        log_odds=read_only(np.concatenate([pair.log_odds, np.zeros(len(energies))])),
-        evidence=read_only(np.concatenate([pair.evidence, found.evidence])),
+        log_odds=read_only(np.repeat([-np.inf, 0.0], [num, len(energies)])),
+        evidence=read_only(np.concatenate([own.evidence, found.evidence])),
     )
     return judged_by(grown, WEIGHTS)
 
