@@ -46,7 +46,7 @@ def settle_doubtful(
     starts: dict[int, FloatArray] = {}
     for own, ranked in near.items():
         rivals = voted_poses(votes[own], poses[own])
-        for _, e in sorted(ranked)[: MAX_PARTNERS // 2]:  # all of them settle no more
+        for _, e in sorted(ranked)[:MAX_PARTNERS]:
             i, j = pairs[e].target, pairs[e].source
             starts[e] = np.swapaxes(rivals, 1, 2) @ poses[j] if own == i else poses[i].T @ rivals
     found = weigh_starts(session, shapes, pairs, starts, is_first=False, searched=True) if starts else {}
