@@ -33,9 +33,9 @@ def settle_doubtful(
 ) -> list[Pair]:
     """Return the weighed pairs, those of each doubtful shape with the sure ones that match it best weighed anew.
 
-    Their candidates become what the shape's pose and its rivals lead to where surfaces are laid onto each other. Such
-    maps rank the right one first in three of four pairs, crude ones in half of them (24 pairs of planes, 42 of
-    SCAPE, 54 of humans: this was chosen on them). Poses are ``R_common_shape``, shape (N, 3, 3), confidences (N,).
+    Their candidates become what the shape's pose and its rivals lead to where surfaces are laid onto each other. The
+    right one is first in 184 of 228 such pairs of five classes, on which this was chosen, 147 by crude maps and 178
+    by a full search. Poses are ``R_common_shape``, shape (N, 3, 3), confidences (N,).
     """
     near: dict[int, list[tuple[float, int]]] = {}
     for e, pair in enumerate(pairs):
