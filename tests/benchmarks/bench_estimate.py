@@ -51,7 +51,10 @@ def measure(name, num):
         run = RunOptions(jobs=1, store=folder.parent / "store.sqlite")
         start = time.process_time()
         estimate = estimate_job(
-            BatchJob(folders=(folder,), out=folder.parent / "out", recursive=False, options=AlignOptions()), run
+            BatchJob(
+                folders=(folder,), out=folder.parent / "out", recursive=False, parts=False, options=AlignOptions()
+            ),
+            run,
         )
         trial_s = time.process_time() - start
         start = time.process_time()
