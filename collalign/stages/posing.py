@@ -75,20 +75,15 @@ def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tup
 
 
 def _asks_for_scans(run: Run, posed: Posed) -> bool:
-    """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt.
-
-    Those that may be mirror images are in doubt for that.
-    """
+    """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt."""
     options = run.session.options
-    confidence = posed.solution.confidence.copy()
-    confidence[list(posed.may_be_mirrored)] = 1.0
     return (
         looks_for_incomplete(options)
         and options.synchronization == "robust"
         and not options.deformable
         and not run.constraints.fixed
         and len(run.shapes.names) <= MOST_TRIED
-        and may_be_scans(run.shapes, confidence)
+        and may_be_scans(run.shapes, posed.confidence_but_for_sides)
     )
 
 

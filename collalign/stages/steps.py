@@ -150,6 +150,13 @@ class Posed:
     vertices: VertexMaps | None = None
     incomplete: tuple[Incomplete, ...] = ()
 
+    @property
+    def confidence_but_for_sides(self) -> FloatArray:
+        """The confidences (N,), 1 for shapes that are in doubt because they may be mirror images."""
+        confidence = self.solution.confidence.copy()
+        confidence[list(self.may_be_mirrored)] = 1.0
+        return confidence
+
 
 def pose(run: Run, matched: Matched) -> Posed:
     """Synchronize, refine, and settle frame, labels and places."""
@@ -208,9 +215,9 @@ def state_trust(run: Run, posed: Posed) -> Posed:
             trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
         solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
         notes = trust_notes(names, trust, solution.confidence, run.constraints)
-        helps = remedies(run.session, run.shapes, posed.matched, solution.confidence)
-    notes = (*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps)
-    return replace(posed, solution=solution, trust=trust, notes=notes)
+        posed = replace(posed, solution=solution, trust=trust)
+        helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides)
+    return replace(posed, notes=(*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps))
 
 
 def settle(run: Run, matched: Matched, posed: Posed) -> Posed:

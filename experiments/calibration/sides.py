@@ -31,18 +31,19 @@ FALSE_ALARM = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subset:
-    """Some shapes, the energies of all their pairs as they are and mirrored, and which ones are mirror images."""
+    """Some shapes, the energies of all their pairs as they are and mirrored by look, and which are mirror images."""
 
     descriptors: FloatArray
-    energies: FloatArray
+    energies: dict[tuple[int, int], FloatArray]
     mirrored: BoolArray
 
     def verdict(self) -> float:
         """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none."""
         num = len(self.mirrored)
 
-        def energies_of(edges: IntArray) -> tuple[list[tuple[int, int]], FloatArray]:
-            return [(int(i), int(j)) for i, j in edges], self.energies[edges[:, 0], edges[:, 1]]
+        def energies_of(edges: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
+            of_pairs = self.energies[num_poses, max_steps]
+            return [(int(i), int(j)) for i, j in edges], of_pairs[edges[:, 0], edges[:, 1]]
 
         found, _ = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
         if self.mirrored.any() and not self.mirrored.all():
@@ -56,10 +57,11 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     with matched(data, collection, num, AlignOptions(group="O")) as found:
         samples, num = found.shapes.samples, len(found.shapes.names)
         descriptors = describe_shapes(found.shapes)
-        energies = np.full((num, num, 2), np.nan)
-        for pair in found.pairs:
-            i, j = pair.target, pair.source
-            energies[i, j] = energies[j, i] = pilot.chirality_energies(pair, samples[i], samples[j])
+        energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
+        for look, of_pairs in energies.items():
+            for pair in found.pairs:
+                i, j = pair.target, pair.source
+                of_pairs[i, j] = of_pairs[j, i] = pilot.chirality_energies(pair, samples[i], samples[j], *look)
         dataset = read_dataset(collection, data)
         mirrored = np.zeros(num, dtype=bool)
         if dataset.chirality is not None:
@@ -68,10 +70,11 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     subsets = []
     for _ in range(NUM_QUICK_SUBSETS if quick else NUM_SUBSETS):
         some = np.sort(rng.permutation(num)[: rng.integers(sides.MIN_SHAPES, num + 1)])
-        part = energies[np.ix_(some, some)]
+        part = {look: of_pairs[np.ix_(some, some)] for look, of_pairs in energies.items()}
         for wanted in _wanted(mirrored[some], rng) if mirrored.any() else [mirrored[some]]:
             swapped = wanted != mirrored[some]
-            turned = np.where((swapped[:, None] != swapped)[..., None], part[..., ::-1], part)
+            between = (swapped[:, None] != swapped)[..., None]
+            turned = {look: np.where(between, of_pairs[..., ::-1], of_pairs) for look, of_pairs in part.items()}
             subsets.append(Subset(descriptors=descriptors[some], energies=turned, mirrored=wanted))
     return subsets
 

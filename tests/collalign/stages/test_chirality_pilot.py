@@ -104,6 +104,7 @@ def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path):
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
     assert found.group == "SO"
     assert "may be mirror images" in " ".join(found.notes)
+    assert "crown2: in doubt, with open borders" not in " ".join(found.notes)
     assert found.confidence[1] <= ONE_OF_TWO
     assert (np.delete(found.confidence, 1) > ONE_OF_TWO).all()
 
@@ -121,8 +122,8 @@ def test_bilateral_shapes_are_not_mirrored(tmp_path):
 def test_the_energies_of_both_kinds_are_told_apart():
     few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
     kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
-    assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few) == (0.2, 0.1)
-    alone = chirality_energies(pair_of(kinds[1:], [0.2, 0.3]), few, few)
+    assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few, 1, 4) == (0.2, 0.1)
+    alone = chirality_energies(pair_of(kinds[1:], [0.2, 0.3]), few, few, 1, 4)
     assert alone == pytest.approx((0.2, np.nan), nan_ok=True)
 
 
@@ -130,9 +131,9 @@ def test_dense_samples_tell_the_kinds_apart_where_few_do_not():
     shape, options = lopsided(crown(num_vertices=300)), SamplingOptions(num_points=8, num_dense_points=150)
     target, source = (sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape)))
     mirror = np.diag([-1.0, 1.0, 1.0])
-    plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source)
+    plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source, 1, 4)
     assert reflected < 0.2 * plain
-    alone = chirality_energies(pair_of([mirror], [0.2]), target, source)
+    alone = chirality_energies(pair_of([mirror], [0.2]), target, source, 1, 4)
     assert alone == pytest.approx((np.nan, reflected), nan_ok=True)
 
 
