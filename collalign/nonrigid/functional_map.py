@@ -17,15 +17,14 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dposv
-from scipy.sparse import csc_array
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
 
 #: Rows of a large distance matrix that are held at once.
 _BLOCK_ROWS = 128
-#: Distance matrices with more entries than this are large: computed in single precision, and in blocks.
-_SINGLE_PRECISION_ENTRIES = 250_000
+#: Distance matrices with more entries than this are large.
+_SMALL_ENTRIES = 250_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,19 +50,22 @@ def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArra
     """Return the nearest target row of each source row and the nearest source row of each target row.
 
     Ties go to the first. Maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit
-    caches: in thirty and more dimensions that beats any tree. Single precision is enough for large sets, because the
-    functions themselves carry errors of the discretisation.
+    caches: in thirty and more dimensions that beats any tree. Single precision is enough, because the functions
+    themselves carry errors of the discretisation.
     """
-    dtype: Any = np.float32 if len(target) * len(source) > _SINGLE_PRECISION_ENTRIES else np.float64
-    columns = np.vstack([target.T, -0.5 * (target**2).sum(axis=1), np.ones(len(target))]).astype(dtype)
-    squares = -0.5 * (source**2).sum(axis=1, keepdims=True)
-    rows = np.hstack([source, np.ones((len(source), 1)), squares]).astype(dtype)
-    if dtype is np.float64:
+    num = target.shape[1]
+    columns, rows = (
+        np.ones((num + 2, len(target)), dtype=np.float32),
+        np.ones((len(source), num + 2), dtype=np.float32),
+    )
+    columns[:num], rows[:, :num] = target.T, source
+    columns[num], rows[:, num + 1] = (-0.5 * np.einsum("ij,ij->i", one, one) for one in (target, source))
+    if len(target) * len(source) <= _SMALL_ENTRIES:
         closeness = rows @ columns
         return closeness.argmax(axis=1), closeness.argmax(axis=0)
     forward = np.empty(len(source), dtype=np.int64)
-    backward, closest = np.zeros(len(target), dtype=np.int64), np.full(len(target), -np.inf, dtype=dtype)
-    buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=dtype)
+    backward, closest = np.zeros(len(target), dtype=np.int64), np.full(len(target), -np.inf, dtype=np.float32)
+    buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=np.float32)
     for first in range(0, len(source), _BLOCK_ROWS):
         block = rows[first : first + _BLOCK_ROWS]
         closeness = np.dot(block, columns, out=buffer[: len(block)])
@@ -150,14 +152,13 @@ def fitted_map(
     cost : ndarray, shape (k,), optional
         Of the square of each coefficient, beside the mean of the squared residuals.
     """
-    known, known_back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-    counts = np.bincount(known, minlength=len(source)) + np.bincount(backward[known_back], minlength=len(source))
+    known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
+    images = backward[back]
+    counts = np.bincount(np.concatenate([known, images]), minlength=len(source))
     gram = source.T @ (source * counts[:, None])
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
-    ones, every = np.ones(len(known_back)), np.arange(len(known_back) + 1)
-    asked = csc_array((ones, backward[known_back], every), shape=(len(source), len(known_back))) @ target[known_back]
-    asked[known] += target[forward[known]]
-    _, fitted, is_singular = dposv(gram, source.T @ asked)
+    asked = source[known].T @ target[forward[known]] + source[images].T @ target[back]
+    _, fitted, is_singular = dposv(gram, asked)
     if is_singular:
         raise np.linalg.LinAlgError("no point of either shape has an image")
     return np.asarray(fitted, dtype=np.float64)

@@ -77,6 +77,6 @@ def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray)
 
 #: Map a pair. The version changes whenever the same surfaces and starts would give other maps.
 CANDIDATES, REFINING = (
-    Job(kind="evidence", version="consistent-4", run=candidate_maps, reader=CandidateMaps),
-    Job(kind="evidence", version="consistent-5", run=refine_map, reader=RefinedMap),
+    Job(kind="evidence", version="consistent-6", run=candidate_maps, reader=CandidateMaps),
+    Job(kind="evidence", version="consistent-7", run=refine_map, reader=RefinedMap),
 )

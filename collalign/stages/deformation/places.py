@@ -64,7 +64,7 @@ def trust_of_places(
     mapper = PoseMapper(samples[0].posed, (samples[1].mirrored if mirrored else samples[1]).posed)
     target, source = mapper.target.spectral, mapper.source.spectral
     placed = places[cKDTree(of.vertices).query(samples[1].vertices)[1]]
-    forward, backward = mutual_nearest_rows(target.vertices, placed)
+    forward, backward = (cKDTree(a).query(b)[1] for a, b in ((target.vertices, placed), (placed, target.vertices)))
     c = fitted_map(target.basis, source.basis, forward, backward)
     own = FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
     found = with_others_from_poses(mapper, judged(target, source, own, _CONSISTENT), NonrigidOptions())

@@ -8,6 +8,7 @@ Doubtful shapes of larger collections start from their rivals alone (:mod:`colla
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,15 +32,19 @@ MOST_SEARCHED = 8
 #: Surfaces of a search. With 60 functions, 400 samples and 6000 triangles pairs take half as long again, and the
 #: right pose is first in 186 instead of 184 of 228 doubtful pairs of planes, SCAPE, humans, birds and armadillos.
 SEARCHED = SurfaceOptions(num_functions=50, num_dense=300, max_faces=MAX_FACES // 2)
+#: The same where poses are the starts: nothing asks for geodesic samples there.
+STARTED = replace(SEARCHED, num_samples=8)
 
 
-def searched_surfaces(files: Iterable[Mapping[str, Any]], areas: Iterable[float]) -> list[SpectralShape]:
+def searched_surfaces(
+    files: Iterable[Mapping[str, Any]], areas: Iterable[float], options: SurfaceOptions
+) -> list[SpectralShape]:
     """Return surfaces prepared for a search, none where one is in pieces: a search would see only the largest.
 
     Files are what :func:`collalign.stages.evidence.map_surfaces.prepare_surface_file` takes; areas are of all pieces.
     """
     try:
-        found = [_prepared(**file) for file in files]
+        found = [_prepared(options, **file) for file in files]
     except InputError:
         return []
     return found if all(one.area >= RIGHT_SHARE * area for one, area in zip(found, areas, strict=True)) else []
@@ -57,5 +62,7 @@ def search_pair(
 
 
 @lru_cache(maxsize=4 * MOST_SEARCHED)
-def _prepared(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SpectralShape:
-    return prepare_surface(read_shape(path, cleaning, name=name, digest=digest), SEARCHED)
+def _prepared(
+    options: SurfaceOptions, path: Origin, name: str, digest: str, cleaning: CleaningOptions
+) -> SpectralShape:
+    return prepare_surface(read_shape(path, cleaning, name=name, digest=digest), options)

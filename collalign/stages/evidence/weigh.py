@@ -20,7 +20,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces, wanted_file
-from collalign.stages.evidence.pair_search import search_pair, searched_surfaces
+from collalign.stages.evidence.pair_search import SEARCHED, STARTED, search_pair, searched_surfaces
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -63,7 +63,8 @@ def weigh_pair(
     files : sequence of two mappings, optional
         Of both shapes, for the search that takes the place of this, see :func:`searched_surfaces`.
     """
-    whole = searched_surfaces(files, [surface.area for surface in surfaces]) if files else []
+    areas = [surface.area for surface in surfaces]
+    whole = searched_surfaces(files, areas, SEARCHED if is_first else STARTED) if files else []
     if whole:
         candidates = search_pair(target, source, whole, group, None if is_first else starts)
     else:
@@ -79,7 +80,7 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-6", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-7", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool) -> list[Pair]:

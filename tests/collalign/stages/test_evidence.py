@@ -16,7 +16,7 @@ from collalign.options import AlignOptions
 from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
-from collalign.stages.evidence.pair_search import search_pair, searched_surfaces
+from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
 from collalign.stages.evidence.rivals import settle_doubtful, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
@@ -94,8 +94,8 @@ def test_mirrored_poses_are_proposed_only_where_they_may_be(tmp_path):
     files = [{"path": tmp_path / f"{n}.ply", "name": f"{n}", "digest": None, "cleaning": AS_STORED} for n in (0, 1)]
     for file, one in zip(files, two, strict=True):
         write_mesh(file["path"], one)
-    surfaces = searched_surfaces(files, [shape.area] * 2)
-    assert not searched_surfaces(files, [2.0 * shape.area] * 2)
+    surfaces = searched_surfaces(files, [shape.area] * 2, SEARCHED)
+    assert not searched_surfaces(files, [2.0 * shape.area] * 2, SEARCHED)
     proper = weigher.candidates_from_signs(mirrored=False) + search_pair(*samples, surfaces, "SO", None)
     assert {round(float(np.linalg.det(rotation))) for rotation, _, _ in proper} == {1}
     for both in (weigher.candidates_from_signs(mirrored=True), search_pair(*samples, surfaces, "O", None)):
