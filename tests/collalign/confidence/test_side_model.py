@@ -44,7 +44,8 @@ def test_a_shape_whose_pairs_contradict_each_other_is_unsure_of_its_side():
     assert np.flatnonzero(find_sides(edges, energies, 20).unsure).tolist() == [9]
 
 
-def test_one_side_is_no_mix():
+def test_one_side_is_no_mix_nor_are_strong_preferences_that_contradict_each_other():
+    assert not sides_of(np.zeros(20, dtype=bool), clear=0.0, noise=0.6).are_clear
     found = sides_of(np.zeros(20, dtype=bool))
     assert not found.mirrored.any()
     assert not found.are_suspected
@@ -58,10 +59,6 @@ def test_preferences_at_random_are_never_clear(num):
     for _ in range(25):
         edges, energies = planted(rng, np.zeros(num, dtype=bool), clear=0.0, noise=0.1)
         assert not find_sides(edges, energies, num).are_clear
-
-
-def test_strong_preferences_that_contradict_each_other_are_not_clear():
-    assert not sides_of(np.zeros(20, dtype=bool), clear=0.0, noise=0.6).are_clear
 
 
 def test_too_few_shapes_are_never_mirrored():

@@ -133,8 +133,9 @@ def test_dense_samples_tell_the_kinds_apart_where_few_do_not():
     mirror = np.diag([-1.0, 1.0, 1.0])
     plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source, 1, 4)
     assert reflected < 0.2 * plain
-    alone = chirality_energies(pair_of([mirror], [0.2]), target, source, 1, 4)
-    assert alone == pytest.approx((np.nan, reflected), nan_ok=True)
+    poses = pair_of([np.eye(3), -np.roll(np.eye(3), 1, axis=0), mirror], [0.2] * 3)  # a worse one first of its kind
+    assert chirality_energies(poses, target, source, 1, 4)[1] > reflected
+    assert chirality_energies(poses, target, source, 2, 4)[1] == reflected
 
 
 def test_the_pilot_takes_the_nearest_pairs_of_every_shape():
