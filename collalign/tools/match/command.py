@@ -15,18 +15,19 @@ from collalign.cli.talk import say, say_files, tell
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part
-from collalign.tools.match.map_files import NONRIGID_FILES, stage_match
-from collalign.tools.match.nonrigid import match_prepared, prepare_file
+from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, stage_match
+from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import refuse_overlap
-from data_tools.options import CleaningOptions
+from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
 from pairwise.status import Status
@@ -151,13 +152,16 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
-        to = prepare_file(target, bending.surface)
+        shapes = read_shape(target, AS_STORED), read_shape(source, AS_STORED)
+        files = {shape.name: file for shape, file in zip(shapes, (target, source), strict=True)}
+        placed = placed_landmarks(files, shapes, bending.landmarks)
+        to = prepare_surface(shapes[0], bending.surface)
         bar.advance()
-        of = prepare_file(source, bending.surface)
+        of = prepare_surface(shapes[1], bending.surface)
         bar.advance()
         result = match_prepared(to, of, bending.deformation)
         bar.advance()
-        stage_match(output, result, target, source, bending.landmarks)
+        stage_match(output, result, *shapes, placed)
         written = output.publish(complete=True)
         bar.advance()
     say(result.summary)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,8 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.shapes import read_shape, write_ply
-from data_tools.options import AS_STORED
+from data_tools.io.shapes import write_ply
+from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.surface.shape import Shape
 
 LANDMARKS_FILE = "map_landmarks.csv"
@@ -28,7 +28,7 @@ NONRIGID_FILES = (
 
 
 def stage_match(
-    output: OutputFolder, found: NonrigidMatch, target: Path, source: Path, landmarks: Sequence[Path] = ()
+    output: OutputFolder, found: NonrigidMatch, left: Shape, right: Shape, placed: Mapping[str, Landmarks]
 ) -> None:
     """Stage all files of a match.
 
@@ -36,13 +36,11 @@ def stage_match(
     ----------
     output : OutputFolder
     found : NonrigidMatch
-    target, source : Path
-        The files that were matched.
-    landmarks : sequence of Path
-        Landmarks of either, called like it; see :func:`carried_rows`.
+    left, right : Shape
+        The target and the source, as stored.
+    placed : mapping of str to Landmarks
+        Those of either, see :func:`placed_landmarks`.
     """
-    left, right = (read_shape(file, AS_STORED) for file in (target, source))
-    rows = carried_rows(found, {left.name: target, right.name: source}, (left, right), landmarks)
     found.stage(output)
     point_map = vertices_map(found.point_map_target_source, left, right)
     confidence = at_vertices(np.append(found.vertex_confidence, np.nan), right)
@@ -51,17 +49,14 @@ def stage_match(
     of_target, of_source = transferred_colours(left, point_map)
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence=confidence)
-    if landmarks:
-        write_atomic(output.stage(LANDMARKS_FILE), csv_text(rows).encode())
+    if placed:
+        write_atomic(output.stage(LANDMARKS_FILE), csv_text(carried_rows(found, (left, right), placed)).encode())
 
 
-def carried_rows(
-    found: NonrigidMatch, files: dict[str, Path], shapes: tuple[Shape, Shape], landmarks: Sequence[Path]
-) -> list[list[str]]:
-    """Return where landmarks of either shape are on the other one: a header, and a row for each.
-
-    A landmark goes with the vertex that is nearest to it; its confidence is that of the vertex of the source, and it
-    has no place where that has no counterpart.
+def placed_landmarks(
+    files: Mapping[str, Path], shapes: Sequence[Shape], landmarks: Sequence[Path]
+) -> dict[str, Landmarks]:
+    """Return the landmarks that some files hold of two shapes, in the coordinates of these, by shape.
 
     Raises
     ------
@@ -73,7 +68,17 @@ def carried_rows(
     if strangers:
         raise InputError(f"landmarks of {strangers[0]}: the shapes are called {' and '.join(files)}")
     meshes = [(shape.name, shape.vertices, shape.faces) for shape in shapes]
-    placed = place_templates(given, {name: files[name] for name in given}, meshes)[0]
+    return place_templates(given, {name: files[name] for name in given}, meshes)[0]
+
+
+def carried_rows(
+    found: NonrigidMatch, shapes: tuple[Shape, Shape], placed: Mapping[str, Landmarks]
+) -> list[list[str]]:
+    """Return where landmarks of either shape are on the other one: a header, and a row for each.
+
+    A landmark goes with the vertex that is nearest to it; its confidence is that of the vertex of the source, and it
+    has no place where that has no counterpart.
+    """
     rows = [["name", "landmark", "x", "y", "z", "confidence"]]
     for name, marks in placed.items():
         is_target = name == shapes[0].name
