@@ -50,8 +50,8 @@ def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArra
     """Return the nearest target row of each source row and the nearest source row of each target row.
 
     Ties go to the first. Maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit
-    caches: in thirty and more dimensions that beats any tree. Single precision is enough, because the functions
-    themselves carry errors of the discretisation.
+    caches: in thirty and more dimensions that beats any tree. Single precision is enough for rows around the
+    origin, because the functions themselves carry errors of the discretisation.
     """
     num = target.shape[1]
     columns, rows = (
