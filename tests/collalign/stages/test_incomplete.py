@@ -18,7 +18,7 @@ from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.posing import _asks_for_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
-from collalign.stages.steps import Matched, Run
+from collalign.stages.steps import Matched, Posed, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
@@ -254,7 +254,9 @@ def test_shapes_that_may_be_mirror_images_are_no_scans_for_that():
     run = SimpleNamespace(session=SimpleNamespace(options=AlignOptions()), shapes=shapes, constraints=Constraints())
     solution = SimpleNamespace(confidence=np.array([0.5, 0.5, 0.99, 0.99]))
     for mirrored, scans in (((), True), ((0, 1), False)):
-        assert _asks_for_scans(run, SimpleNamespace(solution=solution, may_be_mirrored=mirrored)) == scans
+        posed = SimpleNamespace(solution=solution, may_be_mirrored=mirrored)
+        posed.confidence_but_for_sides = Posed.confidence_but_for_sides.fget(posed)
+        assert _asks_for_scans(run, posed) == scans
 
 
 def test_points_that_stand_for_all_samples_lie_apart():
