@@ -90,8 +90,8 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
 
 
 def costs_of(store: Store) -> dict[str, float]:
-    """Return what each kind of record that the forecast reckons with cost on average."""
-    return {kind: store.mean_seconds(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
+    """Return what each kind of record that the forecast reckons with cost, by the median."""
+    return {kind: store.median_seconds(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
 
 
 def forecast(

@@ -44,7 +44,7 @@ def read_store(payload):
             store.status()
             for kind, reader in (("shapes", Samples), ("pairs", PairPoses)):
                 store.failures(kind)
-                store.mean_seconds(kind)
+                store.median_seconds(kind)
                 for key in sorted(store.keys(kind)):
                     from_record(reader, store.require(kind, key), key)
         with Store.open(path) as store:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
+import statistics
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -219,10 +220,10 @@ class Store:
         """Return, for each kind, how much is ``planned``, and of that ``done``, ``failed`` and ``left``."""
         return {kind: self._counts(kind) for kind in KINDS}
 
-    def mean_seconds(self, kind: str) -> float:
-        """Return what a finished record of a kind took on average, for estimates of further runs; NaN if unknown."""
-        ((seconds,),) = self._query(f"SELECT avg(seconds) FROM {table_of(kind)}")
-        return float("nan") if seconds is None else float(seconds)
+    def median_seconds(self, kind: str) -> float:
+        """Return the median time of records of a kind, which first tasks of workers hardly raise; NaN if unknown."""
+        seconds = [one for (one,) in self._query(f"SELECT seconds FROM {table_of(kind)} WHERE seconds IS NOT NULL")]
+        return statistics.median(seconds) if seconds else float("nan")
 
     @property
     def _name(self) -> str:

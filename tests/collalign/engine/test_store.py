@@ -31,8 +31,8 @@ def test_records_survive_closing(path):
         assert (found["R"] == np.eye(3)).all()
         assert store.get("pairs", "other") is None
         assert store.get("shapes", "k") is None
-        assert store.mean_seconds("pairs") == 1.5
-        assert np.isnan(store.mean_seconds("shapes"))
+        assert store.median_seconds("pairs") == 1.5
+        assert np.isnan(store.median_seconds("shapes"))
 
 
 def test_records_that_must_be_there_are_missed(path):
