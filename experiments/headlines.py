@@ -58,7 +58,7 @@ HEADLINES = (
     ),
     Headline(
         "of the shapes stated at .95 or more {:.1f} % are right, each collection by weights of the others",
-        "98 % wanted",
+        "98.5 % wanted",
         "confidence",
         "confidence_goals",
         {"figure": "right among the shapes"},
