@@ -6,7 +6,28 @@ Bad input raises at the door and names the file or argument, what was found and 
 
 from __future__ import annotations
 
+import re
 from typing import Any
+
+#: Control characters, ends of lines and marks that turn the direction of writing: a file's name may hold any of them,
+#: and a terminal, a log or a table would obey it.
+_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str, *, keep: str = "") -> str:
+    """Return text whose control characters are escapes such as ``\\x1b``.
+
+    Parameters
+    ----------
+    text : str
+    keep : str
+        Control characters that stay.
+    """
+
+    def escape(found: re.Match[str]) -> str:
+        return found[0] if found[0] in keep else found[0].encode("unicode_escape").decode()
+
+    return _UNPRINTABLE.sub(escape, text)
 
 
 class CollalignError(Exception):
@@ -16,9 +37,16 @@ class CollalignError(Exception):
     ----------
     exit_code : int
         What ``collalign`` exits with when this error reaches the command line.
+
+    Notes
+    -----
+    The message is one line in which :func:`printable` has escaped the names of files.
     """
 
     exit_code = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class InputError(CollalignError, ValueError):

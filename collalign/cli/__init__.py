@@ -23,7 +23,8 @@ from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
 from collalign.cli.talk import end, speak, talking, tell
 from collalign.tools import TOOLS
-from data_tools.errors import CollalignError
+from data_tools.errors import CollalignError, printable
+from data_tools.io.files import system_reason
 
 #: Exit code after the reader of the output has gone: 128 and the number of SIGPIPE.
 READER_GONE = 141
@@ -81,7 +82,8 @@ def _launch(
     as_json
         Print one JSON object instead of text: what came out, files, warnings, errors, exit code.
     log
-        File that what is said and each stage are appended to, with the time.
+        File that what is said and each stage are appended to, with the time: a new one, or a log of an earlier
+        command. Where its name ends with .jsonl, each line is a JSON object.
     """
     speak(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
@@ -133,9 +135,12 @@ def _run(words: list[str]) -> int:
             raise
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             return _say("too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
+        if isinstance(error, OSError) and not isinstance(error, CollalignError) and error.errno is not None:
+            return _say(f"{error.filename or 'a file'}: {system_reason(error)}", 1)
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
 
 
 def _say(message: str, code: int) -> int:
+    message = printable(message, keep="\n")
     print(f"collalign: {message}", file=sys.stderr)
     return end(code, message)

@@ -9,7 +9,8 @@ import numpy as np
 
 from collalign.products.own import Own
 from data_tools.errors import CollalignError, InputError
-from data_tools.io.files import read_text
+from data_tools.io.files import open_regular, read_text
+from data_tools.io.source import MAX_FILE_BYTES
 
 _KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
 
@@ -56,7 +57,8 @@ def _arrays(folder: Path) -> dict[str, np.ndarray]:
     found = {}
     for file in sorted(folder.rglob("*.npy")):
         try:
-            found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(file, allow_pickle=False)
+            with open_regular(file, MAX_FILE_BYTES) as stream:
+                found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(stream, allow_pickle=False)
         except (OSError, ValueError, EOFError) as error:
             raise InputError(f"invariants: {file} cannot be read ({error})") from error
     if not found:

@@ -8,7 +8,7 @@ from collalign.cli.interruption import INCOMPLETE, UNFINISHED
 from collalign.cli.talk import say, tell
 from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
-from data_tools.errors import StoreError
+from data_tools.errors import StoreError, printable
 
 
 def status(result: Path) -> int:
@@ -34,7 +34,7 @@ def status(result: Path) -> int:
             continue
         say("{kind}: {done} done, {failed} failed, {left} left of {planned}".format(kind=kind, **count))
         for failure in failures[kind].values():
-            say(f"  {failure.label}: {failure.reason}")
+            say(f"  {printable(failure.label)}: {failure.reason}")
     size = store.stat().st_size
     say(f"store: {size / 2**20:.1f} MiB")
     if stage != FINISHED:

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import stat
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from datetime import datetime
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 from collalign.engine.jobs.progress import SHOW_BARS, STAGES
-from data_tools.errors import InputError
+from data_tools.errors import InputError, printable
+from data_tools.io.files import system_reason
 
 _ROOT, _SAID = logging.getLogger("collalign"), logging.getLogger("collalign.said")
+#: First line of a log, and of a log whose lines are JSON: nothing is appended to a file that begins otherwise.
+_FIRST_LINE, _FIRST_JSON_LINE = "# log of collalign\n", '{"format": "collalign-log", "version": 1}\n'
+_JSON_SUFFIX = ".jsonl"
+#: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
+_FOR_APPENDING = os.O_RDWR | os.O_APPEND | os.O_CREAT
+_FOR_APPENDING |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
 @dataclass
@@ -32,6 +43,7 @@ _TALK: ContextVar[_Talk] = ContextVar("talk")
 
 def say(sentence: str) -> None:
     """Print a sentence for people: on standard output, which ``--quiet`` and ``--json`` keep free."""
+    sentence = printable(sentence, keep="\n")
     if not _talk().is_silent:
         print(sentence)
     _SAID.info(sentence)
@@ -39,6 +51,7 @@ def say(sentence: str) -> None:
 
 def warn(sentence: str) -> None:
     """Print what people should not miss on standard error, and tell programs."""
+    sentence = printable(sentence, keep="\n")
     print(f"collalign: {sentence}", file=sys.stderr)
     _SAID.warning(sentence)
     _talk().summary.setdefault("warnings", []).append(sentence)
@@ -89,7 +102,7 @@ def speak(*, quiet: bool, as_json: bool, verbose: bool, log: Path | None) -> Non
     Raises
     ------
     InputError
-        If the log cannot be written.
+        If the log cannot be written, or is a file that is no log of this program.
     """
     talk = _talk()
     talk.is_silent, talk.as_json = quiet or as_json, as_json
@@ -105,20 +118,60 @@ def speak(*, quiet: bool, as_json: bool, verbose: bool, log: Path | None) -> Non
     handlers: list[logging.Handler] = [lines]
     if log is not None:
         try:
-            handlers.append(logging.FileHandler(log, encoding="utf-8", errors="backslashreplace"))
+            handlers.append(_LogFile(log))
         except OSError as error:
-            raise InputError(f"--log {log}: cannot be written ({error.strerror})") from None
-        handlers[-1].setFormatter(logging.Formatter("%(asctime)s %(message)s"))
+            raise InputError(f"--log {log}: cannot be written ({system_reason(error)})") from None
     _ROOT.handlers, _ROOT.propagate = [*_ROOT.handlers, *handlers], False
     _ROOT.setLevel(logging.INFO)
+
+
+class _LogFile(logging.FileHandler):
+    """Appends to a new file, an empty one, or a log of ours; JSON lines where its name ends with ``.jsonl``."""
+
+    def __init__(self, path: Path) -> None:
+        self._is_json = path.suffix.lower() == _JSON_SUFFIX
+        super().__init__(path)
+        self.setFormatter(_JsonLines() if self._is_json else logging.Formatter("%(asctime)s %(message)s"))
+
+    def _open(self) -> TextIOWrapper:
+        """Decide about the file that is open, which nobody can exchange meanwhile."""
+        path, first = self.baseFilename, (_FIRST_JSON_LINE if self._is_json else _FIRST_LINE).encode()
+        descriptor = os.open(path, _FOR_APPENDING, 0o644)
+        try:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise InputError(f"--log {path}: is not a regular file; name a new file")
+            if not (found := os.read(descriptor, len(first))):
+                os.write(descriptor, first)
+            elif found != first:
+                raise InputError(
+                    f"--log {path}: holds something else than a log of this program, so nothing is appended to it; "
+                    "name a new file"
+                )
+            return open(descriptor, "a", encoding="utf-8", errors="backslashreplace")
+        except BaseException:
+            os.close(descriptor)
+            raise
+
+
+class _JsonLines(logging.Formatter):
+    """One JSON object a line: ``time``, ``level``, ``message``, and of stages the numbers."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        told = {
+            "time": datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "message": record.getMessage(),
+        }
+        return json.dumps(told | getattr(record, "numbers", {}))
 
 
 def end(code: int, error: str = "") -> int:
     """Say how the command ended, to whom it concerns, and return its exit code."""
     if error:
+        error = printable(error, keep="\n")
         tell(error=error)
         _SAID.error(error)
-    _SAID.info("exit code %d", code)
+    _SAID.info("exit code %d", code, extra={"numbers": {"exit_code": code}})
     talk = _talk()
     if talk.as_json:
         from collalign.output.evidence.gather import json_types  # help shall not wait for it

@@ -90,13 +90,12 @@ class Session(Generic[OptionsT]):
         self.store.set_note(STAGE, stage)
 
     @contextmanager
-    def alone(self, kind: str, total: int = 1) -> Iterator[Callable[[], None]]:
-        """Show the progress of what this process does by itself; call what is given after each of the steps."""
-        if self.progress is None:
-            yield lambda: None
-            return
-        with self.progress(kind, total, done=0) as report:
-            yield lambda: report(_STEP)
+    def alone(self, kind: str) -> Iterator[None]:
+        """Show that this process does something by itself, as a stage of one step."""
+        with nullcontext() if self.progress is None else self.progress(kind, 1, done=0) as report:
+            yield
+            if report is not None:
+                report(_STEP)
 
     def num_reused(self, kind: str, keys: Iterable[str]) -> int:
         """Return for how many of the keys the store held a result before this run."""

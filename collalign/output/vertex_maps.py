@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,8 @@ import numpy as np
 from collalign.products.deformation import VertexMaps
 from data_tools.arrays import FloatArray, as_floats, as_indices, read_only
 from data_tools.errors import InputError
+from data_tools.io.archives import load_arrays
+from data_tools.io.source import read_source
 from data_tools.surface.shape import Shape
 
 VERTEX_MAPS_FILE = "vertex_maps.npz"
@@ -54,16 +55,16 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
         raise InputError(f"{path}: there is none; align with --deformable to map all vertices")
     none = np.empty(0)
     try:
-        with np.load(path, allow_pickle=False) as data:
-            names = tuple(str(name) for name in data["names"])
-            starts = as_indices(data["starts"], "starts", upper=len(data["places"]) + 1, shape=(len(names) + 1,))
-            every = _places(data["places"])
-            whole, sure = (data.get(name, none).astype(float) for name in ("confidence", "vertex_confidence"))
-            reference, left_out = str(data["reference"]), data["left_out"]
+        data = load_arrays(read_source(path).content, path.name)
+        names = tuple(str(name) for name in data["names"])
+        starts = as_indices(data["starts"], "starts", upper=len(data["places"]) + 1, shape=(len(names) + 1,))
+        every = _places(data["places"])
+        whole, sure = (data.get(name, none).astype(float) for name in ("confidence", "vertex_confidence"))
+        reference, left_out = str(data["reference"]), data["left_out"]
         wrong_size = len(whole) not in (0, len(names)) or len(sure) not in (0, len(every))
         if reference not in names or (np.diff(starts) < 0).any() or wrong_size:
             raise InputError("the reference, the starts or the confidences are impossible")
-    except (KeyError, ValueError, OSError, zipfile.BadZipFile, InputError) as error:
+    except (KeyError, ValueError, OSError) as error:
         raise InputError(f"{path}: not maps of vertices ({error})") from None
     return VertexMaps(
         names=names,

@@ -31,7 +31,7 @@ from collalign.products.trust import KINDS, Trust
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
-from data_tools.io.files import file_stems, write_atomic
+from data_tools.io.files import file_stems, readable_name, system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of, location, refuse_overlap
 from data_tools.poses import scales_of
@@ -130,7 +130,7 @@ def save_collection(
         share_out(write_document, ((name, {"write": write}) for name, write in documents), num_jobs=num_jobs)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
-        raise InputError(f"{output.folder}: the results cannot be written ({error.strerror or error})") from error
+        raise InputError(f"{output.folder}: the results cannot be written ({system_reason(error)})") from error
     tops = dict.fromkeys(output.folder / path.relative_to(output.folder).parts[0] for path in written)
     return (*(path for path in tops if path.is_file()), *sorted(path for path in tops if path.is_dir()))
 
@@ -138,7 +138,7 @@ def save_collection(
 def report_title(collection: Collection) -> str:
     """Return the title of a report, by the folder of the first shape's file."""
     file = collection.files[0]
-    return f"Aligned collection {Path(file).parent.name if file else ''}".rstrip()
+    return f"Aligned collection {readable_name(Path(file).parent) if file else ''}".rstrip()
 
 
 def output_names(names: Sequence[str]) -> list[str]:

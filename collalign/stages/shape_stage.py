@@ -14,7 +14,7 @@ from collalign.products.shapes import Excluded, Shapes
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.sampled_file import sample_file
-from data_tools.errors import CollectionError, InputError
+from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.source import Origin, Source
 
@@ -141,9 +141,9 @@ def _prepare(
 def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
     """Return a file, called with as many folders as its shape is, and why it is left out, without its place again."""
     for path in (file.path,) if isinstance(file, Source) else (file.absolute(), file):
-        reason = reason.removeprefix(f"{path}: ")
+        reason = reason.removeprefix(printable(f"{path}: "))
     shown = file.name if isinstance(file, Source) else "/".join(file.absolute().parts[-1 - name.count("/") :])
-    return Excluded(file=shown, reason=reason)
+    return Excluded(file=printable(shown), reason=reason)
 
 
 def wanted_shapes(

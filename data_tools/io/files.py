@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
 import secrets
+import shutil
 import stat
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -14,7 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from data_tools.errors import InputError, UnavailableError
+from data_tools.errors import InputError, UnavailableError, printable
 
 #: Longer texts and rows of stores are refused before they are read, in bytes: manifests, summaries, records are far
 #: shorter, and a damaged length field could ask for any memory.
@@ -53,6 +55,22 @@ def write_atomic(path: Path, content: bytes) -> Path:
         temporary.unlink(missing_ok=True)
         raise
     return path
+
+
+def own_copy(path: Path) -> None:
+    """Put a copy in the place of a file that has other names too (hard links), so that writing leaves those alone."""
+    try:
+        if path.stat().st_nlink < 2:
+            return
+    except FileNotFoundError:
+        return
+    temporary = path.with_name(f".{os.getpid()}-{secrets.token_hex(8)}")
+    try:
+        shutil.copy2(path, temporary)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 @contextmanager
@@ -99,6 +117,16 @@ def resolved(path: Path) -> Path:
     return found
 
 
+def system_reason(error: OSError) -> str:
+    """Say why a file could not be written or read; of a full disk also what else may be used up, and what to do."""
+    if error.errno in (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)):
+        return (
+            "the disk is full, or has no room for one more file, or your quota is used up; `df` and `df -i` show "
+            "free bytes and free files. Make room, or name a place on another disk"
+        )
+    return error.strerror or str(error)
+
+
 def read_text(path: Path, encoding: str = "utf-8") -> str:
     """Return the text of a regular file.
 
@@ -140,8 +168,11 @@ def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
 
 
 def readable_name(path: Path) -> str:
-    """Return a file's name as text that can be printed and saved: bytes that are no UTF-8 become escapes."""
-    return os.fsencode(path.name).decode("utf-8", "backslashreplace")
+    """Return a file's name as text that can be printed and saved.
+
+    Bytes that are no UTF-8 become escapes, and so do control characters.
+    """
+    return printable(os.fsencode(path.name).decode("utf-8", "backslashreplace"))
 
 
 def existing_file(path: Path) -> Path:

@@ -19,7 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from data_tools.errors import InputError
-from data_tools.io.files import open_regular, read_text, resolved, write_atomic
+from data_tools.io.files import open_regular, read_text, system_reason, resolved, write_atomic
 from data_tools.io.locks import LockFile
 from data_tools.io.source import refuse_overlap
 
@@ -208,7 +208,7 @@ class OutputFolder:
         try:
             self.staging.mkdir()
         except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror})") from None
+            raise InputError(f"{self.folder}: cannot be written ({system_reason(error)})") from None
 
     def _remove(self, name: str, entries: Entries) -> None:
         """Remove a file of ours, and its folder where that is empty then; one that was changed since stays."""
@@ -278,4 +278,4 @@ def _lock(folder: Path) -> LockFile:
     except BlockingIOError:
         raise InputError(f"{folder}: another run is writing to it; wait for it, or {_ADVICE}") from None
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written or locked ({error.strerror or error})") from None
+        raise InputError(f"{folder}: cannot be written or locked ({system_reason(error)})") from None

@@ -21,7 +21,8 @@ _MIN_NUMBERED_ROWS = 3
 _WORD = re.compile(r"[^\d\s.,eE+-]")
 _COMMENT = re.compile(r"(?:#|//).*")
 _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
-_UNIT = re.compile(r"[(\[{].*?[)\]}]|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
+_BRACKETS = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")  # none inside of others: a heading of brackets takes no time
+_UNIT = re.compile(_BRACKETS.pattern + r"|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
 _AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
 #: Places of missing numbers.
 _EMPTY_CELL = {sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE) for sign in (",", ";", "\t")}
@@ -127,7 +128,7 @@ def _cells(lines: list[str], delimiter: str | None) -> tuple[list[str] | None, l
     else:
         rows = [[cell.strip("\"'") for cell in line.split()] for line in lines]
         if not _is_data(rows[0]):  # units in brackets are no columns
-            rows[0] = [cell.strip("\"'") for cell in re.sub(r"\s*[(\[{][^)\]}]*[)\]}]", "", lines[0]).split()]
+            rows[0] = [cell.strip("\"'") for cell in _BRACKETS.sub("", lines[0]).split()]
     if rows[0] and not _is_data(rows[0]):
         return rows[0], rows[1:]
     return None, rows

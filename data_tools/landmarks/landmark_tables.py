@@ -101,7 +101,7 @@ def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     words = words[len(names) + (width if columns[-1] in "lL" else 0) :]
     if not names and width == 3:  # one specimen, a row for each landmark
         num, width = 1, 3 * num
-    every = _points(words, num * width // 3).reshape(num, -1, 3)
+    every = _specimens(words, num, width // 3)
     every[every == (float(rest[0]) if has_code == "1" else np.inf)] = np.nan
     return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
 
@@ -112,10 +112,17 @@ def _read_morphologika(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     num, size, dim = (int(sections[key]) for key in ("individuals", "landmarks", "dimensions"))
     if dim != 3:
         raise ValueError(dim)
-    names = [line.strip() for line in sections.get("names", "").splitlines() if line.strip()] or [""] * num
+    names = [line.strip() for line in sections.get("names", "").splitlines() if line.strip()]
     rows = [line for line in sections["rawpoints"].splitlines() if not line.lstrip().startswith("'")]
-    every = _points(" ".join(rows).split(), num * size).reshape(num, size, 3)
-    return [(name, _landmarks(points)) for name, points in zip(names, every, strict=True)]
+    every = _specimens(" ".join(rows).split(), num, size)
+    return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
+
+
+def _specimens(words: list[str], num: int, size: int) -> FloatArray:
+    """Return the points of so many specimens, shape (num, size, 3), if the file has a number for each coordinate."""
+    if min(num, size) < 1 or len(words) != num * size * 3:
+        raise ValueError(f"{num} specimens of {size} landmarks in {len(words)} numbers")
+    return _points(words, num * size).reshape(num, size, 3)
 
 
 def _points(words: list[str], num: int) -> FloatArray:

@@ -24,6 +24,8 @@ PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_
 
 #: Bytes of all arrays of a file together; more is refused before it is read.
 MAX_BYTES = 2**28
+#: How an npz archive begins.
+_ZIP_MARK = b"PK"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +78,9 @@ class Certificate:
         if not isfile(path):  # a pipe would be waited for
             raise InputError(f"{path}: cannot be read as a certificate (no such file, or not a regular one)")
         try:
+            with open(path, "rb") as file:  # a bare array would be read whole, whatever it claims to hold
+                if file.read(len(_ZIP_MARK)) != _ZIP_MARK:
+                    raise InputError("not an archive")
             with np.load(path, allow_pickle=False) as archive:
                 if sum(entry.file_size for entry in archive.zip.infolist()) > MAX_BYTES:
                     raise InputError(f"more than {MAX_BYTES} bytes")

@@ -13,7 +13,7 @@ from tqdm import tqdm
 if TYPE_CHECKING:
     from collalign.engine.jobs.worker import Outcome
 
-#: Says every stage as it begins and each minute of it, for logs.
+#: Says every stage as it begins, each minute of it and as it ends, for logs; ``record.numbers`` holds the numbers.
 STAGES = logging.getLogger("collalign.stages")
 #: Whether bars are drawn where somebody watches.
 SHOW_BARS: ContextVar[bool] = ContextVar("show_bars", default=True)
@@ -45,7 +45,8 @@ class ProgressBar:
         hidden = file is None and not is_watched()
         self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=hidden)
         self._description, self._total, self._num_done, self._num_failed = description, total, done, 0
-        self._say()
+        self._began_s = self._said_s = time.monotonic()
+        self._say("begin")
 
     def __call__(self, outcome: Outcome) -> None:
         """Count one result."""
@@ -59,15 +60,34 @@ class ProgressBar:
         self._bar.update(num)
         self._num_done += num
         if time.monotonic() - self._said_s >= _LINE_EVERY_S:
-            self._say()
+            self._say("progress")
 
-    def _say(self) -> None:
+    def _say(self, event: str) -> None:
         self._said_s = time.monotonic()
+        seconds = self._said_s - self._began_s
         failed = f", {self._num_failed} failed" if self._num_failed else ""
-        STAGES.info("%s: %d of %d%s", self._description, self._num_done, self._total, failed)
+        took = "" if event == "begin" else f", {seconds:.1f} s"
+        numbers = {
+            "event": event,
+            "stage": self._description,
+            "done": self._num_done,
+            "total": self._total,
+            "failed": self._num_failed,
+            "seconds": round(seconds, 3),
+        }
+        STAGES.info(
+            "%s: %d of %d%s%s",
+            self._description,
+            self._num_done,
+            self._total,
+            failed,
+            took,
+            extra={"numbers": numbers},
+        )
 
     def __enter__(self) -> ProgressBar:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._bar.close()
+        self._say("end")

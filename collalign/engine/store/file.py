@@ -10,7 +10,7 @@ from pathlib import Path
 
 from collalign.engine.store.layout import APPLICATION_ID, FORMAT_VERSION, PAGE_SIZE, STATEMENTS
 from data_tools.errors import InputError, StoreError, UnavailableError
-from data_tools.io.files import MAX_TEXT_BYTES, open_regular, resolved, write_atomic
+from data_tools.io.files import MAX_TEXT_BYTES, open_regular, own_copy, resolved, system_reason, write_atomic
 
 #: How SQLite's files beside a store begin (https://www.sqlite.org/fileformat.html and walformat.html).
 _JOURNALS = {
@@ -76,6 +76,9 @@ def reason_of(error: Exception) -> str:
 def _prepare(path: Path, read_only: bool) -> None:
     """Make a store that does not exist, all at once; SQLite opens, and removes, only what is a store's.
 
+    SQLite writes into the file in place. A backup of hard links shall stay as it is, so a store with other names is
+    copied first.
+
     Raises
     ------
     StoreError
@@ -97,8 +100,13 @@ def _prepare(path: Path, read_only: bool) -> None:
                 write_atomic(path, connection.serialize())
         elif not header or header[:16] != b"SQLite format 3\0" or header[68:72] != APPLICATION_ID.to_bytes(4):
             raise StoreError(f"{path}: not a store of this program; name another file")
-    except (InputError, OSError) as error:
+        elif not read_only:
+            for file in (path, *(path.with_name(path.name + ending) for ending in ("-wal", "-journal"))):
+                own_copy(file)
+    except InputError as error:
         raise StoreError(f"{path}: cannot be opened ({error})") from None
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be opened ({system_reason(error)})") from None
 
 
 def _start(path: Path, num: int) -> bytes | None:

@@ -19,6 +19,7 @@ from collalign.engine.store.file import open_connection, open_memory, reason_of
 from collalign.engine.store.layout import KINDS, MAX_TEXT, Failure, table_of
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
+from data_tools.io.files import system_reason
 from data_tools.io.locks import LockFile
 
 
@@ -282,4 +283,4 @@ def _locked(path: Path) -> LockFile:
             f"{path}: another run is writing to this store; wait for it, or name another store"
         ) from None
     except OSError as error:
-        raise StoreError(f"{beside}: cannot be opened and locked ({error.strerror})") from None
+        raise StoreError(f"{beside}: cannot be opened and locked ({system_reason(error)})") from None

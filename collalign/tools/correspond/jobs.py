@@ -73,7 +73,7 @@ def correspond(
         registered = _register_all(session, files, source, starts)
         found, failed = dict(registered), registered.failures
         if len(found) < 2:
-            raise CollectionError("\n".join(["fewer than two shapes could be registered", *failed.values()]))
+            raise CollectionError("; ".join(["fewer than two shapes could be registered", *failed.values()]))
         mean = _mean(list(found.values()), source, is_bent=bool(starts))
         source = Shape.from_arrays(mean, source.faces, name="mean")
     vertices, residual, quality, missing = (

@@ -16,6 +16,7 @@ from collalign.tools.export.request import ExportRequest, Space
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
+from data_tools.io.files import system_reason
 from data_tools.io.output_folder import OutputFolder
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.threads import one_blas_thread
@@ -116,7 +117,7 @@ def export(
             output.publish()
             return tuple(output.published(path) for path in staged)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+        raise InputError(f"{folder}: cannot be written ({system_reason(error)})") from error
 
 
 def left_out_sentence(

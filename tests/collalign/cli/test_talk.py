@@ -1,8 +1,11 @@
 """What commands say to people, to programs and to logs."""
 
+import errno
 import json
 import logging
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from collalign.cli import main
 from collalign.cli.talk import end, speak, talking, tell
 from collalign.engine.jobs import progress
 
+TEXTS = (".json", ".csv", ".html")
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
 
 
@@ -56,7 +60,30 @@ def test_every_minute_has_a_line(monkeypatch, caplog):
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.0)
     with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 4, done=1) as bar:
         bar.advance(2)
-    assert caplog.messages == ["pairs: 1 of 4", "pairs: 3 of 4"]
+    assert caplog.messages == ["pairs: 1 of 4", "pairs: 3 of 4, 0.0 s", "pairs: 3 of 4, 0.0 s"]
+
+
+def test_a_stage_has_a_line_at_its_start_and_end_and_one_a_minute_between(monkeypatch, caplog):
+    now = [0.0]
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 200) as bar:
+        for _ in range(200):
+            now[0] += 0.7
+            bar.advance()
+    assert caplog.messages == [
+        "pairs: 0 of 200",
+        "pairs: 86 of 200, 60.2 s",
+        "pairs: 172 of 200, 120.4 s",
+        "pairs: 200 of 200, 140.0 s",
+    ]
+    assert caplog.records[-1].numbers == {
+        "event": "end",
+        "stage": "pairs",
+        "done": 200,
+        "total": 200,
+        "failed": 0,
+        "seconds": 140.0,
+    }
 
 
 @pytest.mark.parametrize(
@@ -92,6 +119,92 @@ def test_what_is_unknown_is_null_for_programs(capsys):
         assert end(3) == 3
     told = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert told == {"exit_code": 3, "confidence": [0.5, None], "bound": None, "path": "a", "nested": {"x": [None]}}
+
+
+def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp_path):
+    log = tmp_path / "run.jsonl"
+    for _ in range(2):
+        assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS, "--log", str(log)]) == 3
+    lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
+    assert lines[0] == {"format": "collalign-log", "version": 1}
+    assert [line.get("exit_code") for line in lines].count(3) == 2
+    stages = [line for line in lines[1:] if "stage" in line]
+    events = [line["event"] for line in stages if line["stage"] == "outputs"]
+    assert events == ["begin", "end"] * 2
+    assert stages[-1] | {"message": "", "time": "", "seconds": 0} == {
+        "time": "",
+        "level": "info",
+        "message": "",
+        "event": "end",
+        "stage": "outputs",
+        "done": 3,
+        "total": 3,
+        "failed": 0,
+        "seconds": 0,
+    }
+    assert all(line["seconds"] >= 0 and line["done"] <= line["total"] for line in stages)
+    assert all({"time", "level", "message"} <= line.keys() for line in lines[1:])
+
+
+@pytest.mark.parametrize("name", ["mesh.ply", "alignment.json", "log.jsonl"])
+def test_a_log_goes_into_no_file_of_somebody_else(name, tmp_path, capsys):
+    path = tmp_path / name
+    path.write_bytes(b"# log of another program")
+    assert main(["status", str(tmp_path), "--log", str(path)]) == 2
+    assert "name a new file" in capsys.readouterr().err
+    assert path.read_bytes() == b"# log of another program"
+
+
+def test_a_log_is_not_waited_for(tmp_path, capsys):
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("this system has no named pipes")
+    os.mkfifo(tmp_path / "pipe")
+    assert main(["status", str(tmp_path), "--log", str(tmp_path / "pipe")]) == 2
+    assert "is not a regular file" in capsys.readouterr().err
+
+
+def test_a_log_is_appended_to_through_an_empty_file_and_later_runs(tmp_path):
+    path = tmp_path / "log"
+    path.touch()
+    for times in (1, 2):
+        assert main(["status", str(tmp_path), "--log", str(path)]) == 2
+        lines = path.read_text().splitlines()
+        assert lines[0] == "# log of collalign"
+        assert len([line for line in lines if line.endswith("exit code 2")]) == times
+
+
+def test_control_characters_in_names_reach_no_output(tmp_path, capsys):
+    shapes, out, red = tmp_path / "in", tmp_path / "out", "\x1b[31m"
+    shapes.mkdir()
+    points = np.random.default_rng(0).random((40, 3))
+    for name in ("a", f"{red}b", "c\nd"):
+        np.savetxt(shapes / f"{name}.xyz", points)
+    (shapes / f"{red}bad\n.ply").write_bytes(b"rubbish")
+    (shapes / f"{red}note.md").touch()
+    assert main(["align", str(shapes), "--out", str(out), *FLAGS, "--log", str(tmp_path / "log")]) == 3
+    assert main(["align", str(tmp_path / f"{red}\ngone.ply"), "--out", str(out), *FLAGS]) == 2
+    assert main(["status", str(out)]) == 3
+    said = capsys.readouterr()
+    texts = [said.out, said.err, *(path.read_text("utf-8") for path in out.iterdir() if path.suffix in TEXTS)]
+    assert not [text for text in (*texts, (tmp_path / "log").read_text()) if "\x1b" in text or "d.xyz: c" in text]
+    assert "\\x1b[31mbad\\n.ply" in said.err
+    assert "\\x1b[31m\\ngone.ply: " in said.err
+    assert json.loads((out / "alignment.json").read_text())["shapes"][0]["name"] == "\\x1b[31mb"
+    assert "\\x1b[31mb" in (out / "pairs.csv").read_text()
+    assert "c\\nd" in (out / "pairs.csv").read_text()
+
+
+def test_a_disk_without_room_for_one_more_file_is_said(folder, tmp_path, monkeypatch, capsys):
+    def refuse(*arguments, **keywords):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/x")
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 1
+    assert "/tmp/x: the disk is full, or has no room for one more file" in capsys.readouterr().err
+    monkeypatch.undo()
+    monkeypatch.setattr("data_tools.io.files.os.replace", refuse)
+    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 2
+    assert "`df -i`" in capsys.readouterr().err
 
 
 def test_a_log_that_cannot_be_written_is_named(tmp_path, capsys):

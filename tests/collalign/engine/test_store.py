@@ -296,3 +296,38 @@ def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path):
         store._connection.execute("PRAGMA max_page_count = 20")
         with pytest.raises(StoreError, match="disk is full"):
             store.put("pairs", "a", {"x": bytes(2**20)})
+
+
+def test_a_backup_of_hard_links_stays_as_it_is(path, tmp_path):
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+    os.link(path, tmp_path / "backup")
+    before = (tmp_path / "backup").read_bytes()
+    with Store.open(path, read_only=True):
+        pass
+    assert path.samefile(tmp_path / "backup"), "who only reads need not copy"
+    for key in ("l", "m"):
+        with Store.open(path) as store:
+            store.put("pairs", key, RECORD)
+            assert store.keys("pairs") >= {"k", key}
+    assert (tmp_path / "backup").read_bytes() == before
+    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+def test_a_backup_of_a_killed_run_keeps_its_journal(path, tmp_path):
+    script = (
+        "import os, sys; from collalign.engine.store.store import Store\n"
+        "store = Store.open(sys.argv[1])\n"
+        "for i in range(20): store.put('pairs', str(i), {'i': i})\n"
+        "os._exit(9)\n"
+    )
+    subprocess.run([sys.executable, "-c", script, str(path)], check=False)
+    backup = tmp_path / "backup"
+    backup.mkdir()
+    for ending in ("", "-wal"):
+        os.link(f"{path}{ending}", backup / f"run.store{ending}")
+    before = {file.name: file.read_bytes() for file in backup.iterdir()}
+    with Store.open(path) as store:
+        store.put("pairs", "k", RECORD)
+        assert len(store.keys("pairs")) == 21
+    assert {file.name: file.read_bytes() for file in backup.iterdir()} == before

@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,12 @@ def test_long_tables_take_the_short_way(rng, monkeypatch):
     rows = "\n".join(",".join(map(repr, point)) for point in points.tolist())
     monkeypatch.setattr("data_tools.io.text_tables._row_by_row", lambda *_: pytest.fail("row by row"))
     np.testing.assert_array_equal(read_points_table("x,y,z\n" + rows, "a.csv"), points)
+
+
+@pytest.mark.parametrize("heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"])
+def test_a_heading_of_brackets_takes_no_time(heading):
+    started = time.process_time()
+    with pytest.raises(InputError, match="heading"):
+        read_points_table(f"{heading} x\n1 2 3 4\n", "table.txt")
+    assert time.process_time() - started < 5.0, "minutes where the time grows with the square"
+    np.testing.assert_array_equal(read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt"), [[1, 2, 3]])

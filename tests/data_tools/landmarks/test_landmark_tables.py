@@ -5,6 +5,7 @@ import pytest
 
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_tables import read_specimens
+from tests.memory import most_memory
 
 #: As tpsDig, NTSYSpc and morphologika have them; the second landmark of the second specimen is missing.
 TPS = """LM3=2
@@ -89,9 +90,13 @@ def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
         ("a.nts", NTS + "7", "not a readable NTS"),
         ("a.txt", MORPHOLOGIKA.replace("1 2 3", "1 2"), "not a readable TXT"),
         ("a.txt", "x y z\n0 0 0\n", "not a readable TXT"),
+        ("a.tps", "LM3=400000000\n0 0 0\n", "not a readable TPS"),
+        ("a.nts", "1 400000000 0 0 DIM=3\n0 0 0\n", "not a readable NTS"),
+        ("a.txt", "[individuals]\n400000000\n[landmarks]\n1\n[dimensions]\n3\n[rawpoints]\n0 0 0\n", "not a read"),
+        ("a.txt", "[individuals]\n400000000\n[landmarks]\n0\n[dimensions]\n3\n[rawpoints]\n", "not a readable"),
     ],
 )
 def test_other_files_are_refused_by_name(tmp_path, name, content, reason):
     (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"):
+    with most_memory(2**22), pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"):
         read_specimens(tmp_path / name)
