@@ -19,7 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from data_tools.errors import InputError
-from data_tools.io.files import open_regular, read_text, system_reason, resolved, write_atomic
+from data_tools.io.files import open_regular, read_text, resolved, system_reason, write_atomic
 from data_tools.io.locks import LockFile
 from data_tools.io.source import refuse_overlap
 
