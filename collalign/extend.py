@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,10 @@ from collalign.products.pair import FormerPairs
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
-from data_tools.io.listing import FolderListing
+from data_tools.io.files import readable_name
+from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.objects import ShapesLike, list_shapes
+from data_tools.io.source import Origin, Source
 from data_tools.threads import one_blas_thread
 
 
@@ -43,7 +45,9 @@ def add_to_collection(
     result : str or Path
         Folder that :meth:`Collection.save` wrote.
     shapes : str, Path, iterable or mapping
-        The new shapes, as :func:`collalign.align_collection` takes them; their names must be new as well.
+        The new shapes, as :func:`collalign.align_collection` takes them. Files whose content the collection has
+        already are skipped, whatever they are called: an inbox can be added again and again. The names of the others
+        must be new.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
     recursive, parts, progress
@@ -53,7 +57,8 @@ def add_to_collection(
     -------
     Collection
         The old shapes first, with exactly their old transforms and confidences, then the new ones. What the first run
-        left out is still named.
+        left out is still named; ``run.known`` lists the files that were skipped. Without a new file this is the
+        result as it was loaded, and there is nothing to save.
 
     Raises
     ------
@@ -75,7 +80,9 @@ def add_to_collection(
     """
     former = load(result)
     files = former.source_files()
-    new = list_shapes(shapes, recursive=recursive, parts=parts)
+    new, known = _without_known(list_shapes(shapes, recursive=recursive, parts=parts), former.names, files)
+    if not new.files:
+        return replace(former, run=replace(former.run, known=known))
     taken = sorted(set(former.names) & set(new.names))
     if taken:
         raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")
@@ -89,8 +96,49 @@ def add_to_collection(
             former=FormerPairs(num_shapes=len(files), edges=edges, group=former.group),
             incomplete=[former.names[one.shape] for one in former.incomplete],
         )
-    known = dict(zip(former.names, former.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
-    confidence = [known.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
+    stated = dict(zip(former.names, former.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
+    confidence = [stated.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
     again = {file.name for file in new.files}
     left_out = tuple(one for one in former.excluded if one.file not in again)
-    return replace(aligned, confidence=read_only(np.array(confidence)), excluded=(*left_out, *aligned.excluded))
+    return replace(
+        aligned,
+        confidence=read_only(np.array(confidence)),
+        excluded=(*left_out, *aligned.excluded),
+        run=replace(aligned.run, known=known),
+    )
+
+
+def _without_known(
+    new: FolderListing, names: Sequence[str], files: Sequence[Path]
+) -> tuple[FolderListing, tuple[str, ...]]:
+    """Return the files that the collection does not have, and words for those that it has, by content and format."""
+    sizes = {_size(file) for file in new.files}
+    shape_of = {
+        (_digest(file), file.suffix.lower()): name
+        for name, file in zip(names, files, strict=True)
+        if _size(file) in sizes
+    }
+    kept, known = list[int](), list[str]()
+    for at, file in enumerate(new.files):
+        name = shape_of.get((_digest(file), file.suffix.lower())) if shape_of else None
+        if name is None:
+            kept.append(at)
+        else:
+            shown = file.name if isinstance(file, Source) else readable_name(file)
+            known.append(f"{shown} (as {name})")
+    return replace(new.some(kept), skipped=new.skipped), tuple(known)
+
+
+def _size(file: Origin) -> int | None:
+    """Return the size of a file, which tells most contents apart unread; None of a specimen of parts."""
+    if isinstance(file, Source):
+        return len(file.content)
+    return file.stat().st_size if file.is_file() else None
+
+
+def _digest(file: Origin) -> str | None:
+    """Return the digest of a file's content; None where it cannot be read, which the run says then."""
+    try:
+        return hash_shape(file)
+    except InputError:
+        return None

@@ -15,7 +15,7 @@ _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u
 
 
 def printable(text: str, *, keep: str = "") -> str:
-    """Return text whose control characters are escapes such as ``\\x1b``.
+    r"""Return text whose control characters are escapes such as ``\x1b``.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.source import inputs_of, refuse_overlap
+from data_tools.io.source import inputs_of, location, refuse_overlap
 from data_tools.percent import percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
@@ -80,6 +80,7 @@ def align(
     out: Path | None = None,
     check: Flag = False,
     report: bool = True,
+    drop: Flag = False,
     given: Annotated[Given, Parameter(name="*")] = Given(),
     options: Annotated[AlignOptions, Parameter(name="*")] = AlignOptions(),  # noqa: B008
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -98,9 +99,11 @@ def align(
         Only read every file and say what is in it: nothing is aligned or written.
     report
         Write report.html.
+    drop
+        Leave out shapes of the result in --out that are not named any more, such as those of `collalign add`.
     """
-    listing, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
-    listing = listing.without(given.exclude)
+    every, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
+    listing = every.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
     if out is not None:
@@ -114,6 +117,8 @@ def align(
         raise OptionsError("--out: which folder gets the results?")
     with resumable(run, out) as run, OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
         output.refuse_foreign(output_names(listing.names))
+        if not drop:
+            _refuse_to_drop(out, every)
         with Session.open(options, run, progress_display(True)) as session:
             incomplete = {name for one in decided for name in one.incomplete}
             collection = align_listing(session, listing, fixed=fixed, incomplete=incomplete, own=own)
@@ -138,7 +143,7 @@ def add(
     result
         Folder that ``collalign align`` wrote; it is brought up to date.
     folder
-        The new shapes, as in ``collalign align``.
+        The new shapes, as in ``collalign align``. Files that the result has already are skipped, by content.
     recursive, parts
         As in ``collalign align``.
     labels
@@ -150,6 +155,10 @@ def add(
     table = _labels(labels, (*load(result).names, *listing.names))
     with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
         collection = collalign.add_to_collection(result, listing, run=run)
+        _say_known(collection)
+        if collection.fresh is None:
+            say("There is nothing new to add; the result stays as it is.")
+            return 0
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
@@ -200,6 +209,43 @@ def _listed(given: Path | list[Path], *, recursive: bool, parts: bool) -> tuple[
     listing = list_shapes(given, recursive=recursive, parts=parts)
     places = given if isinstance(given, list) else [given]
     return listing, {*(Path(str(place).removeprefix("@")) for place in places), *inputs_of(listing.files)}
+
+
+def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
+    """Refuse to replace a result of more shapes by one without them, where their files are still there.
+
+    Raises
+    ------
+    InputError
+        Naming them.
+    """
+    if not (out / ALIGNMENT_FILE).is_file():
+        return
+    try:
+        former = load(out)
+    except InputError:  # the run makes it anew
+        return
+    files = {location(file.absolute()) for file in listing.files}
+    dropped = [
+        name
+        for name, file in zip(former.names, former.files, strict=True)
+        if name not in listing.names and file not in files and Path(file).exists()
+    ]
+    if dropped:
+        shown = ", ".join(dropped[:10]) + (", ..." if dropped[10:] else "")
+        raise InputError(
+            f"{out}: the result there has {len(dropped)} more shapes, which would be lost: {shown}. Name their files "
+            "too, or another --out; with --drop they are left out"
+        )
+
+
+def _say_known(collection: Collection) -> None:
+    """Say which files were not added because the collection has them."""
+    known = collection.run.known
+    if known:
+        shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
+        say(f"Skipped {len(known)} files that the collection has already: {shown}")
+    tell(known=known)
 
 
 def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:

@@ -24,12 +24,16 @@ class RunRecord:
         Shapes and pairs that came out of the store; 0 where the result was loaded.
     skipped : tuple of str
         Files of the folder that are no shapes; none where the result was loaded.
+    known : tuple of str
+        Files that were to be added and whose content the collection has already, each with the shape that has it;
+        none where the result was loaded.
     """
 
     times_s: dict[str, float] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     num_reused: int = 0
     skipped: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

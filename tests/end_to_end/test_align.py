@@ -285,7 +285,43 @@ def test_adding_shapes_moves_nothing(planted, tmp_path):
     rotations = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
     assert worst_error_deg(rotations, planted) < 15
     assert json.loads((out / "run.json").read_text())["num_reused"] == 10
-    assert main(["add", str(out), str(new), "--jobs", "1"]) == 2
+
+
+def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
+    inbox, before = tmp_path / "inbox", (out / "alignment.json").read_bytes()
+    shutil.copytree(folder, inbox)
+    (inbox / "chair1.ply").rename(inbox / "another name.ply")
+    assert main(["add", str(out), str(inbox), "--jobs", "1", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["known"]) == 5
+    assert (out / "alignment.json").read_bytes() == before
+    write_mesh(inbox / "late.ply", read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])))
+    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
+    assert "Skipped 5 files that the collection has already: another name.ply (as chair1), " in capsys.readouterr().out
+    assert len(json.loads((out / "run.json").read_text())["known"]) == 5
+    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
+    assert "nothing new to add" in capsys.readouterr().out
+    np.savetxt(inbox / "chair2.ply", np.eye(3))
+    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 2
+    assert "a shape called 'chair2' already; rename the new one" in capsys.readouterr().err
+
+
+def test_added_shapes_are_not_lost_when_the_first_command_runs_again(planted, tmp_path, capsys):
+    old, new, out = tmp_path / "old", tmp_path / "new", tmp_path / "out"
+    write_collection(old, replace(planted, shapes=planted.shapes[:4]))
+    write_mesh(new / "late.ply", planted.shapes[4])
+    command = ["align", str(old), "--out", str(out), *FLAGS]
+    assert main(command) == 0
+    assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
+    before = (out / "alignment.json").read_bytes()
+    assert main(command) == 2
+    assert "has 1 more shapes, which would be lost: late. Name their files too" in capsys.readouterr().err
+    assert (out / "alignment.json").read_bytes() == before
+    assert main([command[0], str(new), *command[1:]]) == 0
+    assert main([*command[:4], *FLAGS, "--exclude", "chair1"]) == 2
+    assert main([*command, "--drop"]) == 0
+    assert "late" not in (out / "alignment.json").read_text()
+    (old / "chair4.ply").unlink()
+    assert main(command) == 0, "a shape whose file is gone is meant to go"
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
