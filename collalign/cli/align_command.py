@@ -37,7 +37,7 @@ from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.listing import FolderListing, read_folder
+from data_tools.io.listing import FolderListing, parts_of, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of, location, refuse_overlap
@@ -112,7 +112,7 @@ def align(
     fixed = fixed_by(decided, listing.names, options.incomplete)
     table = _labels(given.labels, listing.names)
     if check:
-        return check_shapes(listing, options)
+        return check_shapes(listing, options, run)
     if out is None:
         raise OptionsError("--out: which folder gets the results?")
     with resumable(run, out) as run, OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
@@ -229,7 +229,7 @@ def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
     dropped = [
         name
         for name, file in zip(former.names, former.files, strict=True)
-        if name not in listing.names and file not in files and Path(file).exists()
+        if name not in listing.names and file not in files and _is_there(file)
     ]
     if dropped:
         shown = ", ".join(dropped[:10]) + (", ..." if dropped[10:] else "")
@@ -237,6 +237,13 @@ def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
             f"{out}: the result there has {len(dropped)} more shapes, which would be lost: {shown}. Name their files "
             "too, or another --out; with --drop they are left out"
         )
+
+
+def _is_there(file: str) -> bool:
+    try:
+        return bool(parts_of(Path(file))) or Path(file).is_file()
+    except InputError:
+        return False
 
 
 def _say_known(collection: Collection) -> None:

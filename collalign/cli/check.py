@@ -2,37 +2,73 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from collalign.cli.interruption import INCOMPLETE
 from collalign.cli.talk import say, tell, warn
-from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.run_options import RunOptions
+from collalign.engine.session import Session, progress_display
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
-from data_tools.errors import CollectionError, InputError
+from data_tools.arrays import FloatArray, Holds, read_only
+from data_tools.errors import CollectionError
 from data_tools.io.listing import FolderListing
 from data_tools.io.shapes import read_shape
-from data_tools.surface.shape import Shape
+from data_tools.io.source import Origin
+from data_tools.options import CleaningOptions
 
 
-def check_shapes(listing: FolderListing, options: AlignOptions) -> int:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileFacts:
+    """What is said of a shape, which need not be kept for it; ``size`` are the sides of its box, shape (3,)."""
+
+    name: str
+    points: int
+    triangles: int
+    size: Annotated[FloatArray, Holds(shape="3")]
+    notes: tuple[str, ...]
+
+
+def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
+    """Read and clean a file, inside a worker, and return what is said of it."""
+    shape = read_shape(file, cleaning, name=name)
+    size = read_only(np.ptp(shape.vertices, axis=0))
+    return FileFacts(
+        name=name, points=len(shape.vertices), triangles=len(shape.faces), size=size, notes=shape.notes
+    )
+
+
+#: Reads a file and keeps nothing of it, within the limits of a run.
+_LOOKING = Job(kind="shapes", version="check-1", run=look_at_file, reader=FileFacts)
+
+
+def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> int:
     """Say of each file what is in it or why it would be left out, and which sizes are odd; return the exit code.
+
+    Files are read by workers, within the time and the memory that a run gives a shape.
 
     Raises
     ------
     CollectionError
         If fewer than two files can be read.
     """
-    facts, left_out = [], []
-    with ProgressBar("files", len(listing.names)) as bar:
-        for file, name in zip(listing.files, listing.names, strict=True):
-            try:
-                facts.append(_facts(name, read_shape(file, options.cleaning, name=name)))
-            except InputError as error:
-                left_out.append(excluded_file(file, name, str(error)))
-            bar.advance()
+    files = dict(zip(listing.names, listing.files, strict=True))
+    wanted = {
+        name: Wanted(
+            key=_LOOKING.key(None, name),
+            label=name,
+            arguments={"file": file.absolute(), "cleaning": options.cleaning, "name": name},
+        )
+        for name, file in files.items()
+    }
+    with Session.open(options, replace(run, store=None), progress_display(True)) as session:
+        found = session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
+        facts = [asdict(one) for one in found.values()]
+    left_out = [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     for one in facts:
         triangles = f", {one['triangles']} triangles" if one["triangles"] else ""
         size = " x ".join(f"{side:.4g}" for side in one["size"])
@@ -56,13 +92,3 @@ def check_shapes(listing: FolderListing, options: AlignOptions) -> int:
     say(f"{able} of {len(listing.names)} files can be aligned.")
     return INCOMPLETE if left_out or few else 0
 
-
-def _facts(name: str, shape: Shape) -> dict[str, Any]:
-    """Return what is said of a shape, which need not be kept for it."""
-    return {
-        "name": name,
-        "points": len(shape.vertices),
-        "triangles": len(shape.faces),
-        "size": np.ptp(shape.vertices, axis=0),
-        "notes": shape.notes,
-    }

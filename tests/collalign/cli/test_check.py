@@ -72,3 +72,17 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     assert {"c", "left/a", "metres", "right/a"} < {one["name"] for one in told["shapes"]}
     assert main(["align", str(folder), "--out", str(out)]) == 2
     assert "its folders do: left (2), right (4)" in capsys.readouterr().err
+
+
+def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
+    for name in "abc":
+        np.savetxt(tmp_path / f"{name}.xyz", np.random.default_rng(0).random((40, 3)))
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 90000000\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    with (tmp_path / "huge.ply").open("wb") as file:
+        file.write(header.encode())
+        file.truncate(len(header) + 12 * 90_000_000)
+    assert main(["align", str(tmp_path), "--check", "--memory-limit-gib", "0.5", "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
+    assert [(one["file"], one["reason"]) for one in told["left_out"]] == [("huge.ply", "does not fit in memory")]
