@@ -37,9 +37,7 @@ def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileF
     """Read and clean a file, inside a worker, and return what is said of it."""
     shape = read_shape(file, cleaning, name=name)
     size = read_only(np.ptp(shape.vertices, axis=0))
-    return FileFacts(
-        name=name, points=len(shape.vertices), triangles=len(shape.faces), size=size, notes=shape.notes
-    )
+    return FileFacts(name=name, points=len(shape.vertices), triangles=len(shape.faces), size=size, notes=shape.notes)
 
 
 #: Reads a file and keeps nothing of it, within the limits of a run.
@@ -91,4 +89,3 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         raise CollectionError(f"{able} readable shapes, at least two are needed to align a collection")
     say(f"{able} of {len(listing.names)} files can be aligned.")
     return INCOMPLETE if left_out or few else 0
-

@@ -7,11 +7,11 @@ import re
 import shlex
 import sys
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from subprocess import PIPE, STDOUT, Popen
-from threading import Thread
+from threading import Lock, Thread
 from typing import Any
 
 from collalign.analysis.label_table import read_labels
@@ -28,12 +28,15 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import read_folder
-from data_tools.io.output_folder import output_path
+from data_tools.io.output_folder import OutputFolder, output_path
 
 #: Pages that are shown, by the command that writes them.
 _PAGES = {"align": REPORT_FILE, "variation": "variation/variation.html", "transfer": "landmarks/landmarks.html"}
-#: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are.
+#: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are. The
+#: folder has a manifest of its own: a file there that is somebody else's is never overwritten.
 _GIVEN, _TEMPLATES = "given", "templates"
+#: The command, in the manifest of that folder.
+_WRITER = "open"
 _DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
 
 
@@ -46,6 +49,7 @@ class Desk:
             read_folder(place)
             self.out = self.out.with_name(f"{self.out.name}-aligned")
         self._process: Popen[str] | None = None
+        self._starting, self._keeping = Lock(), Lock()
         self._command, self._lines = "", deque[str](maxlen=500)
 
     def state(self) -> dict[str, Any]:
@@ -72,18 +76,17 @@ class Desk:
     def put(self, name: str, content: bytes) -> None:
         """Keep decisions, labels, or landmarks, which become templates; an ``InputError`` says what is wrong."""
         names = load(self.out).names
-        staged = write_atomic(output_path(self.out, _GIVEN, ".unread", name), content)
-        try:
+        folders = [] if name in (_DECISIONS_FILE, _LABELS_FILE) else [_TEMPLATES]
+
+        def check(staged: Path) -> None:
             if name == _DECISIONS_FILE:
                 fixed_by([read_corrections(staged)], names)
             elif name == _LABELS_FILE:
                 read_labels(staged)
             elif others := sorted({*read_templates([staged], names)} - {*names}):
                 raise InputError(f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape")
-            folders = [_GIVEN] if name in (_DECISIONS_FILE, _LABELS_FILE) else [_GIVEN, _TEMPLATES]
-            write_atomic(output_path(self.out, *folders, name), content)
-        finally:
-            staged.unlink(missing_ok=True)
+
+        self._keep((*folders, name), content, check)
 
     def words(self, task: str, asked: Mapping[str, Any]) -> list[str]:
         """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
@@ -116,34 +119,49 @@ class Desk:
 
     def start(self, task: str, asked: Mapping[str, Any]) -> None:
         """Run the command of :meth:`words` in a process of its own, one at a time."""
-        if self._process is not None and self._process.poll() is None:
-            raise InputError("a command is running; wait for its end, or stop it")
-        words = self.words(task, asked)
-        self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
-        command, variables = [sys.executable, "-m", "collalign", *words], {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
-        environment = os.environ | variables
-        self._process = Popen(
-            command, stdout=PIPE, stderr=STDOUT, encoding="utf-8", errors="replace", env=environment
-        )
-        Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
+        with self._starting:  # requests come in threads of their own
+            if self._process is not None and self._process.poll() is None:
+                raise InputError("a command is running; wait for its end, or stop it")
+            words = self.words(task, asked)
+            self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
+            variables = {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
+            self._process = Popen(
+                [sys.executable, "-m", "collalign", *words],
+                stdout=PIPE,
+                stderr=STDOUT,
+                encoding="utf-8",
+                errors="replace",
+                env=os.environ | variables,
+            )
+            Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
 
     def stop(self) -> None:
         """End the command that runs; what it has finished is kept in the store."""
-        if self._process is not None:
-            self._process.terminate()
-            self._process.wait()
+        with self._starting:
+            if self._process is not None:
+                self._process.terminate()
+                self._process.wait()
 
     def progress(self) -> dict[str, Any]:
         """Return the last command, what it has said, and its exit code, None while it runs; JSON types only."""
         code = None if self._process is None else self._process.poll()
         return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
 
+    def _keep(self, parts: Sequence[str], content: bytes, check: Callable[[Path], object] | None = None) -> None:
+        """Put a file into the folder of what was given, if ``check`` finds nothing wrong with it."""
+        with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
+            staged = write_atomic(given.stage(*parts), content)
+            if check is not None:
+                check(staged)
+            given.publish()
+
     def _labels(self, collection: Collection) -> list[str]:
         """Return the option of labels that were given in the browser or with an earlier command."""
         path = output_path(self.out, _GIVEN, _LABELS_FILE)
         if not path.is_file() and collection.labels:
             rows = zip(collection.names, *collection.labels.values(), strict=True)
-            write_atomic(path, csv_text([["name", *collection.labels], *rows]).encode("utf-8", "backslashreplace"))
+            text = csv_text([["name", *collection.labels], *rows])
+            self._keep((_LABELS_FILE,), text.encode("utf-8", "backslashreplace"))
         return [f"--labels={path}"] if path.is_file() else []
 
     def _templates(self, collection: Collection) -> list[str]:

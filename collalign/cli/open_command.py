@@ -77,6 +77,8 @@ def served(desk: Desk) -> Server:
         def answered(*args: Any, **values: Any) -> Any:
             try:
                 return run(*args, **values)
+            except RecursionError:
+                return bottle.HTTPResponse("nested too deeply", 400, content_type="text/plain; charset=utf-8")
             except (CollalignError, OSError, ValueError, TypeError, AttributeError) as error:
                 return bottle.HTTPResponse(str(error), 400, content_type="text/plain; charset=utf-8")
 

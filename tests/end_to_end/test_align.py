@@ -296,7 +296,9 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
     assert (out / "alignment.json").read_bytes() == before
     write_mesh(inbox / "late.ply", read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])))
     assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
-    assert "Skipped 5 files that the collection has already: another name.ply (as chair1), " in capsys.readouterr().out
+    assert (
+        "Skipped 5 files that the collection has already: another name.ply (as chair1), " in capsys.readouterr().out
+    )
     assert len(json.loads((out / "run.json").read_text())["known"]) == 5
     assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
     assert "nothing new to add" in capsys.readouterr().out

@@ -2,10 +2,12 @@
 
 import json
 import shutil
+import sys
 import time
 from contextlib import contextmanager
 from http.client import HTTPConnection
-from threading import Thread
+from subprocess import PIPE, Popen
+from threading import Barrier, Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +18,7 @@ import collalign
 from collalign.cli.desk import Desk
 from collalign.cli.open_command import served
 from data_tools.datasets.synthetic import write_collection
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
@@ -67,6 +70,76 @@ def test_only_pages_are_served_and_hostile_files_and_names_are_refused(ask, out)
     for task, names in [("align", {"exclude": ["--store=x"]}), ("export", {"format": "../x"}), ("verify", {})]:
         assert ask(f"run/{task}", json.dumps(names))[0] == 400
     assert not [path for path in (out / "given").rglob("*") if path.is_file()]
+
+
+def test_simultaneous_requests_start_one_command(out, monkeypatch):
+    started, desk, barrier, said = [], Desk(out), Barrier(12), []
+
+    def popen(command, **how):
+        started.append(command)
+        time.sleep(0.05)
+        return SimpleNamespace(poll=lambda: None, stdout=[])
+
+    def start():
+        barrier.wait()
+        try:
+            desk.start("variation", {})
+        except InputError as error:
+            said.append(str(error))
+
+    monkeypatch.setattr("collalign.cli.desk.Popen", popen)
+    threads = [Thread(target=start) for _ in range(12)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(started) == 1
+    assert len(said) == 11
+    assert {*said} == {"a command is running; wait for its end, or stop it"}
+
+
+@pytest.mark.parametrize("path", ["run/align", "files/decisions.json"])
+def test_what_is_nested_too_deeply_is_a_bad_request(ask, path):
+    assert ask(path, "[" * 200_000)[0] == 400
+
+
+def test_files_of_the_user_are_not_overwritten(out, tmp_path):
+    copy = tmp_path / "out"
+    shutil.copytree(out, copy)
+    (copy / "given" / "templates").mkdir(parents=True, exist_ok=True)
+    (copy / "given" / "labels.csv").write_text("name,kind\nmine,a\n")
+    (copy / "given" / "templates" / "chair1.csv").write_text("mine")
+    desk = Desk(copy)
+    with pytest.raises(InputError, match="labels.csv: .*was not written by this program"):
+        desk.put("labels.csv", b"name,kind\nchair1,b\n")
+    with pytest.raises(InputError, match="chair1.csv: .*was not written by this program"):
+        desk.put("chair1.csv", b"0,0,0\n1,1,1\n")
+    assert (copy / "given" / "labels.csv").read_text() == "name,kind\nmine,a\n"
+    assert (copy / "given" / "templates" / "chair1.csv").read_text() == "mine"
+    desk.put("chair2.csv", b"0,0,0\n1,1,1\n")
+    desk.put("chair2.csv", b"0,0,0\n1,1,2\n")
+    assert (copy / "given" / "templates" / "chair2.csv").read_bytes() == b"0,0,0\n1,1,2\n"
+
+
+def test_a_killed_server_leaves_whole_files_and_can_be_opened_again(out, tmp_path):
+    copy, whole = tmp_path / "out", "name,kind\n" + "chair1,b\n" * 20_000
+    shutil.copytree(out, copy)
+    script = (
+        "import sys; from pathlib import Path; from collalign.cli.desk import Desk\n"
+        "desk = Desk(Path(sys.argv[1])); text = 'name,kind\\n' + 'chair1,{}\\n' * 20_000\n"
+        "desk.put('labels.csv', text.replace('{}', 'a').encode()); print('ready', flush=True)\n"
+        "while True:\n"
+        "    for kind in 'ba': desk.put('labels.csv', text.replace('{}', kind).encode())\n"
+    )
+    for at in range(3):
+        with Popen([sys.executable, "-c", script, str(copy)], stdout=PIPE) as process:
+            assert process.stdout.readline() == b"ready\n", "what a killed one left is written over"
+            time.sleep(0.05 * at)
+            process.kill()
+        assert (copy / "given" / "labels.csv").read_text() in (whole, whole.replace(",b\n", ",a\n"))
+    Desk(copy).put("labels.csv", whole.encode())
+    assert (copy / "given" / "labels.csv").read_text() == whole
+    assert {path.name for path in (copy / "given" / ".collalign").iterdir()} <= {"manifest.json", "lock"}
 
 
 def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out):
