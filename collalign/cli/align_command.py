@@ -152,8 +152,8 @@ def add(
         Write report.html.
     """
     listing, inputs = _listed(folder, recursive=recursive, parts=parts)
-    table = _labels(labels, (*load(result).names, *listing.names))
     with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
+        table = _labels(labels, (*load(result).names, *listing.names))
         collection = collalign.add_to_collection(result, listing, run=run)
         _say_known(collection)
         if collection.fresh is None:

@@ -93,6 +93,7 @@ class OutputFolder:
         self.staging = folder / BOOKS / "staging"
         self._writer = writer
         self._manifest = folder / BOOKS / MANIFEST_FILE
+        self._is_moving = False
 
     @classmethod
     @contextmanager
@@ -118,11 +119,14 @@ class OutputFolder:
         output = cls(folder, writer)
         lock = _lock(folder)
         try:
+            output._go_on()
+            output._is_moving = False
             shutil.rmtree(output.staging, ignore_errors=True)  # of a run that was killed: nobody else has the lock
             output._make_staging()
             yield output
         finally:
-            shutil.rmtree(output.staging, ignore_errors=True)
+            if not output._is_moving:
+                shutil.rmtree(output.staging, ignore_errors=True)
             lock.release()
             with suppress(OSError):  # nothing was published
                 lock.path.parent.rmdir()
@@ -164,7 +168,8 @@ class OutputFolder:
     def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
         """Move everything staged into place.
 
-        Whenever this is interrupted, the manifest knows every file of ours by its former or its new content.
+        Whenever this is interrupted, the manifest knows every file of ours by its former or its new content, and the
+        next :meth:`open` moves the rest.
 
         Parameters
         ----------
@@ -190,19 +195,41 @@ class OutputFolder:
             name: {"writer": self._writer, "digests": [_digest(self.staging / name)]} for name in staged
         }
         stale = [n for n, e in entries.items() if complete and e["writer"] == self._writer and n not in fresh]
-        self._write_manifest(_either(entries, fresh))
-        order = [name for name in staged if name != last] + [name for name in staged if name == last]
-        if last in fresh:
+        self._write_manifest(_either(entries, fresh), pending={"new": staged, "stale": stale, "last": last})
+        self._move(entries, fresh, stale, last)
+        return tuple(self.folder / name for name in sorted(staged, key=lambda name: (name != last, name)))
+
+    def _move(self, entries: Entries, fresh: Entries, stale: Iterable[str], last: str | None) -> None:
+        """Move what is still staged, ``last`` at the end, remove what is stale, and close the books."""
+        self._is_moving = True
+        if last in fresh and (self.staging / last).exists():
             (self.folder / last).unlink(missing_ok=True)
         for name in stale:
             self._remove(name, entries)
-        for name in order:
+        for name in sorted(fresh, key=lambda name: (name == last, name)):
             path = output_path(self.folder, *PurePosixPath(name).parts)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(self.staging / name, path)
+            if (self.staging / name).exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(self.staging / name, path)
         kept = {name: entry for name, entry in entries.items() if name not in stale}
         self._write_manifest(kept | fresh)
-        return tuple(self.folder / name for name in sorted(order, key=lambda name: (name != last, name)))
+        self._is_moving = False
+
+    def _go_on(self) -> None:
+        """Finish the publication of a run that was killed halfway, if all of it is there; otherwise leave it."""
+        # Whoever publishes next reports a damaged manifest and files of others.
+        with suppress(InputError, TypeError, KeyError):
+            entries, pending = self._entries(), self._read_manifest()["pending"]
+            new, stale = ([name for name in pending[key] if name in entries] for key in ("new", "stale"))
+            fresh = {name: entries[name] | {"digests": entries[name]["digests"][-1:]} for name in new}
+            for name, entry in fresh.items():
+                place = output_path(self.staging, *PurePosixPath(name).parts)
+                place = place if place.exists() else self.folder / name
+                if place.is_symlink() or [_digest(place)] != entry["digests"]:
+                    return
+            for writer in {entry["writer"] for entry in fresh.values()}:
+                OutputFolder(self.folder, writer).refuse_foreign(fresh)
+            self._move(entries, fresh, stale, pending["last"])
 
     def _make_staging(self) -> None:
         try:
@@ -228,13 +255,8 @@ class OutputFolder:
 
     def _entries(self) -> Entries:
         """Return what the manifest lists; nothing in it is trusted to be well-formed or to stay in the folder."""
-        if not os.path.lexists(self._manifest):
-            return {}
-        try:
-            content = json.loads(read_text(self._manifest))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{self._manifest}: cannot be read ({error}); {_ADVICE}") from None
-        files = content.get("files") if isinstance(content, dict) else None
+        content = self._read_manifest()
+        files = content.get("files")
         if not isinstance(files, dict) or content.get("version") != _MANIFEST_VERSION:
             raise InputError(f"{self._manifest}: not a manifest of this version; {_ADVICE}")
         for name, entry in files.items():
@@ -244,8 +266,17 @@ class OutputFolder:
                 raise InputError(f"{self._manifest}: {name!r} is malformed; {_ADVICE}")
         return files
 
-    def _write_manifest(self, entries: Mapping[str, Any]) -> None:
-        content = {"version": _MANIFEST_VERSION, "files": dict(sorted(entries.items()))}
+    def _read_manifest(self) -> dict[str, Any]:
+        if not os.path.lexists(self._manifest):
+            return {"version": _MANIFEST_VERSION, "files": {}}
+        try:
+            content = json.loads(read_text(self._manifest))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{self._manifest}: cannot be read ({error}); {_ADVICE}") from None
+        return content if isinstance(content, dict) else {}
+
+    def _write_manifest(self, entries: Mapping[str, Any], **pending: Any) -> None:
+        content = {"version": _MANIFEST_VERSION, "files": dict(sorted(entries.items())), **pending}
         write_atomic(self._manifest, json.dumps(content, indent=1).encode())
 
 

@@ -5,16 +5,18 @@ import csv
 import io
 import itertools
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
-from collalign import AlignOptions, RunOptions, align_collection
+from collalign import AlignOptions, RunOptions, add_to_collection, align_collection
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import write_collection
@@ -305,6 +307,58 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
     np.savetxt(inbox / "chair2.ply", np.eye(3))
     assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 2
     assert "a shape called 'chair2' already; rename the new one" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("after", [2, 4, 6])
+def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, capsys, after):
+    moves, original, new = iter(range(100)), os.replace, tmp_path / "new"
+    write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
+    before = json.loads((out / "alignment.json").read_text())["shapes"]
+
+    def replace(source, target):
+        if next(moves) >= after:
+            raise KeyboardInterrupt
+        original(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace}))
+        assert main(["add", str(out), str(new), "--jobs", "1"]) == 130
+    assert not (out / "alignment.json").exists()
+    assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
+    assert "nothing new to add" in capsys.readouterr().out
+    shapes = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert [one["name"] for one in shapes[5:]] == ["late"]
+    assert [one["transform"] for one in shapes[:5]] == [one["transform"] for one in before]
+
+
+@pytest.mark.parametrize("stage", ["pairs", "common matches"])
+def test_a_file_that_changes_during_a_run_is_named(folder, tmp_path, stage):
+    shapes = shutil.copytree(folder, tmp_path / "in")
+
+    def display(description, total, *, done):
+        if description == stage:
+            write_mesh(shapes / "chair3.ply", read_shape(shapes / "chair1.ply"))
+        return contextlib.nullcontext(lambda outcome: None)
+
+    found = align_collection(shapes, options=OPTIONS, jobs=1, progress=display)
+    with pytest.raises(InputError, match=r"chair3\.ply: has changed since the run began; run again"):
+        found.save(tmp_path / "out")
+    assert not list((tmp_path / "out").glob("*.json"))
+
+
+def test_a_file_that_changes_while_it_is_added_is_named(out, tmp_path):
+    new = tmp_path / "new"
+    write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
+
+    def display(description, total, *, done):
+        write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair1.ply"))
+        return contextlib.nullcontext(lambda outcome: None)
+
+    found = add_to_collection(out, new, run={"jobs": 1}, progress=display)
+    assert len(found.names) == 5
+    assert [(one.file, one.reason) for one in found.excluded] == [
+        ("late.ply", "has changed since the run began; run again")
+    ]
 
 
 def test_added_shapes_are_not_lost_when_the_first_command_runs_again(planted, tmp_path, capsys):

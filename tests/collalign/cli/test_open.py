@@ -110,9 +110,9 @@ def test_files_of_the_user_are_not_overwritten(out, tmp_path):
     (copy / "given" / "labels.csv").write_text("name,kind\nmine,a\n")
     (copy / "given" / "templates" / "chair1.csv").write_text("mine")
     desk = Desk(copy)
-    with pytest.raises(InputError, match="labels.csv: .*was not written by this program"):
+    with pytest.raises(InputError, match=r"labels\.csv: .*was not written by this program"):
         desk.put("labels.csv", b"name,kind\nchair1,b\n")
-    with pytest.raises(InputError, match="chair1.csv: .*was not written by this program"):
+    with pytest.raises(InputError, match=r"chair1\.csv: .*was not written by this program"):
         desk.put("chair1.csv", b"0,0,0\n1,1,1\n")
     assert (copy / "given" / "labels.csv").read_text() == "name,kind\nmine,a\n"
     assert (copy / "given" / "templates" / "chair1.csv").read_text() == "mine"

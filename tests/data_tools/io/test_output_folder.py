@@ -1,3 +1,4 @@
+import json
 import os
 import subprocess
 import sys
@@ -146,8 +147,35 @@ def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(tmp
     assert found["mine"] == "mine"
     assert found.get("summary") != "2" or found["a"] == found["c"] == "2"  # it comes last
     monkeypatch.undo()
+    with OutputFolder.open(tmp_path, writer="other"):
+        whole = {"summary": "2", "a": "2", "c": "2"} if after else {"summary": "1", "a": "1", "b": "1"}
+        assert contents(tmp_path) == whole | {"mine": "mine"}, "whoever comes next finishes what had begun"
     write(tmp_path, {"summary": "3", "a": "3"})
     assert contents(tmp_path) == {"summary": "3", "a": "3", "mine": "mine"}
+
+
+@pytest.mark.parametrize("change", ["staged", "in place", "foreign"])
+def test_what_is_not_whole_any_more_is_not_finished(tmp_path, monkeypatch, change):
+    write(tmp_path, {"summary": "1", "a": "1"})
+    moves, original = iter(range(100)), os.replace
+
+    def replace(source, target):
+        if next(moves) >= 2:
+            raise KeyboardInterrupt
+        original(source, target)
+
+    monkeypatch.setattr("data_tools.io.output_folder.os.replace", replace)
+    monkeypatch.setattr("data_tools.io.files.os.replace", replace)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
+    monkeypatch.undo()
+    changed = {"staged": f"{BOOKS}/staging/c", "in place": "a", "foreign": "c"}[change]
+    (tmp_path / changed).write_text("changed")
+    with OutputFolder.open(tmp_path, writer="other"):
+        pass
+    assert "summary" not in contents(tmp_path)
+    assert contents(tmp_path).get("c") == ("changed" if change == "foreign" else None)
+    assert not (tmp_path / BOOKS / "staging").exists()
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path):
@@ -169,6 +197,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
         '{"version": 1, "files": {"../x": {"writer": "test", "digests": []}}}',
         '{"version": 1, "files": {"/x": {"writer": "test", "digests": []}}}',
         '{"version": 1, "files": {"x": []}}',
+        '{"version": 1, "files": {"../x": {"writer": "test", "digests": []}}, "pending": {"new": ["../x"]}}',
     ],
 )
 def test_a_manifest_is_not_believed(tmp_path, content):
@@ -178,6 +207,16 @@ def test_a_manifest_is_not_believed(tmp_path, content):
     with pytest.raises(InputError, match=r"manifest|name of an output"):
         write(tmp_path / "out", {"summary": "2"})
     assert contents(tmp_path) == {"out/summary": "1", "x": "mine"}
+
+
+@pytest.mark.parametrize("pending", [1, [], {"new": 1}, {"new": [[]], "stale": [], "last": None}, {"new": ["../x"]}])
+def test_a_pending_publication_is_not_believed(tmp_path, pending):
+    write(tmp_path / "out", {"summary": "1"})
+    (tmp_path / "x").write_text("mine")
+    manifest = tmp_path / "out" / BOOKS / MANIFEST_FILE
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"pending": pending}))
+    write(tmp_path / "out", {"summary": "2"})
+    assert contents(tmp_path) == {"out/summary": "2", "x": "mine"}
 
 
 def test_stems_are_names_of_files():
