@@ -22,6 +22,7 @@ from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.own_file import read_own
 from collalign.cli.talk import say, say_files, tell, warn
+from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
@@ -115,7 +116,8 @@ def align(
         return check_shapes(listing, options, run)
     if out is None:
         raise OptionsError("--out: which folder gets the results?")
-    with resumable(run, out) as run, OutputFolder.open(out, writer=WRITER, inputs=inputs) as output:
+    folders = OutputFolder.open(out, writer=WRITER, inputs=inputs)
+    with resumable(run, out) as run, folders as output, lasting_workers():
         output.refuse_foreign(output_names(listing.names))
         if not drop:
             _refuse_to_drop(out, every)
@@ -152,7 +154,8 @@ def add(
         Write report.html.
     """
     listing, inputs = _listed(folder, recursive=recursive, parts=parts)
-    with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=inputs) as output:
+    folders = OutputFolder.open(result, writer=WRITER, inputs=inputs)
+    with resumable(run, result) as run, folders as output, lasting_workers():
         table = _labels(labels, (*load(result).names, *listing.names))
         collection = collalign.add_to_collection(result, listing, run=run)
         _say_known(collection)

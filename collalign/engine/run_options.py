@@ -26,7 +26,7 @@ class RunOptions:
 
     jobs: int = -1
     """Worker processes; -1 is one per core, and more than one per core are not started: they would only wait for each
-    other, each with its own libraries to load."""
+    other, each with its own libraries to load. 1 starts none: all runs in this process, without the limits below."""
 
     store: Path | None = None
     """SQLite file that keeps every finished shape and pair, so that an interrupted run can go on."""
@@ -60,6 +60,11 @@ class RunOptions:
 
         num_cores = int(cpu_count())
         return num_cores if self.jobs == -1 else min(self.jobs, num_cores)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether all runs in this process: a hang or an exhausted memory cannot be ended from inside."""
+        return self.jobs == 1 and self.scheduler is None
 
     @property
     def memory_limit_bytes(self) -> int:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, T, Wanted, run_task, table_of_stored
+from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
@@ -77,12 +78,14 @@ class Session(Generic[OptionsT]):
     ) -> Iterator[Session[OptionsT]]:
         """Open the store that ``run`` names, one in memory without, for the length of a ``with`` block.
 
+        Worker processes end with the block.
+
         Raises
         ------
         StoreError
             If the store is damaged or in use.
         """
-        with Store.open(run.store) if run.store else Store.memory() as store:
+        with lasting_workers(), Store.open(run.store) if run.store else Store.memory() as store:
             yield cls.around(store, options, run, progress)
 
     def enter(self, stage: str) -> None:
@@ -121,6 +124,7 @@ class Session(Generic[OptionsT]):
             All that the run wants.
         time_limit_s : float or None
             Per task; None for neither this limit nor that of the memory, and so inside this process with one worker.
+            With ``jobs=1`` there are no limits.
         shared : SharedTable, optional
             Where arguments are not of the store.
         again : bool
@@ -142,12 +146,13 @@ class Session(Generic[OptionsT]):
         missing = self.store.missing(job.kind, by_key, again=again or strict)
         own = table_of_stored(self.store, (by_key[key].arguments for key in missing)) if shared is None else None
         with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
+            memory_bytes = None if time_limit_s is None else self.run.memory_limit_bytes
             outcomes = run_jobs(
                 partial(run_task, job.run, True),
                 takewhile(lambda _: time.monotonic() < until, ((key, by_key[key].arguments) for key in missing)),
                 num_jobs=self.run.num_workers,
-                time_limit_s=time_limit_s,
-                memory_limit_bytes=None if time_limit_s is None else self.run.memory_limit_bytes,
+                time_limit_s=None if self.run.is_alone else time_limit_s,
+                memory_limit_bytes=None if self.run.is_alone else memory_bytes,
                 scheduler=self.run.scheduler,
                 shared=own if shared is None else shared,
                 progress=report,

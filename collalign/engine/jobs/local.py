@@ -13,16 +13,18 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
 from itertools import chain
-from multiprocessing import parent_process, resource_tracker
+from multiprocessing import current_process, parent_process, resource_tracker
 from multiprocessing.util import Finalize
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from joblib import Parallel, delayed
+from joblib.executor import MemmappingExecutor
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
+from joblib.parallel import get_active_backend
 
 from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, crash, end_with_parent, run_guarded
 from data_tools.errors import CollalignError
@@ -40,10 +42,47 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    with TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True) as directory, _silent_pool():
+    directories = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
+    with lasting_workers(), directories as directory, _silent_pool():
         run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs)
         yield from run.rounds(tasks)
         yield from run.suspects_alone()
+
+
+def can_start_workers() -> bool:
+    """Whether joblib starts workers here: daemons have no children, and it starts none below threads of its own."""
+    is_main = threading.current_thread() is threading.main_thread()
+    return not current_process().daemon and (is_main or get_active_backend()[0].nesting_level == 0)
+
+
+@contextmanager
+def lasting_workers() -> Iterator[None]:
+    """Let worker processes wait for further tasks within this block; they end with the outermost one.
+
+    joblib would keep them for five minutes after the last answer.
+    """
+    with _BLOCKS.lock:
+        _BLOCKS.num_open += 1
+    try:
+        yield
+    finally:
+        with _BLOCKS.lock:
+            _BLOCKS.num_open -= 1
+            if _BLOCKS.num_open == 0 and _BLOCKS.has_workers:
+                _BLOCKS.has_workers = False
+                _dismiss_workers()
+
+
+class _Blocks:
+    """How many blocks of :func:`lasting_workers` are open in this process, in any thread."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.num_open = 0
+        self.has_workers = False
+
+
+_BLOCKS = _Blocks()
 
 
 class _Round:
@@ -152,6 +191,7 @@ class _LocalRun:
             initargs=(os.getpid(),),
             **limited,
         )
+        _BLOCKS.has_workers = True
         if parent_process() is not None:
             _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)
@@ -183,7 +223,13 @@ class _LocalRun:
 @cache
 def _end_idle_workers_at_exit() -> None:
     """Dismiss idle workers at the end of this process; a child of ``multiprocessing`` would wait for them."""
-    Finalize(None, lambda: get_reusable_executor(reuse=True).shutdown(kill_workers=True), exitpriority=0)
+    Finalize(None, _dismiss_workers, exitpriority=0)
+
+
+def _dismiss_workers() -> None:
+    executor = get_reusable_executor(reuse=True)
+    if isinstance(executor, MemmappingExecutor):
+        executor.terminate(kill_workers=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
-from collalign.engine.jobs.local import run_local
+from collalign.engine.jobs.local import can_start_workers, run_local
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
@@ -41,7 +41,8 @@ def run_jobs(
     num_jobs : int
         Worker processes on this machine; ignored with a ``scheduler``. With 1 and no limits the tasks run inside this
         process, where nothing isolates a crash. With 1 and a limit they run in a worker process, one at a time: a
-        hang or an exhausted memory cannot be ended from inside.
+        hang or an exhausted memory cannot be ended from inside. Where joblib starts no workers (daemons, its own
+        threads), tasks run inside this process without limits.
     scheduler : str, optional
         Address of a Dask scheduler, ``tcp://host:port``; its workers need the same versions installed.
     shared : SharedTable, optional
@@ -76,7 +77,7 @@ def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str |
         from collalign.engine.jobs.dask import run_dask  # an optional dependency
 
         return run_dask(call, tasks, scheduler=scheduler)
-    if num_jobs == 1 and not call.is_limited:
+    if (num_jobs == 1 and not call.is_limited) or not can_start_workers():
         return (run_in_process(call, task) for task in tasks)
     return run_local(call, tasks, num_jobs=num_jobs)
 
