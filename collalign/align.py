@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
@@ -20,7 +21,7 @@ from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_nu
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.own import Own
 from collalign.products.pair import FormerPairs
-from collalign.products.run_record import Made, RunRecord
+from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.detect import open_among_closed, told_incomplete
@@ -140,7 +141,7 @@ def align_listing(
     own : Own, optional
         What the caller knows beside.
     """
-    times_s = dict[str, float]()
+    began_s, times_s = time.perf_counter(), dict[str, float]()
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_own_samples(session, given)
@@ -155,6 +156,7 @@ def align_listing(
     matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
+    times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
     found = _collected(run, matched, posed, listing.skipped_names)
     return replace(found, own=own.kinds)
 

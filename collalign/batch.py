@@ -89,10 +89,19 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     is_auto = job.options.group == "auto"
     options = replace(job.options, group="SO") if is_auto else job.options
     listing = list_shapes(job.folders, recursive=job.recursive, parts=job.parts)
-    costs, start_s = try_shapes(listing, options, run)
+    trial = try_shapes(listing, options, run)
     shapes, pairs = _workload(listing, replace(job, options=options), run)
     asks_sides = is_auto and pairs[1] > pairs[0] // 2
-    return forecast(costs, shapes, pairs, options, run.num_workers, pilot=asks_sides, start_s=start_s)
+    return forecast(
+        trial.costs,
+        shapes,
+        pairs,
+        options,
+        run.num_workers,
+        pilot=asks_sides,
+        start_s=trial.start_s,
+        sizes=trial.sizes,
+    )
 
 
 def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[tuple[int, int], tuple[int, int]]:

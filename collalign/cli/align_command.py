@@ -21,7 +21,7 @@ from collalign.cli.check import check_shapes
 from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.own_file import read_own
-from collalign.cli.talk import say, say_files, tell, warn
+from collalign.cli.talk import elapsed_s, say, say_files, tell, warn
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
@@ -34,6 +34,7 @@ from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
 from collalign.products.own import Own
+from collalign.products.run_record import REST
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
@@ -273,6 +274,9 @@ def _save(
 ) -> tuple[Path, ...]:
     """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
     _set_stage(run, "outputs")
+    times_s = collection.run.times_s  # with the start of the program and the list of files, all of the command so far
+    rest_s = times_s.get(REST, 0.0) + max(0.0, elapsed_s() - sum(times_s.values()))
+    collection = replace(collection, run=replace(collection.run, times_s=times_s | {REST: rest_s}))
     columns = table.columns_for(collection.names) if table is not None else None
     with ProgressBar("outputs", len(collection.names)) as bar:
         written = save_collection(
@@ -316,7 +320,7 @@ def _doubtful(collection: Collection) -> dict[str, float]:
 
 def _finish(collection: Collection, written: Sequence[Path]) -> int:
     """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
-    seconds, doubtful = sum(collection.run.times_s.values()), _doubtful(collection)
+    seconds, doubtful = elapsed_s(), _doubtful(collection)
     reused = f" ({collection.run.num_reused} results reused)" if collection.run.num_reused else ""
     say(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s{reused}.")
     if doubtful:

@@ -12,6 +12,7 @@ from collalign.cli.align_command import Given, align
 from collalign.cli.interruption import INCOMPLETE
 from collalign.cli.talk import say, tell, told_apart, warn
 from collalign.engine.run_options import RunOptions
+from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError
 
 
@@ -39,8 +40,8 @@ def batch(
             tell(folder=folder, out=str(job.out))
             try:
                 if dry_run:
-                    estimate = str(estimate_job(job, run))
-                    tell(estimate=estimate)
+                    estimate = estimate_job(job, run)
+                    _tell_estimate(estimate)
                     say(f"  {estimate}")
                 else:
                     code = align(
@@ -60,3 +61,18 @@ def batch(
                 failed = True
     tell(jobs=jobs)
     return INCOMPLETE if failed else 0
+
+
+def _tell_estimate(estimate: RunEstimate) -> None:
+    """Tell programs the numbers of an estimate; unknown ones are null."""
+    stages = {
+        stage: {"seconds": seconds, "tasks": estimate.tasks.get(stage)} for stage, seconds in estimate.stages_s.items()
+    }
+    tell(
+        estimate=str(estimate),
+        shapes=estimate.num_shapes,
+        pairs=estimate.num_pairs,
+        seconds=estimate.seconds,
+        store_bytes=estimate.store_bytes,
+        stages=stages,
+    )

@@ -7,6 +7,7 @@ import logging
 import os
 import stat
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -35,6 +36,7 @@ class _Talk:
 
     is_silent: bool = False
     as_json: bool = False
+    began_s: float = field(default_factory=time.perf_counter)
     summary: dict[str, Any] = field(default_factory=dict)
 
 
@@ -69,15 +71,21 @@ def tell(**items: Any) -> None:
     _talk().summary.update(items)
 
 
+def elapsed_s() -> float:
+    """Return for how many seconds the command has run, or its work on one of many folders."""
+    return time.perf_counter() - _talk().began_s
+
+
 @contextmanager
 def told_apart() -> Iterator[dict[str, Any]]:
     """Gather what is told in this block in an object of its own, as for one of many folders."""
     talk = _talk()
     outer, talk.summary = talk.summary, {}
+    began_s, talk.began_s = talk.began_s, time.perf_counter()
     try:
         yield talk.summary
     finally:
-        talk.summary = outer
+        talk.summary, talk.began_s = outer, began_s
 
 
 @contextmanager

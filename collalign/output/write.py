@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -27,6 +28,7 @@ from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
 from collalign.products.pair import are_weighed
+from collalign.products.run_record import OUTPUTS
 from collalign.products.trust import KINDS, Trust
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
@@ -107,6 +109,7 @@ def save_collection(
         If the folder cannot be written, holds one of the shapes or somebody else's file under the name of an output,
         or a shape's file has vanished meanwhile.
     """
+    began_s = time.perf_counter()
     try:
         refuse_overlap(output.folder, inputs_of(collection.made.files))
         output.refuse_foreign(output_names(collection.names))
@@ -128,6 +131,8 @@ def save_collection(
         title = report_title(collection) if report else None
         documents = _documents(shown, output, title)
         share_out(write_document, ((name, {"write": write}) for name, write in documents), num_jobs=num_jobs)
+        run = replace(collection.run, times_s=collection.run.times_s | {OUTPUTS: time.perf_counter() - began_s})
+        _write_text(output.stage(RUN_FILE), json.dumps(asdict(run), indent=1))
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({system_reason(error)})") from error
@@ -236,7 +241,6 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
 
 def _write_tables(collection: Collection, output: OutputFolder) -> None:
     _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
-    _write_text(output.stage(RUN_FILE), json.dumps(asdict(collection.run), indent=1))
     _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
     save_correspondences(collection, output.stage(CORRESPONDENCES_FILE).parent)
     if collection.made.vertices is not None:

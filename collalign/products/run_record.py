@@ -10,6 +10,10 @@ from data_tools.arrays import FloatArray
 from data_tools.io.source import Origin
 
 
+#: What a run does before its stages and between them, and how its results are written, among the times.
+REST, OUTPUTS = "rest", "outputs"
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
     """How a run went: what may differ between two runs with the same result.
@@ -17,7 +21,8 @@ class RunRecord:
     Attributes
     ----------
     times_s : dict of str to float
-        Wall-clock seconds per stage.
+        Wall-clock seconds per stage, and what lay between them as ``rest``. In ``run.json`` also what writing took,
+        as ``outputs``; of a command they add up to its whole time.
     versions : dict of str to str
         Of Python and of the libraries that the numbers depend on.
     num_reused : int

@@ -48,11 +48,17 @@ class RunEstimate:
         Still to be computed.
     stages_s : mapping of str to float
         Wall-clock seconds of each stage with the given workers; NaN where nothing similar has been timed yet.
+    tasks : mapping of str to int
+        What workers are given in each stage whose tasks are known before.
+    store_bytes : float
+        What the store grows by; NaN where no similar record is known.
     """
 
     num_shapes: int
     num_pairs: int
     stages_s: Mapping[str, float]
+    tasks: Mapping[str, int]
+    store_bytes: float
 
     @property
     def seconds(self) -> float:
@@ -65,10 +71,25 @@ class RunEstimate:
         return f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {known}"
 
 
-def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> tuple[dict[str, float], float]:
-    """Prepare and match some shapes of a folder, keep nothing of it, and return what each kind of record cost.
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What some shapes of a folder took.
 
-    Also the seconds until the workers had started.
+    Attributes
+    ----------
+    costs, sizes : dict of str to float
+        Seconds and bytes of each kind of record, by the median; NaN where there was none.
+    start_s : float
+        Seconds until the workers had started.
+    """
+
+    costs: dict[str, float]
+    sizes: dict[str, float]
+    start_s: float
+
+
+def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> Trial:
+    """Prepare and match some shapes of a folder, keep nothing of it, and return what each kind of record took.
 
     Raises
     ------
@@ -85,8 +106,9 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         if wants_maps(options, pairs):
             weigh_pairs(session, shapes, pairs, searched=num <= MOST_SEARCHED)
         costs = costs_of(session.store)
+        sizes = {kind: session.store.median_bytes(kind) for kind in costs}
     busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
-    return costs, max(0.0, prepared_s - busy_s)
+    return Trial(costs=costs, sizes=sizes, start_s=max(0.0, prepared_s - busy_s))
 
 
 def costs_of(store: Store) -> dict[str, float]:
@@ -103,6 +125,7 @@ def forecast(
     *,
     pilot: bool = False,
     start_s: float = 0.0,
+    sizes: Mapping[str, float] | None = None,
 ) -> RunEstimate:
     """Return what a run will take.
 
@@ -119,22 +142,30 @@ def forecast(
         Whether sides are asked for.
     start_s : float
         Until the workers have started.
+    sizes : mapping of str to float, optional
+        Bytes of each kind of record.
     """
     match_s, prepare_s = costs["pairs"], costs["shapes"]
     (num, missing_shapes), (num_pairs, missing_pairs) = shapes, pairs
     new = missing_pairs + pilot * PILOT * min(num, MOST_SHAPES)
     refines = float(options.refine)
     shared = {"shapes": _times(missing_shapes, prepare_s), "pairs": _times(new, match_s)}
+    tasks, records = {"shapes": missing_shapes, "pairs": round(new)}, {"shapes": missing_shapes, "pairs": new}
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
     if missing_pairs and not math.isnan(costs["evidence"]):
         settled = num * MAX_PARTNERS / 2 if num > MOST_SEARCHED else 0.0  # as if half of the shapes were in doubt
         shared["maps"] = num * costs["surfaces"] + (missing_pairs + settled) * costs["evidence"]
+        tasks["maps"] = round(num + missing_pairs + settled)
+        records |= {"surfaces": num, "evidence": missing_pairs + settled}
     if options.synchronization == "robust":
         shared["poses"] = refines * LOCAL * num * match_s
         alone["poses"] = SYNCHRONIZATION * num_pairs * match_s
         shared["confidence"] = refines * CONFIDENCE * num * match_s
+        tasks["confidence"] = num
     if options.incomplete == AUTO and num >= MIN_SHAPES:
         shared["incomplete shapes"] = refines * MISSING * num * match_s
+        tasks["incomplete shapes"] = num
+    tasks["outputs"] = num
     shared["outputs"] = OUTPUT * prepare_s * num
     speed = 1.0 + _EFFICIENCY * (num_jobs - 1)
     return RunEstimate(
@@ -144,6 +175,8 @@ def forecast(
             stage: shared.get(stage, 0.0) / speed + alone.get(stage, 0.0)
             for stage in dict.fromkeys([*shared, *alone])
         },
+        tasks=tasks,
+        store_bytes=sum(_times(number, (sizes or {}).get(kind, math.nan)) for kind, number in records.items()),
     )
 
 

@@ -1,6 +1,7 @@
 """Batch files: read with care, estimated without being run, run one after the other."""
 
 import errno
+import json
 import math
 import os
 import shutil
@@ -108,6 +109,19 @@ def test_dry_run_estimates_and_writes_nothing(folder, capsys):
     assert estimate.seconds == pytest.approx(sum(estimate.stages_s.values()))
     assert main(["batch", str(path), "--dry-run", "--jobs", "1"]) == 0
     assert "3 shapes and 3 pairs" in capsys.readouterr().out
+    assert main(["batch", str(path), "--dry-run", "--jobs", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["jobs"][0]
+    assert (told["shapes"], told["pairs"]) == (3, 3)
+    assert told["seconds"] == pytest.approx(sum(one["seconds"] for one in told["stages"].values()))
+    assert {stage: one["tasks"] for stage, one in told["stages"].items()} == {
+        "shapes": 3,
+        "pairs": 10,
+        "poses": None,
+        "confidence": 3,
+        "outputs": 3,
+        "start": None,
+    }
+    assert 1_000 < told["store_bytes"] < 1_000_000
     assert not (folder / "a").exists()
 
 

@@ -17,7 +17,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def collection(folder):
-    return align_collection(folder, options=OPTIONS, run=RunOptions(jobs=1, memory_limit_gib=4.0))
+    return align_collection(folder, options=OPTIONS, run=RunOptions(memory_limit_gib=4.0))
 
 
 def test_every_bad_input_is_named_or_aligned(folder, collection, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import re
@@ -228,8 +229,15 @@ def _end_idle_workers_at_exit() -> None:
 
 def _dismiss_workers() -> None:
     executor = get_reusable_executor(reuse=True)
-    if isinstance(executor, MemmappingExecutor):
-        executor.terminate(kill_workers=True)
+    if not isinstance(executor, MemmappingExecutor):
+        return
+    executor.terminate(kill_workers=True)
+    if parent_process() is not None:  # a child of ``multiprocessing`` ends without what joblib left to ``atexit``
+        finalizers: dict[str, Callable[[], None]] = executor._temp_folder_manager._finalizers
+        while finalizers:
+            _, finalize = finalizers.popitem()
+            atexit.unregister(finalize)
+            finalize()
 
 
 @contextmanager

@@ -226,6 +226,11 @@ class Store:
         seconds = [one for (one,) in self._query(f"SELECT seconds FROM {table_of(kind)} WHERE seconds IS NOT NULL")]
         return statistics.median(seconds) if seconds else float("nan")
 
+    def median_bytes(self, kind: str) -> float:
+        """Return the median size of records of a kind; NaN if there is none."""
+        sizes = [size for (size,) in self._query(f"SELECT length(record) FROM {table_of(kind)}")]
+        return statistics.median(sizes) if sizes else float("nan")
+
     @property
     def _name(self) -> str:
         return "store in memory" if self.path is None else str(self.path)

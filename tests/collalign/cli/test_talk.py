@@ -4,6 +4,7 @@ import errno
 import json
 import logging
 import os
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -43,6 +44,16 @@ def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsy
     assert any("pairs: 0 of 3" in line for line in lines)
     assert any("Aligned 3 shapes" in line for line in lines)
     assert lines[-1].endswith("exit code 3")
+
+
+def test_times_of_a_run_add_up_to_the_time_of_the_command(folder, tmp_path):
+    began_s = time.perf_counter()
+    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 3
+    took_s = time.perf_counter() - began_s
+    times_s = json.loads((tmp_path / "out" / "run.json").read_text())["times_s"]
+    assert {"shapes", "pairs", "synchronization", "confidence", "outputs", "rest"} <= times_s.keys()
+    assert min(times_s.values()) >= 0
+    assert sum(times_s.values()) == pytest.approx(took_s, abs=0.25, rel=0.05)
 
 
 def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path, capsys):
