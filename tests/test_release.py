@@ -107,3 +107,10 @@ def test_claims_of_the_paper_name_experiments_that_were_measured():
     named = set(re.findall(r"`(?:python -m experiments )?([a-z_]+)`", text.partition("# Reproducible claims")[2]))
     assert len(named) > 6
     assert {name for name in named if f"`python -m experiments {name}`" not in results} == set()
+
+
+def test_the_image_can_be_a_worker_of_a_cluster():
+    text = (ROOT / "packaging" / "Dockerfile").read_text("utf-8")
+    assert "pip install --no-cache-dir '/src[dask]'" in text
+    assert "distributed" in " ".join(PROJECT["optional-dependencies"]["dask"])
+    assert "--entrypoint dask collalign worker tcp://" in (ROOT / "docs" / "clusters.md").read_text("utf-8")

@@ -66,7 +66,8 @@ def batch(
 def _tell_estimate(estimate: RunEstimate) -> None:
     """Tell programs the numbers of an estimate; unknown ones are null."""
     stages = {
-        stage: {"seconds": seconds, "tasks": estimate.tasks.get(stage)} for stage, seconds in estimate.stages_s.items()
+        stage: {"seconds": seconds, "tasks": estimate.tasks.get(stage)}
+        for stage, seconds in estimate.stages_s.items()
     }
     tell(
         estimate=str(estimate),

@@ -9,7 +9,6 @@ from collalign.products.trust import Trust
 from data_tools.arrays import FloatArray
 from data_tools.io.source import Origin
 
-
 #: What a run does before its stages and between them, and how its results are written, among the times.
 REST, OUTPUTS = "rest", "outputs"
 

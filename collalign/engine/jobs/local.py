@@ -22,7 +22,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 from joblib.executor import MemmappingExecutor
-from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 from joblib.parallel import get_active_backend
@@ -228,7 +228,7 @@ def _end_idle_workers_at_exit() -> None:
 
 
 def _dismiss_workers() -> None:
-    executor = get_reusable_executor(reuse=True)
+    executor = reusable_executor._executor  # asking for it would make a new one where a worker has died
     if not isinstance(executor, MemmappingExecutor):
         return
     executor.terminate(kill_workers=True)

@@ -63,5 +63,5 @@ def test_the_watchdog_is_called_off(tmp_path, monkeypatch):
 
 
 def test_expected_errors_are_told_as_they_are_and_others_with_their_place():
-    assert describe(InputError("a.ply:\n truncated")) == "a.ply: truncated"
+    assert describe(InputError("a\n.ply:  truncated")) == "a\\n.ply: truncated"
     assert describe(ValueError("no")) == "ValueError: no"

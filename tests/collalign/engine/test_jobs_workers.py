@@ -79,7 +79,11 @@ def _quiet_process_ids(num_jobs):
 
 def test_a_child_process_leaves_nothing_that_joblib_warns_of():
     done = subprocess.run(
-        [sys.executable, "-W", "always::UserWarning", "-c", CHILD], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-W", "always::UserWarning", "-c", CHILD],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stdout == "1\n"
     assert "Warning" not in done.stderr
