@@ -17,12 +17,13 @@ OPTION = re.compile(r"(?<![\w/(-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*(?![\w:.-]*[
 CALL = re.compile(r"collalign ([a-z]+)((?: [^`\n|]*)?)")
 #: A word where a command's name belongs: after backquotes, at the beginning of a line, or after a folder of programs.
 COMMAND = re.compile(r"(?:`|/bin/|^\$ |^(?=\w+ \w+ .*--))collalign ([a-z]+)\b", re.MULTILINE)
-#: Of the program itself, of `python -m experiments`, of the scripts below tests, and of Dask, pip and ruff.
+#: Of the program itself, of `python -m experiments`, of the scripts below tests, and of Dask, pip, ruff and Docker.
 OTHERS = {
     *("--config", "--verbose", "--quiet", "--json", "--log", "--help", "--help-all", "--version"),
     *("--data", "--quick"),
     *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
     *("--nthreads", "--nworkers", "--port", "--check"),
+    *("--entrypoint", "--network", "--rm"),
 }
 
 
