@@ -109,7 +109,7 @@ def _special(folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=-1)
     options = parser.parse_args()
     start_s = time.perf_counter()
     with tempfile.TemporaryDirectory() as place:

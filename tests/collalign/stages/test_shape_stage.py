@@ -36,7 +36,7 @@ def folder(tmp_path):
 
 
 def prepare(folder, store=None, aligning=OPTIONS, **run):
-    options = RunOptions(jobs=1, store=store or folder.parent / "store", **run)  # type: ignore[arg-type]
+    options = RunOptions(**{"jobs": 1, "store": store or folder.parent / "store"} | run)  # type: ignore[arg-type]
     with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
 
@@ -79,7 +79,7 @@ def test_a_raised_memory_limit_is_noticed(folder):
     size = 3_000_000
     points = np.random.default_rng(0).standard_normal((size, 3))
     write_mesh(folder / "large.ply", Shape.from_arrays(points))
-    (left_out,) = prepare(folder, memory_limit_gib=0.1, shape_time_limit_s=60.0).excluded
+    (left_out,) = prepare(folder, jobs=-1, memory_limit_gib=0.1, shape_time_limit_s=60.0).excluded
     assert left_out.file == "large.ply"
     with Store.open(folder.parent / "store") as store:
         (failure,) = store.failures("shapes").values()
