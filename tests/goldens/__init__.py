@@ -1,0 +1,1 @@
+"""Six small generated collections with the stored results of their alignment."""
