@@ -1,0 +1,32 @@
+"""Types and errors of the two lower packages that can be imported from ``collalign`` as well."""
+
+from data_tools.embedding.embedding import Samples as Samples
+from data_tools.errors import CollalignError as CollalignError
+from data_tools.errors import CollectionError as CollectionError
+from data_tools.errors import InputError as InputError
+from data_tools.errors import OptionsError as OptionsError
+from data_tools.errors import RunLost as RunLost
+from data_tools.errors import SolveFailed as SolveFailed
+from data_tools.errors import StoreError as StoreError
+from data_tools.errors import UnavailableError as UnavailableError
+from data_tools.errors import UnknownName as UnknownName
+from data_tools.io.listing import FolderListing as FolderListing
+from data_tools.io.output_folder import OutputFolder as OutputFolder
+from data_tools.io.source import Source as Source
+from data_tools.landmarks.landmark_files import Landmarks as Landmarks
+from data_tools.landmarks.landmark_files import SemilandmarkRows as SemilandmarkRows
+from data_tools.landmarks.landmark_files import Semilandmarks as Semilandmarks
+from data_tools.options import CleaningOptions as CleaningOptions
+from data_tools.options import EmbeddingOptions as EmbeddingOptions
+from data_tools.options import SamplingOptions as SamplingOptions
+from data_tools.poses import Similarity as Similarity
+from data_tools.surface.shape import Shape as Shape
+from pairwise.certificates.certificate import Certificate as Certificate
+from pairwise.dense.refine import RefinedPose as RefinedPose
+from pairwise.options import MatchOptions as MatchOptions
+from pairwise.options import PairOptions as PairOptions
+from pairwise.partial.match import PartialPose as PartialPose
+from pairwise.problem.pattern import RotationPattern as RotationPattern
+from pairwise.results import Candidate as Candidate
+from pairwise.results import MatchResult as MatchResult
+from pairwise.status import Status as Status

@@ -1,0 +1,27 @@
+"""What can be imported from ``pairwise``: the package reads this list."""
+
+from .branch_and_bound.pose_lists import PoseList as PoseList
+from .branch_and_bound.pose_lists import PoseRegion as PoseRegion
+from .branch_and_bound.pose_lists import all_poses as all_poses
+from .branch_and_bound.prove import Proof as Proof
+from .branch_and_bound.prove import prove as prove
+from .certificates.certificate import Certificate as Certificate
+from .certificates.verify import verify_certificate as verify_certificate
+from .dense.points import DensePoints as DensePoints
+from .dense.refine import RefinedPose as RefinedPose
+from .dense.refine import refine_pose as refine_pose
+from .matching import match as match
+from .options import MatchOptions as MatchOptions
+from .options import PairOptions as PairOptions
+from .problem.pattern import RotationPattern as RotationPattern
+from .problem.problem import Problem as Problem
+from .reexported import InputError as InputError
+from .reexported import OptionsError as OptionsError
+from .reexported import SolveFailed as SolveFailed
+from .relaxations import solve_relaxation as solve_relaxation
+from .results import Candidate as Candidate
+from .results import MatchResult as MatchResult
+from .results import RelaxationResult as RelaxationResult
+from .status import Status as Status
+
+__all__: list[str]
