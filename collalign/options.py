@@ -39,6 +39,61 @@ Scaling = Literal["similarity", "rigid"]
 class AlignOptions:
     """What decides the result of :func:`collalign.align_collection`.
 
+    Parameters
+    ----------
+    group : {"SO", "O", "auto"}
+        SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder); auto mirrors only
+        where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched as
+        with SO).
+    scaling : {"similarity", "rigid"}
+        similarity brings all shapes to one size; rigid keeps the sizes of the files.
+    pairs : {"auto", "all", "sparse", "adaptive"}
+        Which pairs are matched: all, a sparse connected graph, or a sparse one that grows where poses are uncertain;
+        auto matches all pairs of up to 40 shapes and is adaptive beyond.
+    synchronization : {"robust", "spectral"}
+        robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix
+        B as published, with neither confidence nor refinement.
+    maps : {"auto", "always", "never"}
+        Whether non-rigid maps of each pair, started from many poses, propose and judge poses: for shapes that bend.
+        auto asks them where the pairs match badly and contradict each other; they take about a tenth of a second a
+        pair, and need meshes.
+    incomplete : str
+        Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
+        auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of
+        another kind goes on elsewhere too). They are posed on the complete ones, or where there is none on each
+        other, by what has a counterpart there.
+    refine : bool
+        Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization.
+    deformable : bool
+        Map all vertices between all shapes, consistently around cycles (``collection.vertex_maps``): for meshes that
+        bend. Takes some seconds a shape and half a second for each of about six pairs a shape.
+    reference : str
+        Name of the shape whose orientation is the common frame's; the first one if empty.
+    gauge : {"reference", "axes"}
+        Orientation of the common frame: the reference's, or the principal axes of all aligned shapes together. Poses
+        set by hand go before both.
+    clusters : int
+        Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
+        number, 1 aligns all shapes together.
+    seed : int
+        Seed of everything random; the same seed gives the same bytes.
+    certify : bool
+        Try to prove the best pose of the pairs that matter: those with rival poses or rejected by synchronization.
+    certify_budget_s : float
+        Seconds for all proofs together, per worker; the least settled pairs come first.
+    certify_pair_s : float
+        Seconds for the proof of one pair.
+    strict : bool
+        Stop at the first file or pair that fails instead of leaving it out.
+    cleaning : CleaningOptions
+        How meshes are repaired.
+    sampling : SamplingOptions
+        Which points represent a shape.
+    embedding : EmbeddingOptions
+        Which coordinates the points carry.
+    matching : PairOptions
+        How a pair is matched.
+
     Raises
     ------
     OptionsError
@@ -46,76 +101,25 @@ class AlignOptions:
     """
 
     group: Group = "auto"
-    """SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder); auto mirrors only
-    where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched as with
-    SO)."""
-
     scaling: Scaling = "similarity"
-    """similarity brings all shapes to one size; rigid keeps the sizes of the files."""
-
     pairs: PairStrategy = "auto"
-    """Which pairs are matched: all, a sparse connected graph, or a sparse one that grows where poses are uncertain;
-    auto matches all pairs of up to 40 shapes and is adaptive beyond."""
-
     synchronization: Synchronizer = "robust"
-    """robust chooses among the pairs' candidates, resists wrong pairs and refines; spectral is the paper's appendix B
-    as published, with neither confidence nor refinement."""
-
     maps: Maps = "auto"
-    """Whether non-rigid maps of each pair, started from many poses, propose and judge poses: for shapes that bend.
-    auto asks them where the pairs match badly and contradict each other; they take about a tenth of a second a
-    pair, and need meshes."""
-
     incomplete: str = AUTO
-    """Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
-    auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of another
-    kind goes on elsewhere too). They are posed on the complete ones, or where there is none on each other, by what
-    has a counterpart there."""
-
     refine: bool = True
-    """Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization."""
-
     deformable: bool = False
-    """Map all vertices between all shapes, consistently around cycles (``collection.vertex_maps``): for meshes that
-    bend. Takes some seconds a shape and half a second for each of about six pairs a shape."""
-
     reference: str = ""
-    """Name of the shape whose orientation is the common frame's; the first one if empty."""
-
     gauge: Gauge = "reference"
-    """Orientation of the common frame: the reference's, or the principal axes of all aligned shapes together. Poses
-    set by hand go before both."""
-
     clusters: int = 1
-    """Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
-    number, 1 aligns all shapes together."""
-
     seed: int = 0
-    """Seed of everything random; the same seed gives the same bytes."""
-
     certify: bool = False
-    """Try to prove the best pose of the pairs that matter: those with rival poses or rejected by synchronization."""
-
     certify_budget_s: float = 600.0
-    """Seconds for all proofs together, per worker; the least settled pairs come first."""
-
     certify_pair_s: float = PROOF_S
-    """Seconds for the proof of one pair."""
-
     strict: bool = False
-    """Stop at the first file or pair that fails instead of leaving it out."""
-
     cleaning: CleaningOptions = field(default_factory=CleaningOptions)
-    """How meshes are repaired."""
-
     sampling: SamplingOptions = field(default_factory=SamplingOptions)
-    """Which points represent a shape."""
-
     embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
-    """Which coordinates the points carry."""
-
     matching: PairOptions = field(default_factory=PairOptions)
-    """How a pair is matched."""
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -139,6 +143,25 @@ class AlignOptions:
 class TwoShapeOptions:
     """What decides how two shapes are matched by themselves, without a collection.
 
+    Parameters
+    ----------
+    group : {"SO", "O"}
+        SO keeps the source as it is; O may mirror it.
+    refine : bool
+        Refine the poses on dense samples (``sampling.num_dense_points``).
+    certify : bool
+        Try to prove the best pose, in the seconds of ``matching.time_limit_s``, 30 by default.
+    seed : int
+        Seed of everything random.
+    cleaning : CleaningOptions
+        How meshes are repaired.
+    sampling : SamplingOptions
+        Which points represent a shape.
+    embedding : EmbeddingOptions
+        Which coordinates the points carry.
+    matching : PairOptions
+        How the pair is matched.
+
     Raises
     ------
     OptionsError
@@ -146,28 +169,13 @@ class TwoShapeOptions:
     """
 
     group: Literal["SO", "O"] = "SO"
-    """SO keeps the source as it is; O may mirror it."""
-
     refine: bool = True
-    """Refine the poses on dense samples (``sampling.num_dense_points``)."""
-
     certify: bool = False
-    """Try to prove the best pose, in the seconds of ``matching.time_limit_s``, 30 by default."""
-
     seed: int = 0
-    """Seed of everything random."""
-
     cleaning: CleaningOptions = field(default_factory=CleaningOptions)
-    """How meshes are repaired."""
-
     sampling: SamplingOptions = field(default_factory=SamplingOptions)
-    """Which points represent a shape."""
-
     embedding: EmbeddingOptions = field(default_factory=EmbeddingOptions)
-    """Which coordinates the points carry."""
-
     matching: PairOptions = field(default_factory=PairOptions)
-    """How the pair is matched."""
 
     def __post_init__(self) -> None:
         check_kinds(self)

@@ -19,14 +19,19 @@ MIN_POINTS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class CleaningOptions:
-    """What is repaired when a file is read; every change is written to ``Shape.notes``."""
+    """What is repaired when a file is read; every change is written to ``Shape.notes``.
+
+    Parameters
+    ----------
+    merge_vertices : bool
+        Merge vertices at exactly the same place (STL files repeat each vertex in every triangle).
+    largest_component : bool
+        Keep only the connected part of the largest area, without the few vertices far from all others; fragments
+        otherwise attract samples, and vertices out of place turn poses.
+    """
 
     merge_vertices: bool = True
-    """Merge vertices at exactly the same place (STL files repeat each vertex in every triangle)."""
-
     largest_component: bool = True
-    """Keep only the connected part of the largest area, without the few vertices far from all others; fragments
-    otherwise attract samples, and vertices out of place turn poses."""
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -38,25 +43,30 @@ AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """Which points represent a shape."""
+    """Which points represent a shape.
+
+    Parameters
+    ----------
+    num_points : int
+        Samples per shape, matched exactly. 20 are quick, 64 are right more often. Collections of point sets that have
+        fewer points are matched at those that they have.
+    metric : {"auto", "geodesic", "euclidean"}
+        Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
+        Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary).
+    num_dense_points : int
+        Samples for the final refinement (Euclidean farthest points); 0 leaves it out.
+    normalisation : {"centroid", "area", "none"}
+        Unit of length: the centroid size of the samples, the square root of the surface area, or the file's own.
+    max_faces : int
+        Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original.
+        Poses at 4000 are as right as at 40 000 on teeth, skulls and six classes of SHREC07.
+    """
 
     num_points: int = 64
-    """Samples per shape, matched exactly. 20 are quick, 64 are right more often. Collections of point sets that have
-    fewer points are matched at those that they have."""
-
     metric: Metric = "auto"
-    """Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
-    Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary)."""
-
     num_dense_points: int = 400
-    """Samples for the final refinement (Euclidean farthest points); 0 leaves it out."""
-
     normalisation: Normalisation = "centroid"
-    """Unit of length: the centroid size of the samples, the square root of the surface area, or the file's own."""
-
     max_faces: int = 4_000
-    """Larger meshes are decimated to this many triangles for preprocessing; samples stay vertices of the original.
-    Poses at 4000 are as right as at 40 000 on teeth, skulls and six classes of SHREC07."""
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -76,20 +86,24 @@ class EmbeddingOptions:
     (the distance to a boundary that does not exist) is zero, and blocks of invariants weigh a fifth on closed
     surfaces. Descriptors of open surfaces depend on where the surface was cut, and those of point clouds on noise, so
     there they weigh a quarter of that. Where surfaces were cut at random places even that misleads: choose positions.
+
+    Parameters
+    ----------
+    kind : {"xyz", "xyz+lb", "xyz+invariants", "all"}
+        xyz: positions; lb: Laplace-Beltrami eigenfunctions, rotated among themselves; invariants: descriptors that no
+        rotation changes; all: the three together.
+    num_eigenfunctions : int
+        Size of the Laplace-Beltrami block (the paper's 7-dimensional embedding has 4).
+    hks_weight : float
+        Weight of the log heat kernel signature at times .003, .01, .03, .1 of the surface scaled to unit area.
+    agd_weight : float
+        Weight of the average geodesic distance.
     """
 
     kind: EmbeddingKind = "xyz+invariants"
-    """xyz: positions; lb: Laplace-Beltrami eigenfunctions, rotated among themselves; invariants: descriptors that
-    no rotation changes; all: the three together."""
-
     num_eigenfunctions: int = 4
-    """Size of the Laplace-Beltrami block (the paper's 7-dimensional embedding has 4)."""
-
     hks_weight: float = 0.2
-    """Weight of the log heat kernel signature at times .003, .01, .03, .1 of the surface scaled to unit area."""
-
     agd_weight: float = 0.2
-    """Weight of the average geodesic distance."""
 
     def __post_init__(self) -> None:
         check_kinds(self)

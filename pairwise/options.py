@@ -16,6 +16,20 @@ Strategy = Literal["search", "relaxation", "portfolio"]
 class PairOptions:
     """How pairs are matched, beside what is set for all of them together.
 
+    Parameters
+    ----------
+    strategy : {"search", "relaxation", "portfolio"}
+        `search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
+        where the rotation block has more than three dimensions, which no set of rotations covers.
+    time_limit_s : float, optional
+        Seconds for the relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default.
+    num_draws : int
+        Poses drawn from the solution of the relaxation.
+    max_candidates : int
+        Distinct poses kept per pair; with reflections, per chirality.
+    candidate_factor : float
+        Keep poses whose energy is at most this many times the best one.
+
     Raises
     ------
     OptionsError
@@ -23,20 +37,10 @@ class PairOptions:
     """
 
     strategy: Strategy = "portfolio"
-    """`search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
-    where the rotation block has more than three dimensions, which no set of rotations covers."""
-
     time_limit_s: float | None = None
-    """Seconds for the relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default."""
-
     num_draws: int = 64
-    """Poses drawn from the solution of the relaxation."""
-
     max_candidates: int = 8
-    """Distinct poses kept per pair; with reflections, per chirality."""
-
     candidate_factor: float = 2.0
-    """Keep poses whose energy is at most this many times the best one."""
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -50,7 +54,14 @@ class PairOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class MatchOptions(PairOptions):
-    """How a pair is matched by itself.
+    """How a pair is matched by itself: the options of :class:`PairOptions`, and these.
+
+    Parameters
+    ----------
+    certify : bool
+        Try to prove that no better pose exists.
+    seed : int
+        Seed of the random draws.
 
     Raises
     ------
@@ -59,10 +70,7 @@ class MatchOptions(PairOptions):
     """
 
     certify: bool = False
-    """Try to prove that no better pose exists."""
-
     seed: int = 0
-    """Seed of the random draws."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

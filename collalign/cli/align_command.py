@@ -56,24 +56,29 @@ _USUAL = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class Given:
-    """How shapes are read, and what is known of them, beside the options of an alignment."""
+    """How shapes are read, and what is known of them, beside the options of an alignment.
+
+    Parameters
+    ----------
+    recursive : bool
+        Take the folders in a folder too; files of one name are called folder/name.
+    parts : bool
+        The files of a folder in a folder, and A.part.ply, are parts of one specimen that move as one.
+    corrections : list of Path, optional
+        Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file.
+    labels : Path, optional
+        CSV file with one row per shape (name, then columns such as taxon), for the report.
+    own : Path, optional
+        JSON file with candidate poses and weights of pairs, samples and descriptors of your own.
+    """
 
     recursive: Flag = False
-    """Take the folders in a folder too; files of one name are called folder/name."""
-
     parts: Flag = False
-    """The files of a folder in a folder, and A.part.ply, are parts of one specimen that move as one."""
-
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
-    """Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file."""
-
     exclude: Excluded = ()
 
     labels: Path | None = None
-    """CSV file with one row per shape (name, then columns such as taxon), for the report."""
-
     own: Path | None = None
-    """JSON file with candidate poses and weights of pairs, samples and descriptors of your own."""
 
 
 def align(

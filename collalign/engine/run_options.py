@@ -18,6 +18,23 @@ _MAX_LIMIT_GIB = sys.maxsize / 2**30
 class RunOptions:
     """How the work is done; nothing here changes the result of what finishes.
 
+    Parameters
+    ----------
+    jobs : int
+        Worker processes; -1 is one per core, and more than one per core are not started: they would only wait for
+        each other, each with its own libraries to load. 1 starts none: all runs in this process, without the limits
+        below.
+    store : Path, optional
+        SQLite file that keeps every finished shape and pair, so that an interrupted run can go on.
+    scheduler : str, optional
+        Address of a Dask scheduler (tcp://...) that takes the jobs instead of this machine's processes.
+    shape_time_limit_s : float
+        Seconds for preparing one shape before it is given up.
+    pair_time_limit_s : float
+        Seconds for matching one pair before it is given up.
+    memory_limit_gib : float
+        Memory of one worker before its task is given up.
+
     Raises
     ------
     OptionsError
@@ -25,23 +42,11 @@ class RunOptions:
     """
 
     jobs: int = -1
-    """Worker processes; -1 is one per core, and more than one per core are not started: they would only wait for each
-    other, each with its own libraries to load. 1 starts none: all runs in this process, without the limits below."""
-
     store: Path | None = None
-    """SQLite file that keeps every finished shape and pair, so that an interrupted run can go on."""
-
     scheduler: str | None = None
-    """Address of a Dask scheduler (tcp://...) that takes the jobs instead of this machine's processes."""
-
     shape_time_limit_s: float = 300.0
-    """Seconds for preparing one shape before it is given up."""
-
     pair_time_limit_s: float = 300.0
-    """Seconds for matching one pair before it is given up."""
-
     memory_limit_gib: float = 8.0
-    """Memory of one worker before its task is given up."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:

@@ -20,6 +20,17 @@ from data_tools.landmarks.landmark_tables import read_specimens
 class SemilandmarkRequest:
     """Which semilandmarks are wanted beside the landmarks.
 
+    Parameters
+    ----------
+    curves : tuple of Path
+        Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A.
+    patches : tuple of Path
+        Files whose points are semilandmarks of a patch of the surface, called likewise.
+    curve_points : int, optional
+        Evenly spaced semilandmarks on every curve; by default so many as the first curve has points.
+    surface_points : int
+        Semilandmarks spread evenly over the mean surface and carried to all shapes, templates too.
+
     Raises
     ------
     OptionsError
@@ -27,16 +38,9 @@ class SemilandmarkRequest:
     """
 
     curves: tuple[Path, ...] = ()
-    """Files whose points, in their order, are a curve: RIM/A.fcsv is the curve RIM of the shape called A."""
-
     patches: tuple[Path, ...] = ()
-    """Files whose points are semilandmarks of a patch of the surface, called likewise."""
-
     curve_points: int | None = None
-    """Evenly spaced semilandmarks on every curve; by default so many as the first curve has points."""
-
     surface_points: int = 0
-    """Semilandmarks spread evenly over the mean surface and carried to all shapes, templates too."""
 
     def __post_init__(self) -> None:
         check_count("surface_points", self.surface_points, lower=0)

@@ -13,19 +13,24 @@ Orientation = Literal["preserving", "any"]
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOptions:
-    """How one shape is prepared: eigenfunctions, samples, descriptors."""
+    """How one shape is prepared: eigenfunctions, samples, descriptors.
+
+    Parameters
+    ----------
+    num_functions : int
+        Laplace-Beltrami eigenfunctions computed; refinement ends with all of them.
+    num_samples : int
+        Geodesic farthest points, starting at extrema of the average geodesic distance; the paper's n.
+    num_dense : int
+        Euclidean farthest points on which candidates are refined and judged.
+    max_faces : int
+        Larger meshes are decimated for the computation; vertices in between go where their neighbours do.
+    """
 
     num_functions: int = 120
-    """Laplace-Beltrami eigenfunctions computed; refinement ends with all of them."""
-
     num_samples: int = 100
-    """Geodesic farthest points, starting at extrema of the average geodesic distance; the paper's n."""
-
     num_dense: int = 1000
-    """Euclidean farthest points on which candidates are refined and judged."""
-
     max_faces: int = 24_000
-    """Larger meshes are decimated for the computation; vertices in between go where their neighbours do."""
 
     def __post_init__(self) -> None:
         check_count("num_functions", self.num_functions, lower=20)
@@ -36,14 +41,19 @@ class SurfaceOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class NonrigidOptions:
-    """How two prepared shapes are matched."""
+    """How two prepared shapes are matched.
+
+    Parameters
+    ----------
+    orientation : {"preserving", "any"}
+        preserving: of symmetric candidates take one that keeps left and right, where normals tell; any: take the best
+        candidate, mirrored or not.
+    num_candidates : int
+        Distinct candidates that are kept and reported, the chosen one among them.
+    """
 
     orientation: Orientation = "preserving"
-    """preserving: of symmetric candidates take one that keeps left and right, where normals tell; any: take the best
-    candidate, mirrored or not."""
-
     num_candidates: int = 6
-    """Distinct candidates that are kept and reported, the chosen one among them."""
 
     def __post_init__(self) -> None:
         check_choice("orientation", self.orientation, get_args(Orientation))

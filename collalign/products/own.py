@@ -25,6 +25,25 @@ GIVEN = ("invariants", "samples", *OF_PAIRS)
 class Own:
     """Descriptors, samples, poses and trust of the caller's own, by the names of shapes.
 
+    Parameters
+    ----------
+    invariants : mapping of str to array_like, shape (v, m), or callable
+        What no rotation changes, shape (v, m), one row per vertex of the file, of every shape; or a function that
+        returns it of a shape with ``vertices`` and ``faces`` as its file stores them. It takes the place of the
+        descriptors of ``EmbeddingOptions``; columns are standardised over the samples as those are.
+    invariants_weight : float
+        Squared norm of the invariants over all samples, relative to that of the positions; by default as much as
+        those that they replace.
+    samples : mapping of str to array_like of int, shape (k,)
+        The vertices of each file that are matched, shape (k,), equally many of every shape.
+    candidates : mapping of (str, str) to array_like, shape (3, 3) or (m, 3, 3)
+        ``R_a_b`` of pairs (a, b), shape (3, 3) or (m, 3, 3), taking b's coordinates to a's.
+    correspondences : mapping of (str, str) to array_like of int, shape (m, 2)
+        Vertices of pairs (a, b) that belong together, shape (m, 2) with m >= 3: of a's file, and of b's. The rotation
+        that takes b's nearest to a's, both about their centroids (Kabsch 1976), is a candidate of the pair.
+    pair_weights : mapping of (str, str) to float
+        How much more or less than the others pairs count in synchronization; 0 leaves a pair out.
+
     Raises
     ------
     InputError
@@ -34,26 +53,11 @@ class Own:
     """
 
     invariants: Mapping[str, ArrayLike] | Callable[[Shape], ArrayLike] = field(default_factory=dict)
-    """What no rotation changes, shape (v, m), one row per vertex of the file, of every shape; or a function that
-    returns it of a shape with ``vertices`` and ``faces`` as its file stores them. It takes the place of the
-    descriptors of ``EmbeddingOptions``; columns are standardised over the samples as those are."""
-
     invariants_weight: float = 0.4
-    """Squared norm of the invariants over all samples, relative to that of the positions; by default as much as
-    those that they replace."""
-
     samples: Mapping[str, ArrayLike] = field(default_factory=dict)
-    """The vertices of each file that are matched, shape (k,), equally many of every shape."""
-
     candidates: Mapping[Names, ArrayLike] = field(default_factory=dict)
-    """``R_a_b`` of pairs (a, b), shape (3, 3) or (m, 3, 3), taking b's coordinates to a's."""
-
     correspondences: Mapping[Names, ArrayLike] = field(default_factory=dict)
-    """Vertices of pairs (a, b) that belong together, shape (m, 2) with m >= 3: of a's file, and of b's. The rotation
-    that takes b's nearest to a's, both about their centroids (Kabsch 1976), is a candidate of the pair."""
-
     pair_weights: Mapping[Names, float] = field(default_factory=dict)
-    """How much more or less than the others pairs count in synchronization; 0 leaves a pair out."""
 
     def __post_init__(self) -> None:
         check_number("invariants_weight", self.invariants_weight)

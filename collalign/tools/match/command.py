@@ -38,14 +38,18 @@ WRITER = "match"
 
 @dataclass(frozen=True, kw_only=True)
 class Bending:
-    """How shapes are matched that bend."""
+    """How shapes are matched that bend.
+
+    Parameters
+    ----------
+    nonrigid : bool
+        Match deformable shapes; the options of deformation and surface belong to this.
+    landmarks : tuple of Path
+        Landmark files of either shape, called like it, that --nonrigid carries to the other (map_landmarks.csv).
+    """
 
     nonrigid: Flag = False
-    """Match deformable shapes; the options of deformation and surface belong to this."""
-
     landmarks: Annotated[tuple[Path, ...], Parameter(negative=())] = ()
-    """Landmark files of either shape, called like it, that --nonrigid carries to the other (map_landmarks.csv)."""
-
     deformation: NonrigidOptions = field(default_factory=NonrigidOptions)
     surface: SurfaceOptions = field(default_factory=SurfaceOptions)
 

@@ -36,6 +36,17 @@ SUBSET_SHARE = 0.8
 class StabilityOptions:
     """Which repetitions are made.
 
+    Parameters
+    ----------
+    num_points : tuple of int
+        Points per shape, one repetition each; the number that the result was made with is left out.
+    num_seeds : int
+        Repetitions with other seeds.
+    num_subsets : int
+        Repetitions with some of the shapes, chosen at random.
+    include_doubtful : bool
+        Let shapes whose pose is in doubt, and incomplete ones, count in the shares of all together.
+
     Raises
     ------
     OptionsError
@@ -43,16 +54,9 @@ class StabilityOptions:
     """
 
     num_points: tuple[int, ...] = (32, 64, 128)
-    """Points per shape, one repetition each; the number that the result was made with is left out."""
-
     num_seeds: int = 2
-    """Repetitions with other seeds."""
-
     num_subsets: int = 3
-    """Repetitions with some of the shapes, chosen at random."""
-
     include_doubtful: bool = False
-    """Let shapes whose pose is in doubt, and incomplete ones, count in the shares of all together."""
 
     def __post_init__(self) -> None:
         check_kinds(self)

@@ -29,21 +29,26 @@ from data_tools.landmarks.landmark_files import specimen_of
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """What is written, and how."""
+    """What is written, and how.
+
+    Parameters
+    ----------
+    to : Path
+        Folder for the landmarks of all shapes, transfer.csv with an error radius for each, and landmarks.html.
+    space : {"aligned", "unscaled", "raw", "procrustes"}
+        Coordinates of the files, of the common frame, these in the units of the files, or Procrustes superimposed.
+    leave_one_out : bool
+        Predict every specimen that has landmarks from the others, and write and print how far off that is.
+    include_doubtful : bool
+        As in ``collalign export``.
+    """
 
     to: Path
-    """Folder for the landmarks of all shapes, transfer.csv with an error radius for each, and landmarks.html."""
-
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json"
 
     space: Space = "raw"
-    """Coordinates of the files, of the common frame, these in the units of the files, or Procrustes superimposed."""
-
     leave_one_out: Flag = False
-    """Predict every specimen that has landmarks from the others, and write and print how far off that is."""
-
     include_doubtful: Flag = False
-    """As in ``collalign export``."""
 
 
 def transfer(
