@@ -1,14 +1,20 @@
 """What can be imported from ``collalign``, with every type that its signatures name: the package reads this list."""
 
+from .align import CollectionKeywords as CollectionKeywords
 from .align import align_collection as align_collection
 from .analysis.procrustes import PrincipalComponents as PrincipalComponents
 from .confidence.map_model import Evidence as Evidence
+from .engine.run_options import RunKeywords as RunKeywords
 from .engine.run_options import RunOptions as RunOptions
 from .extend import add_to_collection as add_to_collection
+from .landmarks.templates import SemilandmarkKeywords as SemilandmarkKeywords
 from .landmarks.templates import SemilandmarkRequest as SemilandmarkRequest
+from .nonrigid.map_options import NonrigidKeywords as NonrigidKeywords
 from .nonrigid.map_options import NonrigidOptions as NonrigidOptions
 from .nonrigid.map_options import SurfaceOptions as SurfaceOptions
+from .options import AlignKeywords as AlignKeywords
 from .options import AlignOptions as AlignOptions
+from .options import TwoShapeKeywords as TwoShapeKeywords
 from .options import TwoShapeOptions as TwoShapeOptions
 from .output.aligned_shape import AlignedShape as AlignedShape
 from .output.collection import Collection as Collection
@@ -17,6 +23,7 @@ from .output.evidence.members import Members as Members
 from .products.consistent_maps import ConsistentMaps as ConsistentMaps
 from .products.deformation import VertexMaps as VertexMaps
 from .products.incomplete import Incomplete as Incomplete
+from .products.own import OwnKeywords as OwnKeywords
 from .products.pair import Alternative as Alternative
 from .products.pair import Pair as Pair
 from .products.posed_file import PosedFile as PosedFile
@@ -27,9 +34,11 @@ from .products.trust import Trust as Trust
 from .products.trust import Witness as Witness
 from .reexported import Candidate as Candidate
 from .reexported import Certificate as Certificate
+from .reexported import CleaningKeywords as CleaningKeywords
 from .reexported import CleaningOptions as CleaningOptions
 from .reexported import CollalignError as CollalignError
 from .reexported import CollectionError as CollectionError
+from .reexported import EmbeddingKeywords as EmbeddingKeywords
 from .reexported import EmbeddingOptions as EmbeddingOptions
 from .reexported import FolderListing as FolderListing
 from .reexported import InputError as InputError
@@ -38,12 +47,14 @@ from .reexported import MatchOptions as MatchOptions
 from .reexported import MatchResult as MatchResult
 from .reexported import OptionsError as OptionsError
 from .reexported import OutputFolder as OutputFolder
+from .reexported import PairKeywords as PairKeywords
 from .reexported import PairOptions as PairOptions
 from .reexported import PartialPose as PartialPose
 from .reexported import RefinedPose as RefinedPose
 from .reexported import RotationPattern as RotationPattern
 from .reexported import RunLost as RunLost
 from .reexported import Samples as Samples
+from .reexported import SamplingKeywords as SamplingKeywords
 from .reexported import SamplingOptions as SamplingOptions
 from .reexported import SemilandmarkRows as SemilandmarkRows
 from .reexported import Semilandmarks as Semilandmarks
@@ -58,6 +69,7 @@ from .reexported import UnknownName as UnknownName
 from .stages.poses.synchronize import pair_graph as pair_graph
 from .synchronization import synchronize as synchronize
 from .synchronization import synchronize_graph as synchronize_graph
+from .synchronization.problem.graph import GraphArguments as GraphArguments
 from .synchronization.problem.graph import PairGraph as PairGraph
 from .synchronization.result import SynchronizationResult as SynchronizationResult
 from .tools.certify.result import CertifiedCollection as CertifiedCollection

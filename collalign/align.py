@@ -7,19 +7,19 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.engine.run_options import RunOptions
+from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AlignKeywords, AlignOptions, AlignSession
 from collalign.output.collection import Collection
 from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.own import Own
+from collalign.products.own import Own, OwnKeywords
 from collalign.products.pair import FormerPairs
 from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
@@ -32,7 +32,7 @@ from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import as_options, meant
+from data_tools.checks import as_options, meant_option
 from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -41,6 +41,10 @@ from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
+
+
+class CollectionKeywords(AlignKeywords, RunKeywords, OwnKeywords, total=False):
+    """The keywords of :func:`align_collection`."""
 
 
 @one_blas_thread()
@@ -53,7 +57,7 @@ def align_collection(
     recursive: bool = False,
     parts: bool = False,
     progress: ProgressFactory | bool = True,
-    **keywords: Any,
+    **keywords: Unpack[CollectionKeywords],
 ) -> Collection:
     """Align shapes consistently: one rigid pose for each, and maps between all of them.
 
@@ -105,10 +109,11 @@ def align_collection(
     >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
     True
     """
+    given: dict[str, Any] = {**keywords}
     kinds = {one.name: kind for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)}
-    for name in sorted(keywords.keys() - kinds.keys()):
-        raise OptionsError(f"there is no option {name!r}{meant(name, kinds)}")
-    of_kind = {kind: {name: keywords[name] for name in keywords if kinds[name] is kind} for kind in kinds.values()}
+    for name in sorted(given.keys() - kinds.keys()):
+        raise OptionsError(f"there is no option {name!r}{meant_option(name, AlignOptions, RunOptions, Own)}")
+    of_kind = {kind: {name: given[name] for name in given if kinds[name] is kind} for kind in kinds.values()}
     asked = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts)

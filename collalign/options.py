@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
 from collalign.engine.session import Session
 from data_tools.checks import check_count, check_kinds, check_number
 from data_tools.errors import OptionsError
-from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
-from pairwise.options import MatchOptions, PairOptions
+from data_tools.options import (
+    CleaningKeywords,
+    CleaningOptions,
+    EmbeddingKeywords,
+    EmbeddingOptions,
+    SamplingKeywords,
+    SamplingOptions,
+)
+from pairwise.options import MatchOptions, PairKeywords, PairOptions
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = int(np.iinfo(np.int64).max) + 1
@@ -139,6 +147,31 @@ class AlignOptions:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
 
 
+class AlignKeywords(TypedDict, total=False):
+    """The fields of :class:`AlignOptions` as keywords."""
+
+    group: Group
+    scaling: Scaling
+    pairs: PairStrategy
+    synchronization: Synchronizer
+    maps: Maps
+    incomplete: str
+    refine: bool
+    deformable: bool
+    reference: str
+    gauge: Gauge
+    clusters: int
+    seed: int
+    certify: bool
+    certify_budget_s: float
+    certify_pair_s: float
+    strict: bool
+    cleaning: CleaningOptions | CleaningKeywords
+    sampling: SamplingOptions | SamplingKeywords
+    embedding: EmbeddingOptions | EmbeddingKeywords
+    matching: PairOptions | PairKeywords
+
+
 @dataclass(frozen=True, kw_only=True)
 class TwoShapeOptions:
     """What decides how two shapes are matched by themselves, without a collection.
@@ -168,6 +201,12 @@ class TwoShapeOptions:
         If a value is impossible.
     """
 
+    #: What is said of an option of :class:`AlignOptions` that somebody gives two shapes, see :func:`meant_option`.
+    advice: ClassVar[Mapping[str, str]] = {
+        "scaling": "two shapes are matched up to scale, and the transform says by how much; align_collection has "
+        "scaling, and match_in_part keeps sizes with sampling={'normalisation': 'none'}"
+    }
+
     group: Literal["SO", "O"] = "SO"
     refine: bool = True
     certify: bool = False
@@ -186,6 +225,19 @@ class TwoShapeOptions:
         """The options of :func:`pairwise.match`."""
         found = MatchOptions(**vars(self.matching), certify=self.certify, seed=self.seed)
         return replace(found, time_limit_s=PROOF_S) if self.certify and found.time_limit_s is None else found
+
+
+class TwoShapeKeywords(TypedDict, total=False):
+    """The fields of :class:`TwoShapeOptions` as keywords."""
+
+    group: Literal["SO", "O"]
+    refine: bool
+    certify: bool
+    seed: int
+    cleaning: CleaningOptions | CleaningKeywords
+    sampling: SamplingOptions | SamplingKeywords
+    embedding: EmbeddingOptions | EmbeddingKeywords
+    matching: PairOptions | PairKeywords
 
 
 #: The session of an alignment.

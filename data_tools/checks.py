@@ -100,7 +100,7 @@ def as_options(
     known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
     for entry in entries:
         if entry not in known:
-            raise OptionsError(f"{name}: there is no option {entry!r}{meant(entry, known)}")
+            raise OptionsError(f"{name}: there is no option {entry!r}{meant_option(entry, kind)}")
     values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
 
@@ -116,6 +116,26 @@ def meant(name: object, known: Iterable[str]) -> str:
     """Return the words that name what somebody may have meant; none where nothing is similar."""
     similar = get_close_matches(str(name), list(known), n=1)
     return f"; did you mean {similar[0]!r}?" if similar else ""
+
+
+def meant_option(name: str, *kinds: Any) -> str:
+    """Return the words that help somebody whose option none of some classes of options has.
+
+    An option of another level is named with the table that it belongs to, and one of another function with what
+    :attr:`advice` of a class says of it. Else a similar option of any level is named, or nothing.
+    """
+    advice = {key: text for kind in kinds for key, text in getattr(kind, "advice", {}).items()}
+    if name in advice:
+        return f"; {advice[name]}"
+    hints = {key: hint for kind in kinds for key, hint in _hints_of(kind).items()}
+    below = {one.name: key for key, hint in hints.items() if is_dataclass(hint) for one in fields(hint)}
+    if name in below:
+        return f"; it belongs to {below[name]}: use {below[name]}={{{name!r}: ...}}"
+    own = [one.name for kind in kinds for one in fields(kind)]
+    if similar := get_close_matches(name, [*own, *below], n=1):
+        (found,) = similar
+        return meant(name, own) if found in own else f"; did you mean {below[found]}={{{found!r}: ...}}?"
+    return ""
 
 
 def check_kinds(options: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypedDict
 
 from data_tools.checks import check_count, check_kinds, check_number
 
@@ -35,6 +35,13 @@ class CleaningOptions:
 
     def __post_init__(self) -> None:
         check_kinds(self)
+
+
+class CleaningKeywords(TypedDict, total=False):
+    """The fields of :class:`CleaningOptions` as keywords."""
+
+    merge_vertices: bool
+    largest_component: bool
 
 
 #: Files are read as stored: vertex indices are those of the file.
@@ -73,6 +80,16 @@ class SamplingOptions:
         check_count("num_points", self.num_points, lower=MIN_POINTS)
         check_count("num_dense_points", self.num_dense_points, lower=0)
         check_count("max_faces", self.max_faces, lower=1000)
+
+
+class SamplingKeywords(TypedDict, total=False):
+    """The fields of :class:`SamplingOptions` as keywords."""
+
+    num_points: int
+    metric: Metric
+    num_dense_points: int
+    normalisation: Normalisation
+    max_faces: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,3 +137,12 @@ class EmbeddingOptions:
     def has_invariants(self) -> bool:
         """Whether invariants are asked for."""
         return self.kind in ("xyz+invariants", "all")
+
+
+class EmbeddingKeywords(TypedDict, total=False):
+    """The fields of :class:`EmbeddingOptions` as keywords."""
+
+    kind: EmbeddingKind
+    num_eigenfunctions: int
+    hks_weight: float
+    agd_weight: float

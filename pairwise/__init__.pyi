@@ -10,6 +10,7 @@ from .certificates.verify import verify_certificate as verify_certificate
 from .dense.points import DensePoints as DensePoints
 from .dense.refine import RefinedPose as RefinedPose
 from .dense.refine import refine_pose as refine_pose
+from .matching import MatchKeywords as MatchKeywords
 from .matching import match as match
 from .options import MatchOptions as MatchOptions
 from .options import PairOptions as PairOptions

@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
-from pairwise.options import MatchOptions
+from pairwise.options import MatchOptions, PairKeywords
 from pairwise.portfolio import ranked_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.relaxations import solve_pm_sdp
@@ -33,6 +33,13 @@ SHIFTED = 0.1
 GAP_TOL = 1e-3
 
 
+class MatchKeywords(PairKeywords, ProblemArguments, total=False):
+    """The fields of :class:`MatchOptions` and what makes a problem, as keywords of :func:`match`."""
+
+    certify: bool
+    seed: int
+
+
 @one_blas_thread()
 def match(
     target: ArrayLike,
@@ -41,7 +48,7 @@ def match(
     translation: bool = False,
     starts: ArrayLike | None = None,
     options: MatchOptions | Mapping[str, Any] | None = None,
-    **keywords: Any,
+    **keywords: Unpack[MatchKeywords],
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
 
@@ -83,7 +90,8 @@ def match(
     >>> bool(np.allclose(result.R_target_source, quarter)), result.map_target_source.tolist() == list(range(12))
     (True, True)
     """
-    about = {name: keywords.pop(name) for name in ProblemArguments.__annotations__ if name in keywords}
+    given: dict[str, Any] = {**keywords}
+    about = {name: given.pop(name) for name in ProblemArguments.__annotations__ if name in given}
     problem = Problem.from_user(target, source, **about)
     centres = (np.zeros(problem.dim),) * 2
     if translation:
@@ -92,7 +100,7 @@ def match(
     if starts is not None:
         group = about.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
-    options = as_options("options", options, MatchOptions, keywords)
+    options = as_options("options", options, MatchOptions, given)
     result = match_problem(problem, options, starts=poses)
     if not translation:
         _warn_of_shift(problem, result.candidates[0])

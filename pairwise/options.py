@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -50,6 +50,16 @@ class PairOptions:
             check_number("candidate_factor", self.candidate_factor, lower=1.0)
         if self.time_limit_s not in (None, np.inf):
             check_number("time_limit_s", self.time_limit_s, positive=True)
+
+
+class PairKeywords(TypedDict, total=False):
+    """The fields of :class:`PairOptions` as keywords."""
+
+    strategy: Strategy
+    time_limit_s: float | None
+    num_draws: int
+    max_candidates: int
+    candidate_factor: float
 
 
 @dataclass(frozen=True, kw_only=True)

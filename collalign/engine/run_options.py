@@ -6,6 +6,7 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 from data_tools.checks import check_number
 from data_tools.errors import OptionsError
@@ -75,3 +76,14 @@ class RunOptions:
     def memory_limit_bytes(self) -> int:
         """Memory of one worker in bytes."""
         return int(self.memory_limit_gib * 2**30)
+
+
+class RunKeywords(TypedDict, total=False):
+    """The fields of :class:`RunOptions` as keywords."""
+
+    jobs: int
+    store: Path | None
+    scheduler: str | None
+    shape_time_limit_s: float
+    pair_time_limit_s: float
+    memory_limit_gib: float

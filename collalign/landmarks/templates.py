@@ -6,7 +6,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -46,6 +46,15 @@ class SemilandmarkRequest:
         check_count("surface_points", self.surface_points, lower=0)
         if self.curve_points is not None:
             check_count("curve_points", self.curve_points, lower=2)
+
+
+class SemilandmarkKeywords(TypedDict, total=False):
+    """The fields of :class:`SemilandmarkRequest` as keywords."""
+
+    curves: Sequence[str | Path]
+    patches: Sequence[str | Path]
+    curve_points: int | None
+    surface_points: int
 
 
 _LOG = logging.getLogger(__name__)

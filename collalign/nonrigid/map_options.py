@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, TypedDict, get_args
 
 from data_tools.checks import check_choice, check_count
 
@@ -58,3 +58,10 @@ class NonrigidOptions:
     def __post_init__(self) -> None:
         check_choice("orientation", self.orientation, get_args(Orientation))
         check_count("num_candidates", self.num_candidates, lower=1)
+
+
+class NonrigidKeywords(TypedDict, total=False):
+    """The fields of :class:`NonrigidOptions` as keywords."""
+
+    orientation: Orientation
+    num_candidates: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,3 +82,14 @@ class Own:
     def kinds(self) -> tuple[str, ...]:
         """The names of what is given."""
         return tuple(name for name in GIVEN if getattr(self, name))
+
+
+class OwnKeywords(TypedDict, total=False):
+    """The fields of :class:`Own` as keywords."""
+
+    invariants: Mapping[str, ArrayLike] | Callable[[Shape], ArrayLike]
+    invariants_weight: float
+    samples: Mapping[str, ArrayLike]
+    candidates: Mapping[Names, ArrayLike]
+    correspondences: Mapping[Names, ArrayLike]
+    pair_weights: Mapping[Names, float]

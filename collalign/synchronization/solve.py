@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.checks import check_pattern
 from collalign.synchronization.problem.frames import angles_rad, relative, transposed
-from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.problem.graph import GraphArguments, PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, robust_synchronization
 from collalign.synchronization.solvers.spectral import spectral_frames
@@ -33,7 +33,7 @@ def synchronize(
     method: str = "robust",
     fixed: Mapping[int, ArrayLike] | None = None,
     reference: int = 0,
-    **keywords: Any,
+    **keywords: Unpack[GraphArguments],
 ) -> SynchronizationResult:
     """Find one pose per shape from the pairs' relative rotations, and say how far each can be trusted.
 

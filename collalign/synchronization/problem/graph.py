@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypedDict
 
 import networkx
 import numpy as np
@@ -15,6 +16,16 @@ from collalign.synchronization.problem.checks import check_pattern, checked_edge
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, one_line, read_only
 from data_tools.errors import InputError
 from pairwise.problem.pattern import PatternLike, RotationPattern
+
+
+class GraphArguments(TypedDict, total=False):
+    """What makes a graph beside the pairs: the other arguments of :meth:`PairGraph.from_user`."""
+
+    energies: ArrayLike | None
+    weights: ArrayLike | None
+    group: str
+    num_shapes: int | None
+    rotation_pattern: PatternLike
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

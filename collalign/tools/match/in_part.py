@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from collalign.confidence.incomplete_model import PAIR_WEIGHT, share_of_best
-from collalign.options import TwoShapeOptions
+from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.surface_points import spread_points
@@ -89,7 +89,7 @@ def match_in_part(
     source: ShapeLike,
     *,
     options: TwoShapeOptions | Mapping[str, Any] | None = None,
-    **keywords: Any,
+    **keywords: Unpack[TwoShapeKeywords],
 ) -> PartialMatch:
     """Match two shapes of which each may lack what the other has, by what has a counterpart.
 

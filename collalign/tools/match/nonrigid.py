@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from collalign.nonrigid.harmonic import HarmonicRefiner
-from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_trust import agreements, trust_of
 from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, mended, sharpened
 from collalign.nonrigid.refine import between_files
@@ -37,7 +37,7 @@ def match_shapes(
     *,
     options: NonrigidOptions | Mapping[str, Any] | None = None,
     surface_options: SurfaceOptions | Mapping[str, Any] | None = None,
-    **keywords: Any,
+    **keywords: Unpack[NonrigidKeywords],
 ) -> NonrigidMatch:
     """Match two deformable shapes: one target vertex for each source vertex.
 

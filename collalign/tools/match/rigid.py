@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from collalign.options import TwoShapeOptions
+from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.matching_input import dense_points, pair_problem
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
@@ -116,7 +116,7 @@ def match_rigid(
     source: ShapeLike,
     *,
     options: TwoShapeOptions | Mapping[str, Any] | None = None,
-    **keywords: Any,
+    **keywords: Unpack[TwoShapeKeywords],
 ) -> RigidMatch:
     """Match two shapes rigidly, up to scale: the best pose of the source on the target, and its alternatives.
 

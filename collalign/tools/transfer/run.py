@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -17,7 +17,12 @@ from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.fusion import fuse, template_distance
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
-from collalign.landmarks.templates import SemilandmarkRequest, read_templates, with_semilandmarks
+from collalign.landmarks.templates import (
+    SemilandmarkKeywords,
+    SemilandmarkRequest,
+    read_templates,
+    with_semilandmarks,
+)
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.products.trust import DOUBT
@@ -60,7 +65,7 @@ def transfer_landmarks(
     semilandmarks: SemilandmarkRequest | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
-    **keywords: Any,
+    **keywords: Unpack[SemilandmarkKeywords],
 ) -> TransferredLandmarks:
     """Carry landmarks from the specimens that have them to all others.
 
