@@ -29,6 +29,7 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import read_folder
 from data_tools.io.output_folder import OutputFolder, output_path
+from data_tools.landmarks.landmark_tables import READABLE
 
 #: Pages that are shown, by the command that writes them.
 _PAGES = {"align": REPORT_FILE, "variation": "variation/variation.html", "transfer": "landmarks/landmarks.html"}
@@ -172,9 +173,7 @@ class Desk:
             file for file in files[1:] if not {*read_templates([file], collection.names)} & corrected
         ]
         if not chosen:
-            raise InputError(
-                "give landmarks of a specimen first (.mrk.json, .fcsv, .csv, .tps), called like its file"
-            )
+            raise InputError(f"give landmarks of a specimen first ({READABLE}), called like its file")
         return [str(file) for file in chosen]
 
 

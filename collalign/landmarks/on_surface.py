@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias, TypeVar
@@ -10,7 +10,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem, declared_system
 from data_tools.io.shapes import read_shape
@@ -24,6 +24,8 @@ from data_tools.surface.shape import Shape
 #: most .004 on 14 mouse skulls, 0 on 45 shapes of SHREC07, on which both numbers were chosen), and single ones than
 #: FAR (.04). The same taken as RAS instead of LPS have .025 and more.
 SURE, FAR = 0.02, 0.1
+#: A landmark that is farther from the surface, in the same unit, is none: a code for a missing one, or a slip.
+BEYOND = 1.0
 #: A remedy is named where it brings landmarks so many times nearer; it counts below FAR only for so many landmarks.
 _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
@@ -79,7 +81,9 @@ def place_templates(
     landmarks : dict of str to Landmarks
         By template, in the coordinates of its file.
     notes : tuple of str
-        How coordinate systems were brought together, and which landmarks are off their surface.
+        How coordinate systems were brought together, which landmarks are off their surface, and which ones were taken
+        as missing: those farther than one root mean square radius from it, and those off it whose coordinates are one
+        number, which is a code (-999, 9999, -1, 0).
     system : {"LPS", "RAS"}
         What the landmarks say of the coordinates of shapes whose files declare none.
 
@@ -93,12 +97,22 @@ def place_templates(
         surface = _Surface(read_shape(files[name], CleaningOptions(largest_component=False), name=name))
         declared = declared_system(files[name])
         system = declared or _system_on(marks, surface)
-        placed[name] = _in_system(marks, system)
+        placed[name], codes = _without(name, _in_system(marks, system), surface, _is_code)
         systems |= {system} if system and not declared else set()
         notes += _conversions(name, marks, system, "is declared" if declared else "is taken as")
+        notes += [f"{name}: taken as missing, three times one number that is not on its surface: {codes}"] * bool(
+            codes
+        )
         if len(points := _known(one.points for one in _sets(placed[name]))):
             notes += _check(name, points, surface, meshes)
+            placed[name], stray = _without(name, placed[name], surface, _is_beyond)
+            notes += [f"{name}: taken as missing, farther from its surface than its radius: {stray}"] * bool(stray)
             notes += _off_surface(name, placed[name], surface)
+        elif codes:
+            raise InputError(
+                f"{name}: none of its landmarks lies on its surface; each is three times one number, as a code for "
+                "what is missing. Give a specimen whose landmarks are placed"
+            )
     return placed, tuple(notes), "RAS" if systems == {"RAS"} else "LPS"
 
 
@@ -114,10 +128,60 @@ def _conversions(name: str, marks: Landmarks, system: CoordinateSystem | None, t
 def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:
     """Return the system in which landmarks that declare one lie on a surface that declares none."""
     declared = _known(one.points for one in _sets(_in_system(marks, "LPS")) if one.system)
+    declared = declared[~_one_number(declared)]
     if not len(declared):
         return None
     off = surface.median(declared)
     return "RAS" if off > SURE and surface.median(declared * LPS_RAS) < off / 2 else "LPS"
+
+
+def _without(
+    name: str, marks: Landmarks, surface: _Surface, wrong: Callable[[FloatArray, _Surface], BoolArray]
+) -> tuple[Landmarks, str]:
+    """Return landmarks and semilandmarks without those that are wrong, and the names of these as a list.
+
+    Raises
+    ------
+    InputError
+        If too few points of a curve are left.
+    """
+    names, kept = list[str](), list[Semilandmarks]()
+    lost = _found_wrong(marks.points, surface, wrong)
+    names += [marks.labels[at] for at in np.flatnonzero(lost)]
+    for one in marks.semilandmarks:
+        gone = _found_wrong(one.points, surface, wrong)
+        names += [f"{one.name}-{at + 1}" for at in np.flatnonzero(gone)]
+        points = np.where(gone[:, None], np.nan, one.points) if one.kind == "patch" else one.points[~gone]
+        if len(points) < (3 if one.kind == "closed curve" else 2):
+            raise InputError(f"{name}: the curve {one.name!r} has {len(points)} points near the surface, too few")
+        kept.append(replace(one, points=read_only(points)))
+    points = read_only(np.where(lost[:, None], np.nan, marks.points))
+    return replace(marks, points=points, semilandmarks=tuple(kept)), listed(names)
+
+
+def _found_wrong(
+    points: FloatArray, surface: _Surface, wrong: Callable[[FloatArray, _Surface], BoolArray]
+) -> BoolArray:
+    """Return which of the points that are known are wrong, shape (q,)."""
+    known = np.isfinite(points).all(axis=1)
+    found = np.zeros(len(points), dtype=bool)
+    if known.any():
+        found[known] = wrong(points[known], surface)
+    return found
+
+
+def _is_code(points: FloatArray, surface: _Surface) -> BoolArray:
+    """Return which points are a code for what is missing: three times one number, away from the surface."""
+    return np.asarray(_one_number(points) & (surface.distances(points) > SURE))
+
+
+def _is_beyond(points: FloatArray, surface: _Surface) -> BoolArray:
+    return np.asarray(surface.distances(points) > BEYOND)
+
+
+def _one_number(points: FloatArray) -> BoolArray:
+    """Return which points have three times the same coordinate, but for the signs, which another system changes."""
+    return np.asarray((np.abs(points) == np.abs(points[:, :1])).all(axis=1))
 
 
 def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> list[str]:

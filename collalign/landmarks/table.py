@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collalign.landmarks.curves import counting_like, evenly_spaced
+from collalign.landmarks.labels import called_like
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
+from data_tools.percent import listed
 from data_tools.poses import moved_by
 
 
@@ -26,11 +28,14 @@ class LandmarkTable:
         By template, in the coordinates of its file; NaN where it has none.
     semilandmarks : tuple of SemilandmarkRows
         Which of them are on curves and patches.
+    notes : tuple of str
+        Whose landmarks are called otherwise than the first template's, and how they were matched.
     """
 
     labels: tuple[str, ...]
     points: Mapping[str, FloatArray]
     semilandmarks: tuple[SemilandmarkRows, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def landmark_rows(self) -> list[int]:
@@ -44,7 +49,9 @@ def landmark_table(
 ) -> LandmarkTable:
     """Bring the landmarks of all templates into one order.
 
-    Curves are spaced evenly and counted as the first template's that has them, whichever way they were drawn.
+    Landmarks and curves that are called as the first template's but for a prefix or a shift of their numbers are
+    the same ones. Curves are spaced evenly and counted as the first template's that has them, whichever way they were
+    drawn.
 
     Parameters
     ----------
@@ -62,10 +69,15 @@ def landmark_table(
     """
     if not given:
         raise InputError("landmarks: no landmark file is given")
-    builder = _Builder(transforms, curve_points)
-    for name, marks in given.items():
-        builder.add(name, marks)
-    return builder.table()
+    builder, notes = _Builder(transforms, curve_points), list[str]()
+    (first, like), *others = given.items()
+    builder.add(first, like)
+    for name, marks in others:
+        renamed, how = called_like(marks, like)
+        if how:
+            notes.append(f"{name}: its landmarks are called otherwise than those of {first}; {how}")
+        builder.add(name, renamed)
+    return replace(builder.table(), notes=tuple(notes))
 
 
 class _Builder:
@@ -89,7 +101,11 @@ class _Builder:
             own[label] = point
         first = next(iter(self._columns), None)
         if first is not None and not set(own) & set(self._columns[first]):
-            raise InputError(f"{name}: none of its landmarks is called as any of {first}")
+            here, there = (listed([*map(repr, one)]) for one in (own, self._columns[first]))
+            raise InputError(
+                f"{name}: none of its landmarks ({here}) is called as any of {first} ({there}); give the same "
+                "landmarks the same labels in both files"
+            )
         self._columns[name] = own
 
     def table(self) -> LandmarkTable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import Literal, TypedDict
 
 import numpy as np
 
-from data_tools.checks import check_count
+from data_tools.checks import check_count, composed, meant
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, read_semilandmarks, specimen_of
 from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.percent import listed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +60,10 @@ class SemilandmarkKeywords(TypedDict, total=False):
 
 
 _LOG = logging.getLogger(__name__)
+#: What programs and people add to the name of a specimen for the file of its landmarks.
+_WORDS = re.compile(
+    r"(?i)[-_ .]+((lms?|lmks?|landmarks?|fiducials?|markups?|points?|pts|coords?|coordinates?)[-_ .]*\d*[-_ .]*)+"
+)
 
 
 def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[str, Landmarks]:
@@ -66,10 +72,12 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
     Parameters
     ----------
     paths : sequence of path
-        A file belongs to the shape that it is called like; one of several specimens (TPS, NTS, morphologika) to those
-        that it names, by name or by file; ``SHAPE=FILE`` to that shape.
+        A file belongs to the shape that it is called like, perhaps with a word for landmarks after the name
+        (``A_LM1.mrk.json``); one of several specimens (TPS, NTS, morphologika, a table) to those that it names, by
+        name or by file; ``SHAPE=FILE`` to that shape.
     names : sequence of str
-        Of all shapes; other specimens of a file of several are left aside with a warning.
+        Of all shapes; other specimens of a file of several, and those without any landmark, are left aside with a
+        warning.
 
     Raises
     ------
@@ -82,17 +90,21 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
         found = read_specimens(path)
         if shape is not None and len(found) > 1:
             raise InputError(f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone")
-        if shape is not None:
-            found = dict(zip([shape], found.values(), strict=True))
-        elif len(found) > 1:
+        if len(found) > 1:
             known = {Path(name).stem: name for name in found} | {name: name for name in found}
             found = {name: found[known[name]] for name in names if name in known}
             if not found:
                 raise InputError(f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection")
             if others := {*known.values()} - {known[name] for name in found}:
                 _LOG.warning("%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others)))
-        elif not {*found} & {*names}:
-            found = dict(zip([specimen_of(path)], found.values(), strict=True))
+        elif shape is not None or not {*found} & {*names}:
+            found = dict(zip([specimen_among(given, names)], found.values(), strict=True))
+        bare = [name for name, marks in found.items() if not marks.semilandmarks and np.isnan(marks.points).all()]
+        if len(bare) == len(found):
+            raise InputError(f"{path}: all its landmarks are missing; give a specimen that has some")
+        if bare:
+            _LOG.warning("%s: left aside, all their landmarks are missing: %s", path, ", ".join(bare))
+        found = {name: marks for name, marks in found.items() if name not in bare}
         if twice := sorted(found.keys() & read.keys()):
             raise InputError(f"{path}: a second landmark file of the specimen {twice[0]!r}")
         read |= found
@@ -102,11 +114,41 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
 def shape_of(given: str | Path) -> tuple[str | None, Path]:
     """Return the shape that ``SHAPE=FILE`` names, None where only a file is given, and the file."""
     shape, sign, file = str(given).partition("=")
-    return (shape, Path(file)) if sign and not Path(given).exists() else (None, Path(given))
+    return (composed(shape), Path(file)) if sign and not Path(given).exists() else (None, Path(given))
 
 
-def with_semilandmarks(given: Mapping[str, Landmarks], wanted: SemilandmarkRequest) -> dict[str, Landmarks]:
-    """Return landmarks with the curves and patches of files of their own, of specimens without landmarks as well."""
+def specimen_among(given: str | Path, names: Sequence[str]) -> str:
+    """Return the shape that a landmark file, or ``SHAPE=FILE``, belongs to.
+
+    Raises
+    ------
+    InputError
+        If it is none of these shapes.
+    """
+    shape, path = shape_of(given)
+    name = specimen_of(path) if shape is None else shape
+    if name in names:
+        return name
+    begun = [one for one in names if name.startswith(one) and _WORDS.fullmatch(name, len(one))]
+    if shape is None and begun:
+        found = max(begun, key=len)
+        _LOG.warning("%s: taken as the landmarks of %s, by its name", path, found)
+        return found
+    advice = meant(name, names) or f"; the collection has {listed(names)}"
+    told = "" if shape else f". Call the file like its shape, or give it as SHAPE={path.name}"
+    raise InputError(f"{path}: no shape is called {name!r}{advice}{told}")
+
+
+def with_semilandmarks(
+    given: Mapping[str, Landmarks], wanted: SemilandmarkRequest, names: Sequence[str]
+) -> dict[str, Landmarks]:
+    """Return landmarks with the curves and patches of files of their own, of specimens without landmarks as well.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or belongs to none of the shapes, which are called ``names``.
+    """
     found = dict(given)
     kinds: list[tuple[Literal["curve", "patch"], Sequence[str | Path]]] = [
         ("curve", wanted.curves),
@@ -114,9 +156,8 @@ def with_semilandmarks(given: Mapping[str, Landmarks], wanted: SemilandmarkReque
     ]
     for kind, paths in kinds:
         for path in paths:
-            shape, path = shape_of(path)
-            name = shape or specimen_of(path)
+            name = specimen_among(path, names)
             marks = found.get(name, Landmarks(labels=(), points=np.empty((0, 3))))
-            more = (*marks.semilandmarks, read_semilandmarks(path, kind))
+            more = (*marks.semilandmarks, read_semilandmarks(shape_of(path)[1], kind))
             found[name] = replace(marks, semilandmarks=more)
     return found

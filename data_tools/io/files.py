@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import hashlib
 import os
@@ -11,11 +12,12 @@ import shutil
 import stat
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
+from data_tools.checks import composed
 from data_tools.errors import InputError, UnavailableError, printable
 
 #: Longer texts and rows of stores are refused before they are read, in bytes: manifests, summaries, records are far
@@ -140,6 +142,31 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
     with open_regular(path, MAX_TEXT_BYTES) as stream:
         content = stream.read()
     return content.decode(encoding)
+
+
+def read_any_text(path: Path) -> str:
+    """Return a text that any program wrote, in composed Unicode (NFC), in which names are compared.
+
+    It is UTF-16 where a mark or its zero bytes say so, else UTF-8, else Windows-1252 or Latin-1, which spreadsheets
+    write.
+
+    Raises
+    ------
+    InputError
+        As :func:`open_regular`.
+    """
+    with open_regular(path, MAX_TEXT_BYTES) as stream:
+        content = stream.read()
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ["utf-16"]
+    elif b"\0" in content[:2]:  # the first character of a table is one of ASCII
+        encodings = ["utf-16-be" if content[:1] == b"\0" else "utf-16-le"]
+    else:
+        encodings = ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        with suppress(UnicodeDecodeError):
+            return composed(content.decode(encoding))
+    return composed(content.decode("latin-1"))
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

@@ -1,12 +1,11 @@
-"""Landmarks: 3D Slicer files and CSV."""
+"""Landmarks of one shape: files of 3D Slicer, tables, and files of Landmark Editor."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -14,9 +13,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
+from data_tools.checks import composed
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
-from data_tools.io.files import existing_file
+from data_tools.io.files import existing_file, read_any_text
+from data_tools.landmarks.point_tables import read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
 SemilandmarkKind = Literal["open curve", "closed curve", "patch"]
@@ -75,20 +76,22 @@ class Landmarks:
 def read_landmarks(path: Path | str) -> Landmarks:
     """Read a landmark file by its suffix.
 
-    ``.mrk.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file declares; markups
-    of the type Curve or ClosedCurve become curves, which are called as their points are, without the number),
-    ``.csv`` (label, x, y, z or x, y, z; a header is allowed).
+    ``.mrk.json``, ``.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file
+    declares; markups of the type Curve or ClosedCurve become curves, which are called as their points are, without
+    the number), ``.csv`` (see :func:`data_tools.landmarks.point_tables.read_point_table`), ``.pts`` (Landmark Editor
+    and others: a row for each landmark, its name and x, y, z, below a version and a number of rows). Positions that
+    are undefined, empty or no numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
 
     Raises
     ------
     InputError
-        If the file is missing, of another kind, or a value is no number; undefined positions become NaN.
+        If the file is missing, of another kind, or holds no landmark, or a value is no number.
     """
     path = existing_file(Path(path))
     name = path.name.lower()
-    reader = next((r for suffix, r in _READERS.items() if name.endswith(suffix)), None)
+    reader = next((r for suffix, r in READERS.items() if name.endswith(suffix)), None)
     if reader is None:
-        raise InputError(f"{path}: unknown landmark format; readable are {', '.join(_READERS)}")
+        raise InputError(f"{path}: unknown format of a list of points; readable are {', '.join(READERS)}")
     try:
         landmarks = reader(path)
     except CollalignError:
@@ -131,24 +134,26 @@ def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Sem
 
 def specimen_of(path: Path | str) -> str:
     """Return the name of the specimen that a landmark file belongs to: the file's name without its suffix."""
-    name = Path(path).name
-    suffix = next((suffix for suffix in _READERS if name.lower().endswith(suffix)), Path(path).suffix)
+    name = composed(Path(path).name)
+    suffix = next((suffix for suffix in READERS if name.lower().endswith(suffix)), Path(path).suffix)
     return name[: len(name) - len(suffix)]
 
 
 def _read_slicer_json(path: Path) -> Landmarks:
-    content: Any = json.loads(_text(path))
+    content: Any = json.loads(read_any_text(path))
+    if not isinstance(content, dict) or "markups" not in content:
+        raise InputError(f"{path}: holds no markups of 3D Slicer; landmarks in other JSON files are not read")
     points: list[list[float]] = []
     labels: list[str] = []
     curves: list[Semilandmarks] = []
     systems: set[CoordinateSystem | None] = set()
     for number, markup in enumerate(content["markups"], start=1):
         controls = markup.get("controlPoints", [])
-        system = _system(path, markup.get("coordinateSystem"))
-        own = [str(control.get("label", index)) for index, control in enumerate(controls)]
+        system = landmark_system(path, markup.get("coordinateSystem"))
+        own = [composed(str(control.get("label") or index)) for index, control in enumerate(controls)]
         defined = [control.get("positionStatus", "defined") == "defined" for control in controls]
         places = [
-            [float(x) for x in control["position"]] if there else [math.nan] * 3
+            [math.nan if x is None else float(x) for x in control["position"]] if there else [math.nan] * 3
             for control, there in zip(controls, defined, strict=True)
         ]
         if markup.get("type") in _CURVES:
@@ -166,8 +171,14 @@ def _read_slicer_json(path: Path) -> Landmarks:
     return replace(found, system=systems.pop() if systems else None)
 
 
-def _system(path: Path, declared: object) -> CoordinateSystem | None:
-    """Return a declared coordinate system; older files of 3D Slicer number them."""
+def landmark_system(path: Path, declared: object) -> CoordinateSystem | None:
+    """Return a declared coordinate system; older files of 3D Slicer number them.
+
+    Raises
+    ------
+    InputError
+        If it is another one.
+    """
     if declared in (None, ""):
         return None
     systems: dict[str, CoordinateSystem] = {"LPS": "LPS", "1": "LPS", "RAS": "RAS", "0": "RAS"}
@@ -189,21 +200,27 @@ def _curve(
 
 
 def _read_fcsv(path: Path) -> Landmarks:
-    text = _text(path)
-    rows = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
-    declared = re.search(r"^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,\s]*)", text, flags=re.MULTILINE)
-    labels = [row[11] if len(row) > 11 else str(index) for index, row in enumerate(rows)]
-    found = _landmarks(path, labels, [[float(word) for word in row[1:4]] for row in rows])
-    return replace(found, system=_system(path, declared[1] if declared else None))
+    return _of_table(path, read_any_text(path), _FCSV_COLUMNS)
 
 
 def _read_csv(path: Path) -> Landmarks:
-    rows = [row for row in csv.reader(_text(path).splitlines()) if row and not row[0].startswith("#")]
-    if rows and not _is_number(rows[0][-1]):
-        rows = rows[1:]
-    labels = [row[0] if len(row) > 3 else str(index) for index, row in enumerate(rows)]
-    points = [[float(word) if word.strip() else math.nan for word in row[-3:]] for row in rows]
-    return _landmarks(path, labels, points)
+    return _of_table(path, read_any_text(path))
+
+
+def _read_pts(path: Path) -> Landmarks:
+    """Read rows of landmarks below lines that say a version and how many there are; braces around them count not."""
+    lines = [line.strip() for line in read_any_text(path).splitlines() if line.strip(" \t{}")]
+    lines = [line for line in lines if not line.lower().startswith("version")]
+    said = re.fullmatch(r"(?i)(?:n_points\s*:\s*)?(\d+)", lines[0]) if lines else None
+    found = _of_table(path, "\n".join(lines[1:] if said else lines))
+    if said and int(said[1]) != len(found.labels):
+        raise InputError(f"{path}: announces {said[1]} landmarks and holds {len(found.labels)}; is it truncated?")
+    return found
+
+
+def _of_table(path: Path, text: str, columns: Sequence[str] = ()) -> Landmarks:
+    found = read_point_table(text, str(path), columns=columns)
+    return Landmarks(labels=found.labels, points=found.points, system=landmark_system(path, found.system))
 
 
 def _landmarks(path: Path, labels: list[str], points: list[list[float]]) -> Landmarks:
@@ -213,22 +230,18 @@ def _landmarks(path: Path, labels: list[str], points: list[list[float]]) -> Land
     return Landmarks(labels=tuple(labels), points=read_only(np.array(points, dtype=np.float64).reshape(-1, 3)))
 
 
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8-sig", errors="replace")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return not word.strip()
-    return True
-
-
 #: Types of markups whose points are a curve.
 _CURVES = ("Curve", "ClosedCurve")
-_READERS: dict[str, Callable[[Path], Landmarks]] = {
+#: Of a fiducial file; older ones have fewer, or say which they have.
+_FCSV_COLUMNS = (
+    "id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatedNodeID",
+    "positionStatus",
+)  # fmt: skip
+#: Reader of each suffix.
+READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".mrk.json": _read_slicer_json,
+    ".json": _read_slicer_json,
     ".fcsv": _read_fcsv,
     ".csv": _read_csv,
+    ".pts": _read_pts,
 }

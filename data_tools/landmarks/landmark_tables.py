@@ -1,23 +1,26 @@
-"""Landmark files of several specimens: TPS (Rohlf), NTS (NTSYSpc, Landmark Editor's DTA) and morphologika."""
+"""Landmark files of several specimens: TPS (Rohlf), NTS (NTSYSpc, Landmark Editor's DTA), morphologika, tables."""
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
-from data_tools.io.csv_cells import plain_cell
-from data_tools.io.files import existing_file, read_text
-from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks, read_landmarks, specimen_of
-
-_HEADING = "name,landmark,x,y,z\n"
+from data_tools.io.files import existing_file, read_any_text
+from data_tools.landmarks.landmark_files import READERS as OF_ONE_SHAPE
+from data_tools.landmarks.landmark_files import (
+    Landmarks,
+    Semilandmarks,
+    landmark_system,
+    read_landmarks,
+    specimen_of,
+)
+from data_tools.landmarks.point_tables import number, read_point_table
 
 
 def read_specimens(path: Path | str) -> dict[str, Landmarks]:
@@ -25,9 +28,10 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
 
     ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
     ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
-    ``.csv`` with the heading ``name,landmark,x,y,z``: a row for each landmark, as the page of a transfer writes it.
-    Missing landmarks (NaN, NA, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
-    :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
+    ``.csv`` with columns of specimens and landmarks beside x, y and z: a row for each landmark, as the page of a
+    transfer writes it. Missing landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed
+    specimen, and what else :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen
+    called like the file.
 
     Raises
     ------
@@ -36,12 +40,12 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     """
     path = existing_file(Path(path))
     reader = _READERS.get(path.suffix.lower())
-    if reader is None and path.suffix.lower() == ".csv" and read_text(path, "utf-8-sig").startswith(_HEADING):
-        reader = _read_table
+    if reader is None and not path.name.lower().endswith(tuple(OF_ONE_SHAPE)):
+        raise InputError(f"{path}: unknown format of landmarks; readable are {READABLE}")
     if reader is None:
         return {specimen_of(path): read_landmarks(path)}
     try:
-        found = reader(path, read_text(path, "utf-8-sig"))
+        found = reader(path, read_any_text(path))
     except CollalignError:
         raise
     except (ValueError, KeyError, IndexError, AttributeError) as error:
@@ -58,11 +62,18 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
 
 
 def _read_table(path: Path, text: str) -> list[tuple[str, Landmarks]]:
-    found: dict[str, dict[str, list[float]]] = {}
-    for name, label, *place in (map(plain_cell, row) for row in list(csv.reader(text.splitlines()))[1:] if row):
-        found.setdefault(name, {})[label] = [float(word or "nan") for word in place]
-    every = {name: _points([*map(str, chain(*marks.values()))], len(marks)) for name, marks in found.items()}
-    return [(name, replace(_landmarks(every[name]), labels=tuple(marks))) for name, marks in found.items()]
+    """Read a table of one specimen, or of several where a column says whose landmark each is."""
+    every = read_point_table(text, str(path))
+    if not every.specimens:
+        return [("", read_landmarks(path))]
+    system = landmark_system(path, every.system)
+    names = list(dict.fromkeys(every.specimens))
+    rows = {name: [at for at, of in enumerate(every.specimens) if of == name] for name in names}
+    labels = {name: tuple(every.labels[at] for at in own) for name, own in rows.items()}
+    return [
+        (name, Landmarks(labels=labels[name], points=read_only(every.points[own]), system=system))
+        for name, own in rows.items()
+    ]
 
 
 def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:
@@ -79,7 +90,7 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
             sets.append(_points(" ".join(lines[at + 1 : at + 1 + int(value)]).split(), int(value)))
         elif sign:
             said[key.upper()] = value
-    points, *curves = (float(said.get("SCALE", 1.0)) * one for one in sets)
+    points, *curves = (float(said.get("SCALE") or 1.0) * one for one in sets)
     image = Path(said.get("IMAGE", "").replace("\\", "/")).name
     marks = _landmarks(points)
     along = [
@@ -127,7 +138,7 @@ def _specimens(words: list[str], num: int, size: int) -> FloatArray:
 
 def _points(words: list[str], num: int) -> FloatArray:
     """Return so many points, shape (num, 3), of exactly as many words."""
-    return np.array([float("nan" if word.upper() == "NA" else word) for word in words]).reshape(num, 3)
+    return np.array([number(word) for word in words]).reshape(num, 3)
 
 
 def _landmarks(points: FloatArray) -> Landmarks:
@@ -142,4 +153,7 @@ _READERS: dict[str, Callable[[Path, str], list[tuple[str, Landmarks]]]] = {
     ".dta": _read_nts,
     ".morphologika": _read_morphologika,
     ".txt": _read_morphologika,
+    ".csv": _read_table,
 }
+#: All suffixes of landmark files, as messages name them.
+READABLE = ", ".join(dict.fromkeys((*OF_ONE_SHAPE, *_READERS)))

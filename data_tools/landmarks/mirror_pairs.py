@@ -10,7 +10,7 @@ import numpy as np
 
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError
-from data_tools.io.files import existing_file
+from data_tools.io.files import existing_file, read_any_text
 
 
 def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -56,4 +56,4 @@ def landmark_partners(labels: Sequence[str], pairs: Iterable[tuple[str, str]]) -
 
 
 def _lines(path: Path | str) -> list[str]:
-    return existing_file(Path(path)).read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    return read_any_text(existing_file(Path(path))).splitlines()

@@ -23,6 +23,7 @@ from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, st
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid
+from data_tools.checks import composed
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
@@ -149,16 +150,17 @@ def _write_rigid(
 
 def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
-    if bending.landmarks and target.stem == source.stem:
+    if bending.landmarks and composed(target.stem) == composed(source.stem):
         raise InputError(f"both shapes are called {target.stem}: landmarks do not say which they are of; rename one")
     with (
         OutputFolder.open(out, writer=f"{WRITER} --nonrigid") as output,
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
-        shapes = read_shape(target, AS_STORED), read_shape(source, AS_STORED)
+        left, right = (read_shape(file, AS_STORED, name=composed(file.stem)) for file in (target, source))
+        shapes = left, right
         files = {shape.name: file for shape, file in zip(shapes, (target, source), strict=True)}
-        placed = placed_landmarks(files, shapes, bending.landmarks)
+        placed, notes = placed_landmarks(files, shapes, bending.landmarks)
         to = prepare_surface(shapes[0], bending.surface)
         bar.advance()
         of = prepare_surface(shapes[1], bending.surface)
@@ -169,8 +171,8 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
         written = output.publish(complete=True)
         bar.advance()
     say(result.summary)
-    for note in result.notes:
+    for note in (*result.notes, *notes):
         say(f"Note: {note}")
-    tell(confidence=result.confidence, orientation=result.orientation, notes=result.notes)
+    tell(confidence=result.confidence, orientation=result.orientation, notes=(*result.notes, *notes))
     say_files(written)
     return 0

@@ -13,7 +13,6 @@ from collalign.output.vertex_maps import at_vertices
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import FloatArray
-from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
@@ -55,8 +54,8 @@ def stage_match(
 
 def placed_landmarks(
     files: Mapping[str, Path], shapes: Sequence[Shape], landmarks: Sequence[Path]
-) -> dict[str, Landmarks]:
-    """Return the landmarks that some files hold of two shapes, in the coordinates of these, by shape.
+) -> tuple[dict[str, Landmarks], tuple[str, ...]]:
+    """Return the landmarks that some files hold of two shapes, by shape and in its coordinates, and notes on them.
 
     Raises
     ------
@@ -64,11 +63,9 @@ def placed_landmarks(
         If a file belongs to neither shape, or its landmarks do not lie on that.
     """
     given = read_templates(landmarks, [shape.name for shape in shapes])
-    strangers = sorted(set(given) - set(files))
-    if strangers:
-        raise InputError(f"landmarks of {strangers[0]}: the shapes are called {' and '.join(files)}")
     meshes = [(shape.name, shape.vertices, shape.faces) for shape in shapes]
-    return place_templates(given, {name: files[name] for name in given}, meshes)[0]
+    placed, notes, _ = place_templates(given, {name: files[name] for name in given}, meshes)
+    return placed, notes
 
 
 def carried_rows(

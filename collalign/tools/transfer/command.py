@@ -14,7 +14,7 @@ from collalign.cli.help import Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
-from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of
+from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, left_out_sentence
 from collalign.tools.export.run import export as write_export
@@ -24,7 +24,7 @@ from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from data_tools.errors import InputError
 from data_tools.io.source import refuse_overlap
-from data_tools.landmarks.landmark_files import specimen_of
+from data_tools.landmarks.landmark_tables import READABLE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,16 @@ class Written:
 def transfer(
     result: Path,
     *,
-    landmarks: Annotated[tuple[Path, ...], Parameter(consume_multiple=True, negative=())] = (),
+    landmarks: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            consume_multiple=True,
+            negative=(),
+            help=f"Landmark files ({READABLE}), each called like the shape it belongs to, or SHAPE=FILE; or those of "
+            "several specimens, by their names (TPS, NTS, morphologika, templates.csv of landmarks.html). Curves "
+            "become semilandmarks.",
+        ),
+    ] = (),
     written: Annotated[Written, Parameter(name="*")],
     semilandmarks: Annotated[
         SemilandmarkRequest, Parameter(name="*", consume_multiple=True, negative=())
@@ -67,16 +76,12 @@ def transfer(
     ----------
     result
         Folder that ``collalign align`` wrote.
-    landmarks
-        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, or SHAPE=FILE; or those of
-        several specimens, by their names (.tps, .nts, morphologika's .txt, templates.csv of landmarks.html). Curves
-        become semilandmarks.
     """
     collection = load(result)
     beside = (*semilandmarks.curves, *semilandmarks.patches)
     refuse_overlap(written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))})
     given = read_templates(landmarks, collection.names)
-    if written.leave_one_out and len({*given, *map(specimen_of, beside)}) < 2:
+    if written.leave_one_out and len({*given, *(specimen_among(one, collection.names) for one in beside)}) < 2:
         raise InputError(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )

@@ -42,7 +42,7 @@ from collalign.tools.transfer.result import (
     TransferredLandmarks,
 )
 from data_tools.arrays import BoolArray, FloatArray, read_only
-from data_tools.checks import as_options
+from data_tools.checks import as_options, composed
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
@@ -74,8 +74,9 @@ def transfer_landmarks(
     result : path
         Folder that ``collalign align`` wrote.
     landmarks : mapping of name to Landmarks, or sequence of path
-        In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv`` or ``A.csv``
-        belongs to the shape called A, or to B as ``"B=A.csv"``; TPS, NTS and morphologika name their specimens.
+        In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv``, ``A.csv``
+        or ``A.pts`` belongs to the shape called A, or to B as ``"B=A.csv"``; TPS, NTS and morphologika name their
+        specimens.
         Markups of the type Curve and ClosedCurve are curves of semilandmarks.
     semilandmarks : SemilandmarkRequest or mapping, optional
     run : RunOptions, optional
@@ -111,7 +112,7 @@ def transfer_landmarks(
     collection = load(result)
     wanted = as_options("semilandmarks", semilandmarks, SemilandmarkRequest, keywords)
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
-    given = with_semilandmarks(given, wanted)
+    given = {composed(name): marks for name, marks in with_semilandmarks(given, wanted, collection.names).items()}
     rows = {name: collection.index(name) for name in given}
     meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
     placed, notes, system = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
@@ -119,7 +120,7 @@ def transfer_landmarks(
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(result, run=run, progress=progress)
     found = _Transfer(collection, dense, table).run(wanted.surface_points)
-    return replace(found, notes=notes, system=system)
+    return replace(found, notes=(*notes, *table.notes), system=system)
 
 
 class _Transfer:

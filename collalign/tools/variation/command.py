@@ -17,6 +17,7 @@ from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from data_tools.errors import InputError
+from data_tools.landmarks.landmark_tables import READABLE
 
 
 def variation(
@@ -24,7 +25,14 @@ def variation(
     *,
     to: Path | None = None,
     labels: Path | None = None,
-    landmarks: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    landmarks: Annotated[
+        list[Path] | None,
+        Parameter(
+            consume_multiple=True,
+            help=f"Landmark files ({READABLE}), each called like the shape it belongs to, to be numbered on the "
+            "mean.",
+        ),
+    ] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
     exclude: Excluded = (),
@@ -42,8 +50,6 @@ def variation(
         in the result.
     labels
         CSV file with one row per shape; every column is one way to group.
-    landmarks
-        Landmark files (.mrk.json, .fcsv, .csv), each called like the shape it belongs to, to be numbered on the mean.
     symmetry
         For bilateral shapes: symmetric and asymmetric components and their Procrustes ANOVA. Either ``auto``, or a
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.

@@ -25,6 +25,7 @@ from collalign.tools.variation.mirror import mirror_map
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
+from data_tools.checks import composed
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import Landmarks
@@ -146,7 +147,8 @@ def _marked(
     """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
     if not landmarks:
         return ((), np.empty((0, 3))), ()
-    given = landmarks if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
+    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
+    given = {composed(name): marks for name, marks in given.items()}
     transforms = {name: collection.transforms[collection.index(name)] for name in given}
     files = {name: collection.file(collection.index(name)) for name in given}
     surfaces = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
@@ -154,7 +156,8 @@ def _marked(
     table = landmark_table(placed, transforms)
     alone = table.landmark_rows
     posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}
-    return (tuple(table.labels[row] for row in alone), _on_mean(dense, mean, posed)), notes
+    said = (*notes, *table.notes)
+    return (tuple(table.labels[row] for row in alone), _on_mean(dense, mean, posed)), said
 
 
 def _counterparts(

@@ -23,7 +23,7 @@ def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(tmp_path, ca
     assert "left aside, no shapes of the collection: stranger" in caplog.text
     curves = [f"left/e={tmp_path / 'c.csv'}"]
     (tmp_path / "c.csv").write_text("0,0,0\n1,0,0\n")
-    assert [*with_semilandmarks({}, SemilandmarkRequest(curves=tuple(curves)))] == ["left/e"]
+    assert [*with_semilandmarks({}, SemilandmarkRequest(curves=tuple(curves)), names)] == ["left/e"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,261 @@
+"""Tables of landmarks in text: a row for each, in the columns that a heading, or else the cells, tell."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.errors import InputError
+from data_tools.io.csv_cells import is_number, plain_cell
+
+#: What tables write where there is no landmark.
+_MISSING = re.compile(r"(?i)[+-]?(nan(\(\w*\))?|1\.#\w+|#?n/?a|#(num|value)!|null|none|missing|undefined|[-.?])?")
+#: Headings of the column that names a landmark, and of the one that names its specimen; the first of them counts.
+_LABEL = ("label", "landmark", "name", "point", "id", "no", "nr", "number", "index", "")
+_SPECIMEN = ("specimen", "shape", "file", "filename")
+#: Words and units around the letter of an axis.
+_WORDS = r"(?:pos(?:ition)?|points?|coords?|coordinates?|koordinate|landmark|axis|mm|cm|m|um|µm|in)"
+_AXIS = re.compile(rf"(?:{_WORDS}[ _.:-]*)*([xyz])(?:[ _.:-]*{_WORDS})*")
+#: Of 3D Slicer: a control point is placed where its table says "defined", and its file the state 2.
+_STATES, _DEFINED = ("defined", "positionstatus"), ("", "1", "2", "true", "defined")
+_SYSTEM = re.compile(r"(?im)^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,;\s]*)")
+_COLUMNS = re.compile(r"(?im)^#[ \t]*columns[ \t]*=[ \t]*(.*?)[,;\s]*$")
+
+
+class PointTable(NamedTuple):
+    """Landmarks as a table has them.
+
+    Attributes
+    ----------
+    labels : tuple of str, length l
+        Numbers from 0 where the table names none.
+    points : ndarray, shape (l, 3)
+        Rows of NaN where a landmark is missing. Read-only.
+    system : str or None
+        The coordinate system that a comment or the heading declares.
+    specimens : tuple of str, length l or 0
+        Whose landmark each is, where a column says so.
+    """
+
+    labels: tuple[str, ...]
+    points: FloatArray
+    system: str | None
+    specimens: tuple[str, ...]
+
+
+class _Columns(NamedTuple):
+    """Where in a row something is; None where it is nowhere."""
+
+    axes: tuple[int, int, int]
+    label: int | None
+    specimen: int | None = None
+    state: int | None = None
+    system: str | None = None
+
+
+def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> PointTable:
+    """Read a table of landmarks.
+
+    Columns are separated by semicolons, tabs, commas or blanks, in this order of preference, and found by the names
+    in a heading: ``x, y, z``, or ``r, a, s`` and ``l, p, s`` of 3D Slicer; ``label``, ``landmark`` or ``name``.
+    Without a heading they are three numbers, with a label before or after them. Decimals are marked by points, or by
+    commas where these separate no columns.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        The file, for messages.
+    columns : sequence of str, optional
+        Of a format whose tables have no heading.
+
+    Raises
+    ------
+    InputError
+        If it is not clear which columns hold what, or a row does not hold three numbers there.
+    """
+    lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.startswith("#")]
+    if not lines:
+        raise InputError(f"{name}: holds no landmarks")
+    try:
+        rows = [[plain_cell(cell.strip()) for cell in row] for row in _split(lines)]
+    except csv.Error as error:
+        raise InputError(f"{name}: cannot be read as a table ({error})") from None
+    commented = _COLUMNS.search(text)
+    heading: list[str] = re.split(r"\s*[,;\t]\s*", commented[1]) if commented else list(columns)
+    heading += columns[len(heading) :]
+    if _is_heading(rows[0]):
+        heading, rows = rows[0], rows[1:]
+        if not rows:
+            raise InputError(f"{name}: holds no landmarks, only a heading")
+        rows, heading = _as_wide_as_heading(heading, rows, name)
+    found = _by_heading(heading, name) if heading else _by_content(rows, name)
+    specimens = [_cell(row, found.specimen) for row in rows]
+    labels = [_cell(row, found.label) or str(at) for row, at in zip(rows, _numbers(specimens), strict=True)]
+    points = np.array([_place(row, found, label, name) for row, label in zip(rows, labels, strict=True)])
+    points[np.isnan(points).any(axis=1)] = np.nan
+    declared = _SYSTEM.search(text)
+    return PointTable(
+        labels=tuple(labels),
+        points=read_only(points.reshape(-1, 3)),
+        system=declared[1] if declared else found.system,
+        specimens=() if found.specimen is None else tuple(specimens),
+    )
+
+
+def number(cell: str) -> float:
+    """Return the number of a cell, with a decimal point or comma; NaN for what is written where there is none.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
+    if _MISSING.fullmatch(cell):
+        return float("nan")
+    word = cell if "." in cell else cell.replace(",", ".")
+    if not is_number(word):
+        raise ValueError(cell)
+    return float(word)
+
+
+def _split(lines: list[str]) -> list[list[str]]:
+    """Return the cells of every line."""
+    for sign in (";", "\t"):
+        if sum(sign in line for line in lines) * 2 > len(lines):
+            return [*csv.reader(lines, delimiter=sign, skipinitialspace=True)]
+    words = [[cell.strip('"') for cell in line.split()] for line in lines]
+    by_blanks = sum(sum(map(_is_number, row)) >= 3 for row in words) * 2 > len(words)
+    if by_blanks or not any("," in line for line in lines):
+        return words
+    return [*csv.reader(lines, skipinitialspace=True)]
+
+
+def _is_heading(row: list[str]) -> bool:
+    """Whether a first row names columns: three words at least and no number, or the numbers 0, 1, 2 of columns."""
+    if row[1:] in (["0", "1", "2"], ["1", "2", "3"]) and row[0].lower() in _LABEL:
+        return True
+    return sum(not _MISSING.fullmatch(cell) for cell in row) >= 3 and not any(map(_is_number, row))
+
+
+def _as_wide_as_heading(heading: list[str], rows: list[list[str]], name: str) -> tuple[list[list[str]], list[str]]:
+    """Return rows without empty cells beyond the heading, which gets a first cell where R wrote none."""
+    if all(len(row) == len(heading) + 1 and row[-1] for row in rows):
+        heading = ["", *heading]
+    for at, row in enumerate(rows):
+        if any(row[len(heading) :]):
+            raise InputError(
+                f"{name}: row {at + 1} has {len(row)} cells under {len(heading)} headings ({', '.join(heading)}). If "
+                "commas mark the decimals, save the table with semicolons between columns, or with decimal points"
+            )
+    return [row[: len(heading)] for row in rows], heading
+
+
+def _by_heading(heading: list[str], name: str) -> _Columns:
+    words = [re.sub(r"[(\[{].*?[)\]}]", "", cell.lower()).strip(" _#.:") for cell in heading]
+    if {"radius", "status"} <= {*words}:
+        raise InputError(
+            f"{name}: these landmarks were carried over, not placed by a person; give the files that they were "
+            "carried from, or templates.csv, which landmarks.html saves"
+        )
+    axes, system = _axes(words)
+    if axes is None and len(words) in (3, 4):
+        axes = tuple(range(len(words) - 3, len(words)))
+    if axes is None or len(axes) != 3:
+        raise InputError(
+            f"{name}: which columns hold the coordinates is not clear from its heading ({', '.join(heading)}); "
+            "call one each x, y and z"
+        )
+    others = {word: at for at, word in reversed([*enumerate(words)]) if at not in axes}
+    before = (at for at in range(min(axes)) if words[at] not in _SPECIMEN)
+    label = next((others[word] for word in _LABEL if word in others), next(before, None))
+    specimen = next((others[word] for word in _SPECIMEN if word in others and others[word] != label), None)
+    if specimen is None and "landmark" in others and label == others["landmark"]:
+        specimen = others.get("name")
+    state = next((others[word] for word in _STATES if word in others), None)
+    return _Columns((axes[0], axes[1], axes[2]), label, specimen, state, system)
+
+
+def _axes(words: list[str]) -> tuple[tuple[int, ...] | None, str | None]:
+    """Return the columns of the three axes, more than three where it is not clear, and the system they declare."""
+    letters = [found[1] if (found := _AXIS.fullmatch(word)) else word for word in words]
+    for axes, system in (("xyz", None), ("ras", "RAS"), ("lps", "LPS")):
+        if {*axes} <= {*letters}:
+            return tuple(at for axis in axes for at, letter in enumerate(letters) if letter == axis), system
+    return None, None
+
+
+def _by_content(rows: list[list[str]], name: str) -> _Columns:
+    """Find three columns of numbers, and one of labels, where no heading names them."""
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    odd = next((at for at, row in enumerate(rows) if len(row) != width), None)
+    if odd is not None:
+        raise InputError(f"{name}: row {odd + 1} has {len(rows[odd])} cells, most have {width}")
+    if width < 3:
+        raise InputError(f"{name}: landmark {rows[0][0]} has {width} coordinates, expected 3")
+    columns = [[row[at] for row in rows] for at in range(width)]
+    texts = [at for at, cells in enumerate(columns) if any(cells) and not all(map(_is_number_or_missing, cells))]
+    places = [at for at, cells in enumerate(columns) if any(cells) and at not in texts]
+    if len(places) == 4 and width == 4:
+        label = 3 if _counts(columns[3]) and not _counts(columns[0]) else 0
+        texts, places = [label], [at for at in places if at != label]
+    elif len(places) != 3 and width in (3, 4):  # a landmark that is missing on all rows, or what is no number
+        texts, places = [0] * (width == 4), [*range(width - 3, width)]
+    if len(places) != 3:
+        raise InputError(
+            f"{name}: has no heading, and {len(places)} columns of numbers; it is not clear which are x, y and z. "
+            "Add a heading"
+        )
+    return _Columns((places[0], places[1], places[2]), texts[0] if texts else None)
+
+
+def _place(row: list[str], columns: _Columns, label: str, name: str) -> list[float]:
+    """Return the coordinates of a row, NaN where the landmark is missing."""
+    if _cell(row, columns.state).lower() not in _DEFINED:
+        return [float("nan")] * 3
+    cells = [_cell(row, at) for at in columns.axes]
+    if len(row) <= max(columns.axes):
+        there = sum(at < len(row) for at in columns.axes)
+        raise InputError(f"{name}: landmark {label} has {there} coordinates, expected 3")
+    try:
+        return [number(cell) for cell in cells]
+    except ValueError as error:
+        raise InputError(f"{name}: {str(error)!r} of landmark {label} is no number") from None
+
+
+def _numbers(specimens: list[str]) -> list[int]:
+    """Return the number of each landmark among those of its specimen, from 0."""
+    seen = Counter[str]()
+    numbers = []
+    for specimen in specimens:
+        numbers.append(seen[specimen])
+        seen[specimen] += 1
+    return numbers
+
+
+def _cell(row: list[str], at: int | None) -> str:
+    return row[at] if at is not None and at < len(row) else ""
+
+
+def _is_number(cell: str) -> bool:
+    return bool(cell) and _is_number_or_missing(cell) and not _MISSING.fullmatch(cell)
+
+
+def _is_number_or_missing(cell: str) -> bool:
+    try:
+        number(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _counts(cells: list[str]) -> bool:
+    """Whether a column counts the rows."""
+    numbers = np.array([number(cell) for cell in cells])
+    return bool((np.diff(numbers) == 1).all())
