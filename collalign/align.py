@@ -32,7 +32,7 @@ from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import as_options, meant_option
+from data_tools.checks import as_options, composed, meant_option
 from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -147,6 +147,7 @@ def align_listing(
         What the caller knows beside.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
+    fixed = {composed(name): pose for name, pose in fixed.items()}
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_own_samples(session, given)

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, TypeAlias, TypedDict
 import numpy as np
 
 from collalign.engine.session import Session
-from data_tools.checks import check_count, check_kinds, check_number
+from data_tools.checks import check_count, check_kinds, check_number, composed
 from data_tools.errors import OptionsError
 from data_tools.options import (
     CleaningKeywords,
@@ -137,6 +137,8 @@ class AlignOptions:
         check_count("seed", self.seed, lower=0)
         if not isinstance(self.incomplete, str):
             raise OptionsError(f"incomplete: expected names separated by commas, got {self.incomplete!r}")
+        for name in ("incomplete", "reference"):
+            object.__setattr__(self, name, composed(getattr(self, name)))
         if self.gauge == "axes" and self.reference:
             raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
         if self.clusters != 1 and self.synchronization != "robust":

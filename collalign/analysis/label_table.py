@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
-from data_tools.io.files import read_text
+from data_tools.io.files import read_any_text
+from data_tools.io.listing import READERS
 from data_tools.percent import listed
 
 #: Values that mean "not known", compared without regard to case.
@@ -44,6 +46,7 @@ class Labels:
         InputError
             If there is no such column, or not a single one of the shapes has a value in it.
         """
+        by = composed(by)
         if by not in self.columns:
             raise InputError(
                 f"{self.source}: no column {by!r}; it has {', '.join(map(repr, self.columns)) or 'none'}"
@@ -87,8 +90,8 @@ def read_labels(path: Path | str) -> Labels:
     """
     source = Path(path)
     try:
-        text = read_text(source, "utf-8-sig")
-    except (InputError, UnicodeDecodeError) as error:
+        text = read_any_text(source)
+    except InputError as error:
         raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
     try:
         rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), _dialect(text))]
@@ -124,7 +127,7 @@ def shape_name(text: str) -> str:
     """Name of a shape as a table may write it: without folder, without the ending of a mesh or point file."""
     name = text.strip().replace("\\", "/").rsplit("/", 1)[-1]
     stem, dot, ending = name.rpartition(".")
-    return stem if dot and ending.lower() in ("ply", "obj", "stl", "off", "vtk", "vtp", "xyz", "npz", "npy") else name
+    return stem if dot and f".{ending.lower()}" in READERS else name
 
 
 def _dialect(text: str) -> type[csv.Dialect]:

@@ -134,9 +134,9 @@ def specimen_among(given: str | Path, names: Sequence[str]) -> str:
         found = max(begun, key=len)
         _LOG.warning("%s: taken as the landmarks of %s, by its name", path, found)
         return found
+    told = "" if shape else f" (call the file like its shape, or give it as SHAPE={path.name})"
     advice = meant(name, names) or f"; the collection has {listed(names)}"
-    told = "" if shape else f". Call the file like its shape, or give it as SHAPE={path.name}"
-    raise InputError(f"{path}: no shape is called {name!r}{advice}{told}")
+    raise InputError(f"{path}: no shape is called {name!r}{told}{advice}")
 
 
 def with_semilandmarks(

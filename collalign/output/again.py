@@ -9,6 +9,7 @@ from typing import Any
 
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
@@ -31,7 +32,7 @@ def shape_words(collection: Collection) -> tuple[list[str], list[str]]:
     listed = dict(zip(listing.names, listing.files, strict=True))
     if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
         raise InputError("the shapes are not called like their files; go on where they are called as they were")
-    known = {*collection.names, *(Path(item.file).stem for item in collection.excluded)}
+    known = {*collection.names, *(composed(Path(item.file).stem) for item in collection.excluded)}
     return [*map(str, places), *["--parts"] * parts], [name for name in listing.names if name not in known]
 
 

@@ -13,6 +13,7 @@ from collalign.products.consistent_maps import position_of
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.listing import parts_of
 from data_tools.io.source import inputs_of
@@ -72,7 +73,8 @@ class PosedShapes:
 
     def __contains__(self, shape: object) -> bool:
         """Whether there is a shape of this name."""
-        return (shape.name if isinstance(shape, AlignedShape) else shape) in self.names
+        name = shape.name if isinstance(shape, AlignedShape) else shape
+        return (composed(name) if isinstance(name, str) else name) in self.names
 
     @overload
     def __getitem__(self, shape: str | int) -> AlignedShape: ...

@@ -12,6 +12,7 @@ import numpy as np
 
 from collalign.options import ALL, AUTO, NEVER
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.files import read_text
 from data_tools.poses import Similarity
@@ -105,7 +106,7 @@ def read_corrections(path: Path | str) -> Corrections:
     """
     source = Path(path)
     try:
-        record = json.loads(read_text(source))
+        record = json.loads(composed(read_text(source)))
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"{source}: cannot be read as JSON ({error}); download the decisions from the report again"

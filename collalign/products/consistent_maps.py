@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.arrays import IntArray, one_line
+from data_tools.checks import composed
 from data_tools.errors import UnknownName
 
 
@@ -25,6 +26,7 @@ def position_of(names: Sequence[str], shape: str | int) -> int:
         if not -len(names) <= shape < len(names):
             raise IndexError(f"shape {shape} of {len(names)}")
         return range(len(names))[shape]
+    shape = composed(shape)
     if shape not in names:
         listed = f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
         raise UnknownName(f"no shape is called {shape!r}; the collection has {listed}")

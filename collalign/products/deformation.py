@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, one_line
+from data_tools.checks import composed
 from data_tools.errors import UnknownName
 
 
@@ -63,6 +64,7 @@ class VertexMaps:
     __repr__ = one_line
 
     def _position(self, name: str) -> int:
+        name = composed(name)
         if name not in self.names:
             reason = dict(self.left_out).get(name, "")
             raise UnknownName(f"no maps of {name!r}{': ' + reason if reason else ''}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import as_rotations
-from data_tools.checks import check_number
+from data_tools.checks import check_number, composed
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 
@@ -70,6 +70,10 @@ class Own:
                 is_pair = isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]
                 if not is_pair or not all(isinstance(one, str) for one in pair):
                     raise InputError(f"{name}: expected pairs of two names, got {pair!r}")
+        for name in GIVEN:
+            given = getattr(self, name)
+            if isinstance(given, Mapping):
+                object.__setattr__(self, name, {_composed(names): value for names, value in given.items()})
         for pair, weight in self.pair_weights.items():
             check_number(f"pair_weights[{', '.join(pair)}]", weight)
             if pair[::-1] in self.pair_weights:
@@ -93,3 +97,8 @@ class OwnKeywords(TypedDict, total=False):
     candidates: Mapping[Names, ArrayLike]
     correspondences: Mapping[Names, ArrayLike]
     pair_weights: Mapping[Names, float]
+
+
+def _composed(names: str | Names) -> str | Names:
+    """Return one name, or those of a pair, as names are compared."""
+    return composed(names) if isinstance(names, str) else (composed(names[0]), composed(names[1]))

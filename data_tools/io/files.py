@@ -195,11 +195,11 @@ def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
 
 
 def readable_name(path: Path) -> str:
-    """Return a file's name as text that can be printed and saved.
+    """Return a file's name as text that can be printed, saved and compared (NFC).
 
     Bytes that are no UTF-8 become escapes, and so do control characters.
     """
-    return printable(os.fsencode(path.name).decode("utf-8", "backslashreplace"))
+    return printable(composed(os.fsencode(path.name).decode("utf-8", "backslashreplace")))
 
 
 def existing_file(path: Path) -> Path:

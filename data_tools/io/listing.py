@@ -11,7 +11,7 @@ from glob import glob, has_magic
 from pathlib import Path
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.checks import check_known
+from data_tools.checks import check_known, composed
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import natural_key, read_text, readable_name
@@ -57,6 +57,7 @@ class FolderListing:
 
     def without(self, names: Sequence[str]) -> FolderListing:
         """Return the listing without some shapes; an unknown name is an ``InputError``."""
+        names = [composed(name) for name in names]
         check_known("exclude", names, self.names)
         kept = self.some(at for at, name in enumerate(self.names) if name not in names)
         return replace(kept, skipped=self.skipped)
@@ -193,14 +194,19 @@ def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
 
 
 def _told_apart(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
-    """Return names of files with as few folders before them as tells them apart; with suffixes only where needed."""
+    """Return names of files with as few folders before them as tells them apart; with suffixes only where needed.
+
+    They are unlike without regard to case as well, unless case alone tells files of one folder apart.
+    """
     deepest = max((len(path.parts) for path in files), default=1)
-    for depth in range(deepest):
-        for whole in kinds:
-            names = [_tail(path, depth, whole=whole) for path in files]
-            if len({name.casefold() for name in names}) == len(names):
-                return names
-    return [_tail(path, deepest, whole=True) for path in files]
+    for alike in (str.casefold, str):
+        for depth in range(deepest):
+            for whole in kinds:
+                names = [_tail(path, depth, whole=whole) for path in files]
+                if len({alike(name) for name in names}) == len(names):
+                    return names
+    order = sorted(map(str, files))  # files of one folder whose names differ only in how their accents are encoded
+    return [f"{_tail(path, deepest, whole=True)} ({order.index(str(path)) + 1})" for path in files]
 
 
 def _tail(path: Path, depth: int, *, whole: bool) -> str:

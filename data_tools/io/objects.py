@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
 from data_tools.io.listing import FolderListing, distinct_names, files_at, read_folder, specimen_at
@@ -88,7 +89,10 @@ def _named(shapes: Any, *, recursive: bool, parts: bool) -> tuple[dict[str, Shap
     if isinstance(shapes, Mapping):
         if not all(isinstance(name, str) and name for name in shapes):
             raise InputError("shapes: their names must be text that is not empty")
-        return dict(shapes), ()
+        by_name = {composed(name): shape for name, shape in shapes.items()}
+        if len(by_name) < len(shapes):
+            raise InputError("shapes: two of their names differ only in how accents are encoded; rename one")
+        return by_name, ()
     if isinstance(shapes, np.ndarray) and shapes.ndim != 3:
         raise InputError(f"shapes: one array of shape {shapes.shape}; a collection is several shapes in a list")
     try:
@@ -102,7 +106,7 @@ def _named(shapes: Any, *, recursive: bool, parts: bool) -> tuple[dict[str, Shap
             files |= dict.fromkeys(specimen_at(file, Path(shape)) if parts else file for file in found)
             skipped |= dict.fromkeys(others)
         else:
-            named.append((getattr(shape, "name", None) or f"shape{number}", shape))
+            named.append((composed(getattr(shape, "name", None) or f"shape{number}"), shape))
     named += zip(distinct_names(list(files)), files, strict=True)
     if len(dict(named)) < len(named):
         raise InputError("shapes: two of them have the same name; give a dict of distinct names")

@@ -20,7 +20,7 @@ from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
-from data_tools.checks import as_options, check_known, check_number
+from data_tools.checks import as_options, check_known, check_number, composed
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.threads import one_blas_thread
@@ -110,6 +110,7 @@ def certify_collection(
 
 def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     """Return the positions of the named shapes in the order of the result, of all where none is named."""
+    shapes = [composed(name) for name in shapes]
     check_known("shapes", shapes, collection.names)
     return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
 

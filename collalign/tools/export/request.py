@@ -14,7 +14,7 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.members import Members
 from collalign.output.report.shown import some_shapes
 from data_tools.arrays import BoolArray, FloatArray
-from data_tools.checks import check_choice
+from data_tools.checks import check_choice, composed
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
 from data_tools.io.listing import READERS, parts_of
@@ -135,7 +135,11 @@ class ExportRequest:
         elif listed:
             path = self.sources / Path(listed).name
         else:  # a shape that came from memory, saved under its name
-            found = [file for file in self.sources.glob("*") if file.stem == name and file.suffix.lower() in READERS]
+            found = [
+                file
+                for file in self.sources.glob("*")
+                if composed(file.stem) == name and file.suffix.lower() in READERS
+            ]
             path = found[0] if found else self.sources / f"{name}.ply"
         if not (path.is_file() or parts_of(path)):
             raise InputError(

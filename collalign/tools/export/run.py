@@ -95,7 +95,8 @@ def export(
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
-    written = [at for at, name in enumerate(collection.names) if name not in exclude]
+    left_out = {collection.index(name) for name in exclude}
+    written = [at for at in range(len(collection)) if at not in left_out]
     read = {*collection.inputs, *([Path(sources)] if sources else [])}
     try:
         with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:

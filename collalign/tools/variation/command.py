@@ -16,6 +16,7 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
+from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_tables import READABLE
 
@@ -59,7 +60,11 @@ def variation(
         Let shapes whose pose is in doubt count as well.
     """
     collection = load(result)
-    columns = None if labels is None else read_labels(labels).columns_for(collection.names)
+    table = None if labels is None else read_labels(labels)
+    for sentence in table.mismatches(collection.names) if table else ():
+        warn(sentence)
+    columns = table.columns_for(collection.names) if table else None
+    individuals = None if individuals is None else composed(individuals)
     if individuals is not None and individuals not in (columns or collection.labels):
         raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
     owners = None if individuals is None else (columns or collection.labels)[individuals]
