@@ -33,6 +33,7 @@ from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options, composed, meant_option
+from data_tools.embedding.copies import find_copies
 from data_tools.errors import OptionsError
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
@@ -178,6 +179,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
     in_files = each_moved_by(np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions)
     session = with_group(run, matched.group).session
+    copies = find_copies(shapes.names, shapes.digests, [item.signature for item in samples])
     return Collection(
         names=shapes.names,
         files=tuple(location(file) for file in shapes.files),
@@ -197,7 +199,9 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             *shapes.notes,
             *filter(None, (*matched.notes, *posed.notes)),
             *_unknown_confidence(solution.confidence, asked.synchronization),
+            *(one.sentence for one in copies),
         ),
+        copies=copies,
         incomplete=posed.incomplete,
         options=asked,
         group=matched.group,

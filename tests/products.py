@@ -34,6 +34,7 @@ def samples_at(points, *, invariants=None, **fields):
         "dense_positions": np.empty((0, 3)),
         "dense_normals": np.empty((0, 3)),
         "dense_invariants": np.empty((0, 0)),
+        "signature": np.zeros(18),
         "rim": "closed",
     }
     return Samples(**plain | fields)

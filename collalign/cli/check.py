@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from collalign.engine.session import Session, progress_display
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
 from data_tools.arrays import FloatArray, Holds, read_only
+from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.errors import CollectionError
-from data_tools.io.listing import FolderListing
+from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
@@ -24,20 +25,46 @@ from data_tools.options import CleaningOptions
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileFacts:
-    """What is said of a shape, which need not be kept for it; ``size`` are the sides of its box, shape (3,)."""
+    """What is said of a shape, which need not be kept for it.
+
+    Attributes
+    ----------
+    name : str
+    points, triangles : int
+    size : ndarray, shape (3,)
+        Sides of its box.
+    notes : tuple of str
+    digest : str
+        Of the file's content.
+    signature : ndarray, shape (18,)
+        See :func:`data_tools.embedding.copies.shape_signature`.
+    """
 
     name: str
     points: int
     triangles: int
     size: Annotated[FloatArray, Holds(shape="3")]
     notes: tuple[str, ...]
+    digest: str
+    signature: Annotated[FloatArray, Holds(shape="18")]
+
+    def told(self) -> dict[str, Any]:
+        """Return what programs are told: all but what only finds copies."""
+        return {field: value for field, value in asdict(self).items() if field not in ("digest", "signature")}
 
 
 def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
     """Read and clean a file, inside a worker, and return what is said of it."""
     shape = read_shape(file, cleaning, name=name)
-    size = read_only(np.ptp(shape.vertices, axis=0))
-    return FileFacts(name=name, points=len(shape.vertices), triangles=len(shape.faces), size=size, notes=shape.notes)
+    return FileFacts(
+        name=name,
+        points=len(shape.vertices),
+        triangles=len(shape.faces),
+        size=read_only(np.ptp(shape.vertices, axis=0)),
+        notes=shape.notes,
+        digest=hash_shape(file),
+        signature=shape_signature(shape),
+    )
 
 
 #: Reads a file and keeps nothing of it, within the limits of a run.
@@ -65,7 +92,8 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     }
     with Session.open(options, replace(run, store=None), progress_display(True)) as session:
         found = session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
-        facts = [asdict(one) for one in found.values()]
+        read = [*found.values()]
+    facts = [one.told() for one in read]
     left_out = [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     for one in facts:
         triangles = f", {one['triangles']} triangles" if one["triangles"] else ""
@@ -77,6 +105,9 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         notes.append(f"Shapes would be matched at {num} points: most have fewer than {options.sampling.num_points}.")
     if few := [one["name"] for one in facts if one["points"] < num]:
         notes.append(f"Fewer than {num} points, which a run leaves out: {', '.join(few)}.")
+    signatures = [one.signature for one in read]
+    copies = find_copies([one.name for one in read], [one.digest for one in read], signatures)
+    notes += [one.sentence for one in copies]
     skipped = listing.skipped_names
     for note in [*notes, *([f"No shapes: {', '.join(skipped)}"] if skipped else [])]:
         say(f"Note: {note}")

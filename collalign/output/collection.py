@@ -26,6 +26,7 @@ from collalign.products.shapes import Excluded
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
+from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError
 from data_tools.io.files import file_stems
 from data_tools.io.output_folder import OutputFolder
@@ -78,6 +79,8 @@ class Collection(PosedShapes):
         Files and pairs that were left out.
     notes : tuple of str
         What a user must know before trusting the whole, one sentence each.
+    copies : tuple of Copies
+        Shapes that are one and the same surface.
     incomplete : tuple of Incomplete
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
     options : AlignOptions
@@ -119,6 +122,7 @@ class Collection(PosedShapes):
     part_numbers: IntArray
     excluded: tuple[Excluded, ...] = ()
     notes: tuple[str, ...] = ()
+    copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
     options: AlignOptions
     group: str

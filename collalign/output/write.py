@@ -229,6 +229,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
             for part in range(collection.part_numbers.max() + 1)
         ],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
+        "copies": [asdict(one) for one in collection.copies],
         "notes": list(collection.notes),
         **_incomplete(collection),
         "shape_notes": {

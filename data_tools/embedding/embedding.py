@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.working_surface import WorkingSurface
@@ -58,6 +59,8 @@ class Samples:
         Outward unit normals there; empty where the shape has no oriented surface.
     dense_invariants : ndarray, shape (l, m)
         As ``invariants``, relative to the dense positions.
+    signature : ndarray, shape (18,)
+        See :func:`data_tools.embedding.copies.shape_signature`.
     rim : str
         ``open`` or ``closed``, as surfaces are (small holes do not count), or ``unknown``, of point clouds.
     notes : tuple of str
@@ -76,6 +79,7 @@ class Samples:
     dense_positions: Annotated[FloatArray, Holds(shape="l 3")]
     dense_normals: Annotated[FloatArray, Holds(shape="l? 3")]
     dense_invariants: Annotated[FloatArray, Holds(shape="l m")]
+    signature: Annotated[FloatArray, Holds(shape="18")]
     rim: str
     notes: tuple[str, ...] = ()
 
@@ -155,6 +159,7 @@ def sample_shape(
         dense_positions=read_only(dense_positions),
         dense_normals=read_only(normals),
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
+        signature=shape_signature(shape),
         rim=surface.rim,
         notes=shape.notes + surface.notes,
     )

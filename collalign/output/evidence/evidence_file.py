@@ -45,6 +45,7 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
         "files": collection.files,
         "labels": collection.labels,
         "excluded": [(one.file, one.reason) for one in collection.excluded],
+        "copies": [(one.names, one.kind) for one in collection.copies],
         "options": options,
         "versions": collection.run.versions,
         "timings_s": collection.run.times_s,

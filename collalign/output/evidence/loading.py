@@ -32,6 +32,7 @@ from data_tools.arrays import (
     read_only,
 )
 from data_tools.checks import as_options
+from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
 from data_tools.io.source import read_source
@@ -126,6 +127,7 @@ def _collection(data: dict[str, NDArray[Any]], correspondences: dict[str, Any], 
         files=tuple(text["files"]),
         labels=columns,
         excluded=tuple(Excluded(file=file, reason=reason) for file, reason in text["excluded"]),
+        copies=tuple(Copies(names=tuple(of), kind=kind) for of, kind in text.get("copies", ())),
         group=decided["group"],
         own=tuple(decided.get("own", ())),
         options=as_options("options", text["options"], AlignOptions),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
+from data_tools.embedding.copies import Copies
 from data_tools.io.csv_cells import csv_text
 
 #: The table of those who do not count, beside statistics that are written.
@@ -26,10 +27,13 @@ class Members:
         Positions of those who do, ascending.
     left_out : tuple of (str, str)
         Name of each other shape, and why it does not count.
+    copies : tuple of Copies
+        Shapes that count and are one and the same surface.
     """
 
     chosen: IntArray
     left_out: tuple[tuple[str, str], ...]
+    copies: tuple[Copies, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -83,9 +87,14 @@ def statistics_members(
     if one_part:
         reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "not aligned with the largest part"
     reasons[[collection.index(name) for name in exclude]] = "excluded by name"
+    left_out = {collection.names[at]: str(reasons[at]) for at in np.flatnonzero(reasons != "")}
+    counted = [
+        replace(one, names=tuple(name for name in one.names if name not in left_out)) for one in collection.copies
+    ]
     return Members(
         chosen=np.flatnonzero(reasons == ""),
-        left_out=tuple((collection.names[at], str(reasons[at])) for at in np.flatnonzero(reasons != "")),
+        left_out=tuple(left_out.items()),
+        copies=tuple(one for one in counted if len(one.names) > 1),
     )
 
 

@@ -84,5 +84,7 @@ def variation(
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.left_out:
         warn(who.sentence)
+    for one in who.copies:
+        warn(one.sentence)
     say_files([to / PAGE_FILE])
     return 0

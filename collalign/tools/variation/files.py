@@ -64,7 +64,7 @@ def write_variation(
     with OutputFolder.open(to, writer=_WRITER) as output:
         tables = statistics_tables(variation, columns)
         document, blobs = build_variation(variation, columns, landmarks, tables, symmetry)
-        said = [*notes, *([who.sentence] if who.left_out else [])]
+        said = [*notes, *([who.sentence] if who.left_out else []), *(one.sentence for one in who.copies)]
         page = render_page("Shape variation", _summary(variation, said), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_tables(variation, columns, tables, output)
