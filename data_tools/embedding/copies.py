@@ -92,7 +92,7 @@ def find_copies(
         See :func:`shape_signature`; without them only identical files are found.
     """
     first = {digest: at for at, digest in reversed([*enumerate(digests)])}
-    same = [first[digest] for digest in digests]
+    same = np.array([first[digest] for digest in digests], dtype=np.int64)
     pairs = np.column_stack([np.arange(len(names)), same])
     mirrored = np.empty((0, 2), dtype=np.int64)
     if signatures:
@@ -103,14 +103,13 @@ def find_copies(
         pairs, mirrored = np.vstack([pairs, near[~opposite]]), near[opposite]
     groups = _groups(pairs, len(names))
     found = []
-    for group in np.unique(groups):
-        members = np.flatnonzero(groups == group)
-        if len(members) > 1:
-            is_one_file = len({digests[at] for at in members}) == 1
-            found.append(Copies(names=_named(names, members), kind="identical" if is_one_file else "moved"))
+    for group in np.flatnonzero(np.bincount(groups, minlength=1) > 1):
+        members = [at for at, of in enumerate(groups) if of == group]
+        is_one_file = len({digests[at] for at in members}) == 1
+        found.append(Copies(names=_named(names, members), kind="identical" if is_one_file else "moved"))
     for left, right in np.unique(np.sort(groups[mirrored], axis=1), axis=0):
-        firsts = np.array([np.flatnonzero(groups == group)[0] for group in (left, right)])
-        found.append(Copies(names=_named(names, np.sort(firsts)), kind="mirrored"))
+        firsts = sorted(groups.tolist().index(group) for group in (left, right))
+        found.append(Copies(names=_named(names, firsts), kind="mirrored"))
     return tuple(found)
 
 
@@ -120,5 +119,5 @@ def _groups(pairs: IntArray, num: int) -> IntArray:
     return np.asarray(connected_components(links, directed=False)[1])
 
 
-def _named(names: Sequence[str], chosen: IntArray) -> tuple[str, ...]:
-    return tuple(names[at] for at in chosen.tolist())
+def _named(names: Sequence[str], chosen: Sequence[int]) -> tuple[str, ...]:
+    return tuple(names[at] for at in chosen)

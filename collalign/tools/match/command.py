@@ -22,7 +22,7 @@ from collalign.tools.match.in_part import PartialMatch, match_in_part
 from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, stage_match
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
-from collalign.tools.match.rigid import RigidMatch, match_rigid
+from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_score
 from data_tools.checks import composed
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
@@ -95,8 +95,15 @@ def match(
             raise OptionsError("--partial works on surfaces: --certify is for samples")
         return _match_partial(target, source, out, options)
     found = match_rigid(target, source, options=options)
+    if options.group == "SO":
+        found = with_mirror_score(found, options)
     tell(**found.record())
     say(_summary(found))
+    if found.mirror_fits_better:
+        say(
+            f"Note: the mirror image of {found.source.name} fits much better, with an energy of "
+            f"{found.mirror_score:.4g}. If one of the shapes is of the other side, or was mirrored, add --group O"
+        )
     if out is not None:
         _write_rigid(found, target, source, out, options.cleaning)
     return 0
@@ -104,8 +111,8 @@ def match(
 
 def _summary(found: RigidMatch) -> str:
     """Return five lines: the pose, what stands against it, and the transform."""
-    poses = found.result.candidates
-    words = f"{found.source.name} -> {found.target.name}: energy {poses[0].energy:.4g}"
+    poses, scores = found.result.candidates, found.scores
+    words = f"{found.source.name} -> {found.target.name}: energy {scores[0]:.4g}"
     words += ", mirrored" if poses[0].reflected else ""
     words += ", proven to be the best pose" if found.result.status is Status.PROVEN_OPTIMAL else ""
     if len(poses) > 1:
@@ -115,7 +122,7 @@ def _summary(found: RigidMatch) -> str:
             if poses[0].reflected != poses[1].reflected
             else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
         )
-        words += f"; the next best of {len(poses)} poses: {poses[1].energy:.4g}, {turned}"
+        words += f"; the next best of {len(poses)} poses: {scores[1]:.4g}, {turned}"
     return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
 
 

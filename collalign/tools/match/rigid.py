@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any, Unpack
 
@@ -24,6 +24,9 @@ from pairwise.dense.refine import RefinedPose
 from pairwise.matching import match_problem
 from pairwise.results import Candidate, MatchResult
 
+#: The mirror image fits much better where its score is so many times smaller.
+MUCH_BETTER = 2.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RigidMatch:
@@ -39,6 +42,8 @@ class RigidMatch:
         Poses and maps of the samples, best first.
     refined : tuple of RefinedPose
         Each of these poses refined on dense samples; empty without them.
+    mirror_score : float
+        What the best pose of the source's mirror image would have in ``scores``; NaN where nobody asked.
     """
 
     target_file: str
@@ -47,6 +52,21 @@ class RigidMatch:
     source: Samples
     result: MatchResult
     refined: tuple[RefinedPose, ...] = ()
+    mirror_score: float = np.nan
+
+    @property
+    def scores(self) -> FloatArray:
+        """What the poses are ranked by, best first, shape (m,).
+
+        The geometric mean of the energies on samples and on dense points, or without these the energy on samples.
+        """
+        both = zip_longest(self.result.candidates, self.refined)
+        return np.array([np.sqrt(one.energy * dense.energy) if dense else one.energy for one, dense in both])
+
+    @property
+    def mirror_fits_better(self) -> bool:
+        """Whether the mirror image of the source fits so much better that one of the shapes may be mirrored."""
+        return bool(self.scores[0] > MUCH_BETTER * self.mirror_score)
 
     @property
     def transform(self) -> FloatArray:
@@ -85,6 +105,8 @@ class RigidMatch:
             "status": result.status.name,
             "advice": result.status.value,
             "energy": result.energy,
+            "score": float(self.scores[0]),
+            "mirror_score": None if np.isnan(self.mirror_score) else self.mirror_score,
             "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
             "transform": self.transform.tolist(),
             "candidates": [
@@ -152,9 +174,35 @@ def match_rigid(
         )
         for origin in origins
     )
-    problem = pair_problem(to, of, options.group)
-    result, refined = match_problem(problem, options.of_pair), tuple[RefinedPose, ...]()
+    result, refined = _ranked(to, of, options, options.group)
+    target_file, source_file = map(location, origins)
+    return RigidMatch(
+        target_file=target_file, source_file=source_file, target=to, source=of, result=result, refined=refined
+    )
+
+
+@one_blas_thread()
+def with_mirror_score(found: RigidMatch, options: TwoShapeOptions) -> RigidMatch:
+    """Return a match of shapes as they are with what the best pose of the source's mirror image would have.
+
+    Parameters
+    ----------
+    found : RigidMatch
+    options : TwoShapeOptions
+        Of that match; nothing is proven of the mirror image.
+    """
+    result, refined = _ranked(found.target, found.source, replace(options, certify=False), "O")
+    every = replace(found, result=result, refined=refined)
+    reflected = [one.reflected for one in result.candidates]
+    return replace(found, mirror_score=float(every.scores[reflected].min(initial=np.inf)))
+
+
+def _ranked(
+    to: Samples, of: Samples, options: TwoShapeOptions, group: str
+) -> tuple[MatchResult, tuple[RefinedPose, ...]]:
+    """Return the poses of a source on a target, and each of them refined if that is asked for."""
+    problem = pair_problem(to, of, group)
+    result = match_problem(problem, options.of_pair)
     if options.refine and options.sampling.num_dense_points:
-        result, refined = ranked_on_dense(result, problem, (dense_points(to), dense_points(of)))
-    files = dict(zip(("target_file", "source_file"), map(location, origins), strict=True))
-    return RigidMatch(**files, target=to, source=of, result=result, refined=refined)
+        return ranked_on_dense(result, problem, (dense_points(to), dense_points(of)))
+    return result, ()
