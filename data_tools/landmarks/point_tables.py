@@ -22,8 +22,8 @@ _SPECIMEN = ("specimen", "shape", "file", "filename")
 #: Words and units around the letter of an axis.
 _WORDS = r"(?:pos(?:ition)?|points?|coords?|coordinates?|koordinate|landmark|axis|mm|cm|m|um|µm|in)"
 _AXIS = re.compile(rf"(?:{_WORDS}[ _.:-]*)*([xyz])(?:[ _.:-]*{_WORDS})*")
-#: Of 3D Slicer: a control point is placed where its table says "defined", and its file the state 2.
-_STATES, _DEFINED = ("defined", "positionstatus"), ("", "1", "2", "true", "defined")
+#: Of 3D Slicer: what a column of a table or a file says of a control point that is placed.
+_DEFINED = {"defined": ("", "1", "true"), "positionstatus": ("", "2", "defined")}
 _SYSTEM = re.compile(r"(?im)^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,;\s]*)")
 _COLUMNS = re.compile(r"(?im)^#[ \t]*columns[ \t]*=[ \t]*(.*?)[,;\s]*$")
 
@@ -56,6 +56,7 @@ class _Columns(NamedTuple):
     label: int | None
     specimen: int | None = None
     state: int | None = None
+    defined: tuple[str, ...] = ()
     system: str | None = None
 
 
@@ -178,8 +179,8 @@ def _by_heading(heading: list[str], name: str) -> _Columns:
     specimen = next((others[word] for word in _SPECIMEN if word in others and others[word] != label), None)
     if specimen is None and "landmark" in others and label == others["landmark"]:
         specimen = others.get("name")
-    state = next((others[word] for word in _STATES if word in others), None)
-    return _Columns((axes[0], axes[1], axes[2]), label, specimen, state, system)
+    state = next((word for word in _DEFINED if word in others), "")
+    return _Columns((axes[0], axes[1], axes[2]), label, specimen, others.get(state), _DEFINED.get(state, ()), system)
 
 
 def _axes(words: list[str]) -> tuple[tuple[int, ...] | None, str | None]:
@@ -217,7 +218,7 @@ def _by_content(rows: list[list[str]], name: str) -> _Columns:
 
 def _place(row: list[str], columns: _Columns, label: str, name: str) -> list[float]:
     """Return the coordinates of a row, NaN where the landmark is missing."""
-    if _cell(row, columns.state).lower() not in _DEFINED:
+    if columns.defined and _cell(row, columns.state).lower() not in columns.defined:
         return [float("nan")] * 3
     cells = [_cell(row, at) for at in columns.axes]
     if len(row) <= max(columns.axes):

@@ -105,11 +105,57 @@ def test_a_declaration_of_the_mesh_is_not_overruled(tmp_path):
 
 def test_single_landmarks_off_the_surface_are_named(tmp_path):
     points = np.array(POINTS)
-    points[3] += 20 * RADIUS
+    points[3] += 0.5 * RADIUS
     found = placed(tmp_path, marks(points))
+    np.testing.assert_array_equal(found[0]["a"].points, points)
     assert len(found[1]) == 1
     assert "L3 (" in found[1][0]
     assert "L2" not in found[1][0]
+
+
+@pytest.mark.parametrize("far", [20.0, 1e6])
+def test_landmarks_farther_than_a_radius_from_the_surface_are_missing(tmp_path, far):
+    points = np.array(POINTS)
+    points[3, 0] += far * RADIUS
+    found = placed(tmp_path, marks(points))
+    assert np.isnan(found[0]["a"].points).all(axis=1).tolist() == [at == 3 for at in range(len(POINTS))]
+    assert found[1] == ("a: taken as missing, farther from its surface than its radius: L3",)
+
+
+@pytest.mark.parametrize("code", [-999.0, 9999.0, -1.0, 0.0, -32768.0, 1e30])
+@pytest.mark.parametrize("system", [None, "RAS"])
+def test_codes_for_missing_landmarks_are_no_landmarks(tmp_path, code, system):
+    """Even most landmarks may be missing, and 3D Slicer changes signs of codes with the system."""
+    points = POINTS * LPS_RAS if system else np.array(POINTS)
+    points[:5] = code
+    found = placed(tmp_path, marks(points, system), declared="LPS" if system else "")
+    np.testing.assert_allclose(found[0]["a"].points[5:], POINTS[5:])
+    assert np.isnan(found[0]["a"].points[:5]).all()
+    assert "three times one number that is not on its surface: L0, L1, L2, L3, L4" in " ".join(found[1])
+    points[:] = code
+    with pytest.raises(InputError, match="none of its landmarks lies on its surface"):
+        placed(tmp_path, marks(points, system), declared="LPS" if system else "")
+
+
+def test_a_landmark_with_equal_coordinates_on_the_surface_is_one(tmp_path):
+    corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]] - 1.0
+    shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
+    found = placed(tmp_path, marks(corner[ROWS]), shape=shape)
+    assert (found[0]["a"].points[0].tolist(), found[1]) == ([-1.0, -1.0, -1.0], ())
+
+
+def test_points_of_curves_that_are_codes_are_left_out_and_of_patches_missing(tmp_path):
+    points = np.array(POINTS[:6])
+    points[2] = -999
+    lines = [Semilandmarks(name=kind, kind=kind, points=points) for kind in ("open curve", "patch")]
+    found = placed(tmp_path, replace(marks(POINTS), semilandmarks=tuple(lines)))
+    curve, patch = found[0]["a"].semilandmarks
+    np.testing.assert_array_equal(curve.points, np.delete(points, 2, axis=0))
+    assert np.isnan(patch.points).all(axis=1).tolist() == [False, False, True, False, False, False]
+    assert "open curve-3, patch-3" in found[1][0]
+    rim = Semilandmarks(name="rim", kind="open curve", points=points[1:3])
+    with pytest.raises(InputError, match="a: the curve 'rim' has 1 points"):
+        placed(tmp_path, replace(marks(POINTS), semilandmarks=(rim,)))
 
 
 def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):

@@ -1,6 +1,7 @@
 """To which shapes landmark files belong."""
 
 import logging
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -41,3 +42,45 @@ def test_files_of_no_shape_or_of_one_twice_are_refused(files, reason, tmp_path, 
     Path("a.csv").write_text("0,0,0\n")
     with pytest.raises(InputError, match=reason):
         read_templates(files, ("a", "b"))
+
+
+def test_a_word_for_landmarks_after_the_name_does_not_matter(tmp_path, caplog):
+    for name in ("s0_LM1.mrk.json", "s0_2_landmarks.csv"):
+        text = '{"markups": [{"type": "Fiducial", "controlPoints": [{"label": "a", "position": [0, 0, 1]}]}]}'
+        (tmp_path / name).write_text(text if name.endswith("json") else "a,0,0,1\n")
+    names = ("s0", "s0_2", "s1")
+    with caplog.at_level(logging.WARNING):
+        assert [*read_templates([tmp_path / "s0_LM1.mrk.json", tmp_path / "s0_2_landmarks.csv"], names)] == [
+            "s0",
+            "s0_2",
+        ]
+    assert "s0_LM1.mrk.json: taken as the landmarks of s0" in caplog.text
+    (tmp_path / "s0_left.csv").write_text("a,0,0,1\n")
+    message = (
+        r"s0_left\.csv: no shape is called 's0_left' \(call the file like its shape, or give it as SHAPE=s0_left"
+    )
+    with pytest.raises(InputError, match=message):
+        read_templates([tmp_path / "s0_left.csv"], names)
+    with pytest.raises(InputError, match="no shape is called 's0_3'; did you mean 's0_2'"):
+        read_templates([f"s0_3={tmp_path / 's0_left.csv'}"], names)
+
+
+def test_names_in_either_encoding_of_accents_are_the_same(tmp_path):
+    composed = "Schädel_Köln"
+    apart = unicodedata.normalize("NFD", composed)
+    (tmp_path / f"{apart}.csv").write_text("a,0,0,1\n")
+    assert [*read_templates([tmp_path / f"{apart}.csv"], (composed,))] == [composed]
+    (tmp_path / "all.tps").write_text(TPS.format(apart) + TPS.format("b"))
+    assert [*read_templates([tmp_path / "all.tps"], (composed,))] == [composed]
+    (tmp_path / "one.csv").write_text("a,0,0,1\n")
+    assert [*read_templates([f"{apart}={tmp_path / 'one.csv'}"], (composed,))] == [composed]
+
+
+def test_specimens_without_any_landmark_are_no_templates(tmp_path, caplog):
+    (tmp_path / "all.tps").write_text(TPS.format("a") + TPS.replace("0 0 0", "NA NA NA").format("b"))
+    with caplog.at_level(logging.WARNING):
+        assert [*read_templates([tmp_path / "all.tps"], ("a", "b"))] == ["a"]
+    assert "all their landmarks are missing: b" in caplog.text
+    (tmp_path / "b.csv").write_text("a,,,\nb,NA,NA,NA\n")
+    with pytest.raises(InputError, match="all its landmarks are missing"):
+        read_templates([tmp_path / "b.csv"], ("a", "b"))

@@ -25,6 +25,10 @@ BASE = {"label": "base", "position": [1, 2, 3]}
     ("name", "content", "labels"),
     [
         ("a.mrk.json", slicer(TIP, BASE), ("tip", "base")),
+        ("a.json", slicer(TIP, BASE), ("tip", "base")),
+        ("a.pts", "Version 1.0\n2\nS000 0 0 0\nS001 1 2 3\n", ("S000", "S001")),
+        ("a.PTS", "2\n0 0 0\n1 2 3\n", ("0", "1")),
+        ("b.pts", "version: 1\nn_points:  2\n{\n0 0 0\n1 2 3\n}\n", ("0", "1")),
         ("a.fcsv", FCSV, ("tip", "base")),
         ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
         ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
@@ -67,25 +71,44 @@ def test_every_list_of_points_has_its_own_coordinate_system(tmp_path):
         read_landmarks(path)
 
 
-def test_missing_landmarks_are_nan(tmp_path):
-    (tmp_path / "a.mrk.json").write_text(slicer(TIP, {**BASE, "positionStatus": "undefined"}))
-    (tmp_path / "a.csv").write_text("tip,0,0,0\nbase,,,\n")
-    for name in ("a.mrk.json", "a.csv"):
-        assert np.isnan(read_landmarks(tmp_path / name).points).all(axis=1).tolist() == [False, True]
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.mrk.json", slicer(TIP, {**BASE, "positionStatus": "undefined"})),
+        ("a.mrk.json", slicer(TIP, {**BASE, "positionStatus": "preview"})),
+        ("a.json", slicer(TIP, {**BASE, "positionStatus": "missing"})),
+        ("a.mrk.json", slicer(TIP, {**BASE, "position": [None, None, None]})),
+        ("a.csv", "tip,0,0,0\nbase,,,\n"),
+        ("a.pts", "Version 1.0\n2\nS000 0 0 0\nS001 NA NA NA\n"),
+        *(("a.fcsv", FCSV.replace("tip,,", "tip,,,2,0").replace("base,,", f"base,,,{state},0")) for state in "013"),
+    ],
+)
+def test_missing_landmarks_are_nan(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    assert np.isnan(read_landmarks(tmp_path / name).points).all(axis=1).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1", "cp1252"])
+def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encoding):
+    label = "Schädel" if encoding in ("latin-1", "cp1252") else "Scha\u0308del"
+    (tmp_path / "a.csv").write_bytes(f"label,x,y,z\r\n{label},0,0,0\r\n".encode(encoding))
+    assert read_landmarks(tmp_path / "a.csv").labels == ("Schädel",)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
         ("a.mrk.json", "{", "not a readable landmark file"),
-        ("a.mrk.json", "[]", "not a readable landmark file"),
+        ("a.mrk.json", "[]", "no markups of 3D Slicer"),
+        ("a.json", '{"version": 3}', "no markups of 3D Slicer"),
+        ("a.pts", "Version 1.0\n3\nS000 0 0 0\n", "announces 3 landmarks and holds 1"),
         ("a.mrk.json", slicer(), "no landmarks"),
         ("a.mrk.json", slicer({"label": "flat", "position": [1, 2]}), "flat has 2 coordinates"),
-        ("a.fcsv", "1,0,zero,0\n", "not a readable landmark file"),
+        ("a.fcsv", "1,0,zero,0\n", "'zero' of landmark 0 is no number"),
         ("a.fcsv", "# nothing\n", "no landmarks"),
         ("a.csv", "tip,0,0,inf\n", "infinite"),
         ("a.csv", "0,0\n", "2 coordinates"),
-        ("a.tps", "LM3=1\n", "unknown landmark format"),
+        ("a.tps", "LM3=1\n", "unknown format of a list of points; readable are .*json"),
         ("a.csv", "", "empty"),
     ],
 )
