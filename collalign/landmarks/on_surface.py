@@ -24,8 +24,6 @@ from data_tools.surface.shape import Shape
 #: most .004 on 14 mouse skulls, 0 on 45 shapes of SHREC07, on which both numbers were chosen), and single ones than
 #: FAR (.04). The same taken as RAS instead of LPS have .025 and more.
 SURE, FAR = 0.02, 0.1
-#: A landmark that is farther from the surface, in the same unit, is none: a code for a missing one, or a slip.
-BEYOND = 1.0
 #: A remedy is named where it brings landmarks so many times nearer; it counts below FAR only for so many landmarks.
 _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
@@ -176,7 +174,8 @@ def _is_code(points: FloatArray, surface: _Surface) -> BoolArray:
 
 
 def _is_beyond(points: FloatArray, surface: _Surface) -> BoolArray:
-    return np.asarray(surface.distances(points) > BEYOND)
+    """Return which points are more than one radius from the surface: a code for what is missing, or a slip."""
+    return np.asarray(surface.distances(points) > 1.0)
 
 
 def _one_number(points: FloatArray) -> BoolArray:

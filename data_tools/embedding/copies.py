@@ -16,12 +16,6 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.percent import listed
 from data_tools.surface.shape import Shape
 
-#: Signatures of copies are this near. Those of 62 teeth, 62 mouse skulls and nine classes of SHREC07 change by less
-#: than 1e-5 where a copy is turned and saved in single precision or with five decimals; the nearest different
-#: specimens are .007 apart, the nearest different models (glasses) .0009.
-_ALIKE = 3e-5
-#: A surface whose signature says less of its handedness is its own mirror image, as far as numbers show.
-_LEAST_HAND = 1e-7
 _LEVELS = (np.arange(16) + 0.5) / 16
 _SAID = {
     "identical": "these files are identical",
@@ -80,7 +74,7 @@ def shape_signature(shape: Shape) -> FloatArray:
 
 
 def find_copies(
-    names: Sequence[str], digests: Sequence[str], signatures: Sequence[FloatArray] | None = None
+    names: Sequence[str], digests: Sequence[str], signatures: Sequence[FloatArray], *, tol: float = 3e-5
 ) -> tuple[Copies, ...]:
     """Find the shapes that are there more than once.
 
@@ -88,20 +82,22 @@ def find_copies(
     ----------
     names, digests : sequence of str
         Of all shapes and their files' contents.
-    signatures : sequence of ndarray, shape (18,), optional
-        See :func:`shape_signature`; without them only identical files are found.
+    signatures : sequence of ndarray, shape (18,)
+        See :func:`shape_signature`.
+    tol : float
+        How near signatures of copies are. Those of teeth, mouse skulls and nine classes of SHREC07 change by less
+        than 1e-5 where a copy is turned and saved in single precision or with five decimals; the nearest different
+        specimens of these are .007 apart, the nearest different models (glasses) .0009.
     """
     first = {digest: at for at, digest in reversed([*enumerate(digests)])}
     same = np.array([first[digest] for digest in digests], dtype=np.int64)
     pairs = np.column_stack([np.arange(len(names)), same])
-    mirrored = np.empty((0, 2), dtype=np.int64)
-    if signatures:
-        values = np.array(signatures)
-        near = cKDTree(values[:, :-1]).query_pairs(_ALIKE, output_type="ndarray").astype(np.int64)
-        hands = values[near, -1]
-        opposite = (hands.prod(axis=1) < 0) & (np.abs(hands).min(axis=1) > _LEAST_HAND)
-        pairs, mirrored = np.vstack([pairs, near[~opposite]]), near[opposite]
-    groups = _groups(pairs, len(names))
+    values = np.array(signatures).reshape(len(names), -1)
+    near = cKDTree(values[:, :-1]).query_pairs(tol, output_type="ndarray").astype(np.int64)
+    hands = values[near, -1]
+    opposite = (hands.prod(axis=1) < 0) & (np.abs(hands).min(axis=1) > tol**2)  # else its own mirror image
+    groups = _groups(np.vstack([pairs, near[~opposite]]), len(names))
+    mirrored = near[opposite]
     found = []
     for group in np.flatnonzero(np.bincount(groups, minlength=1) > 1):
         members = [at for at, of in enumerate(groups) if of == group]

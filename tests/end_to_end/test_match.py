@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import trimesh
 from collalign import TwoShapeOptions, match_in_part, match_rigid
 from collalign.cli import main
 from data_tools.datasets.synthetic import bent
-from data_tools.datasets.synthetic_shapes import crown, figure
+from data_tools.datasets.synthetic_shapes import blob, crown, figure
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -41,6 +42,30 @@ def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     transform = np.array(record["candidates"][0]["transform"])
     assert rotation_angle_deg(transform[:3, :3] * 3.0, turn) < 2.0
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
+
+
+def test_a_mirror_image_that_fits_much_better_is_said(files, tmp_path, capsys):
+    """The answer stays a rotation, and poses are shown with what they are ranked by."""
+    shape = blob(np.random.default_rng(4), num_vertices=400)
+    turn = random_rotation(np.random.default_rng(5))
+    mirrored = Shape.from_arrays(shape.vertices * [-1, 1, 1] @ turn + 3.0, shape.faces[:, ::-1])
+    target, source = write_mesh(tmp_path / "c.ply", shape), write_mesh(tmp_path / "d.ply", mirrored)
+    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    assert np.linalg.det(np.array(record["transform"])[:3, :3]) > 0
+    assert "Note: the mirror image of d fits much better" in printed
+    assert record["mirror_score"] < record["score"] / 1.5
+    energies = [float(word) for word in re.findall(r"(?:energy|poses:) ([-+.e\d]+)", printed.splitlines()[0])]
+    assert energies == sorted(energies)
+    assert main(["match", str(target), str(source), "--group", "O"]) == 0
+    printed = capsys.readouterr().out
+    assert "Note" not in printed
+    assert "mirrored" in printed
+    found = np.array([[float(word) for word in line.split()] for line in printed.splitlines()[1:4]])[:, :3]
+    assert rotation_angle_deg(found * [-1, 1, 1], turn) < 1.0
+    assert main(["match", str(files[0]), str(files[1])]) == 0
+    assert "Note" not in capsys.readouterr().out
 
 
 def test_objects_match_like_their_files(files):

@@ -1,12 +1,19 @@
 """What ``align --check`` says of files, and shapes of several folders as one collection."""
 
 import json
+import unicodedata
 
 import numpy as np
 import pytest
 
 from collalign.cli import main
 from collalign.output.evidence.loading import load
+from collalign.output.evidence.members import statistics_members
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import chair
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
 
@@ -86,3 +93,56 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
     assert [(one["file"], one["reason"]) for one in told["left_out"]] == [("huge.ply", "does not fit in memory")]
+
+
+def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
+    """Identical, turned and mirrored, each with the option that leaves it out."""
+    rng = np.random.default_rng(0)
+    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.03)
+    for at, shape in enumerate(family):
+        write_mesh(tmp_path / "in" / f"s{at}.ply", shape)
+    (tmp_path / "in" / "s0_copy.ply").write_bytes((tmp_path / "in" / "s0.ply").read_bytes())
+    for name, sign in (("s1t", 1.0), ("s2m", -1.0)):
+        shape = family[int(name[1])]
+        vertices = sign * shape.vertices @ random_rotation(rng) + 5.0
+        write_mesh(tmp_path / "in" / f"{name}.stl", Shape.from_arrays(vertices, shape.faces))
+    expected = ["add --exclude s0_copy.", "add --exclude s1t.", "s2, s2m: these files hold mirror images"]
+    assert main(["align", str(tmp_path / "in"), *FLAGS, "--check", "--json"]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert [sum(words in note for note in notes) for words in expected] == [1, 1, 1]
+    out = tmp_path / "out"
+    assert main(["align", str(tmp_path / "in"), "--out", str(out), "--no-report", *FLAGS]) == 0
+    printed = capsys.readouterr().out
+    assert [printed.count(words) for words in expected] == [1, 1, 1]
+    record = json.loads((out / "alignment.json").read_text())["copies"]
+    assert [one["kind"] for one in record] == ["identical", "moved", "mirrored"]
+    collection = load(out)
+    assert [list(one.names) for one in collection.copies] == [one["names"] for one in record]
+    who = statistics_members(collection, exclude=["s1t"], include_doubtful=True)
+    assert [one.kind for one in who.copies] == ["identical", "mirrored"]
+
+
+def test_names_in_either_encoding_of_accents_are_the_same(folder, capsys):
+    """Files of a Mac keep accents apart; tables and options, written elsewhere, do not."""
+    names = ["Schädel_Köln", "crâne_1", "Ñandú_2", "s3"]
+    place = folder.parent / "mac"
+    place.mkdir()
+    for name, file in zip(names, sorted(folder.rglob("*.xyz")), strict=False):
+        (place / f"{unicodedata.normalize('NFD', name)}.xyz").write_bytes(file.read_bytes())
+    rng = np.random.default_rng(1)
+    for file in place.iterdir():
+        np.savetxt(file, rng.random((40, 3)))
+    table = folder.parent / "labels.csv"
+    table.write_bytes(("name;taxon\n" + "".join(f"{name};a\n" for name in names)).encode("cp1252"))
+    words = [str(place), "--labels", str(table), "--out", str(folder.parent / "out"), *FLAGS]
+    apart = unicodedata.normalize("NFD", names[1])
+    assert main(["align", *words, "--exclude", names[2], "--reference", apart, "--no-report"]) == 0
+    told = capsys.readouterr().err
+    assert "there is no row" not in told
+    assert "no shape is called 'Ñandú_2'" in told
+    collection = load(folder.parent / "out")
+    assert sorted(collection.names) == sorted([names[0], names[1], names[3]])
+    assert collection.labels["taxon"] == ("a", "a", "a")
+    assert collection.options.reference == names[1]
+    assert apart in collection
+    assert collection.index(apart) == collection.names.index(names[1])

@@ -2,6 +2,7 @@ import dataclasses
 import itertools
 import os
 import re
+import unicodedata
 
 import numpy as np
 import pytest
@@ -199,6 +200,20 @@ def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path
     assert len(set(listing.names)) == 4
     assert "\n".join(listing.names).encode()  # no surrogates
     assert any("xff" in name for name in listing.names)
+
+
+def test_names_that_differ_in_case_or_encoding_alone_stay_short(tmp_path):
+    """On file systems that keep such files apart; names are compared in composed Unicode."""
+    for name in ("Femur.ply", "femur.ply", "b.ply", "a\u0308.stl"):
+        (tmp_path / name).touch()
+    if len(list(tmp_path.iterdir())) < 4:
+        pytest.skip("this file system knows no case")
+    assert sorted(read_folder(tmp_path).names) == ["Femur", "b", "femur", "ä"]
+    assert read_folder(tmp_path).without(["a\u0308", "femur"]).names == ("b", "Femur")
+    (tmp_path / "\u00e4.stl").touch()
+    names = read_folder(tmp_path).names
+    assert len({unicodedata.normalize("NFC", name) for name in names}) == len(names)
+    assert {"Femur", "b", "femur"} < {*names}
 
 
 def test_folder_without_shapes_is_refused(tmp_path):

@@ -1,0 +1,67 @@
+"""Copies are found in any pose, size, order and precision; other shapes of the same family are none."""
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob, chair
+from data_tools.embedding.copies import find_copies, shape_signature
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+
+SHAPE = blob(np.random.default_rng(3), num_vertices=500)
+
+
+def turned(shape, rng, *, mirrored=False):
+    """Return a copy in another pose and size, its vertices in another order."""
+    order = rng.permutation(len(shape.vertices))
+    vertices = 3.0 * shape.vertices @ random_rotation(rng) * (-1.0 if mirrored else 1.0) + rng.standard_normal(3)
+    return Shape.from_arrays(vertices[order], np.argsort(order)[shape.faces], name="copy")
+
+
+def found(*shapes, digests=None):
+    names = tuple(f"s{at}" for at in range(len(shapes)))
+    copies = find_copies(names, names if digests is None else digests, [shape_signature(one) for one in shapes])
+    return [(one.kind, one.names) for one in copies]
+
+
+@pytest.mark.parametrize("rounded", [lambda points: points, np.float32, lambda points: np.round(points, 5)])
+def test_a_copy_in_another_pose_is_found_and_a_mirror_image_is_one(rng, rounded):
+    copy, image = turned(SHAPE, rng), turned(SHAPE, rng, mirrored=True)
+    copy, image = (Shape.from_arrays(rounded(one.vertices), one.faces) for one in (copy, image))
+    assert found(SHAPE, copy) == [("moved", ("s0", "s1"))]
+    assert found(image, SHAPE) == [("mirrored", ("s0", "s1"))]
+    assert found(SHAPE, image, copy) == [("moved", ("s0", "s2")), ("mirrored", ("s0", "s1"))]
+
+
+def test_identical_files_are_called_so(rng):
+    other = blob(np.random.default_rng(4), num_vertices=500)
+    assert found(SHAPE, other, SHAPE, digests=("p", "q", "p")) == [("identical", ("s0", "s2"))]
+    assert found(SHAPE, turned(SHAPE, rng), SHAPE, digests=("p", "q", "p")) == [("moved", ("s0", "s1", "s2"))]
+
+
+def test_clouds_have_copies_too(rng):
+    cloud = Shape.from_arrays(SHAPE.vertices)
+    assert found(cloud, Shape.from_arrays(turned(SHAPE, rng).vertices)) == [("moved", ("s0", "s1"))]
+
+
+def test_specimens_of_one_kind_are_no_copies(rng):
+    assert found(*deformed_family(chair(rng, resolution=1), 6, rng, rms=0.005)) == []
+    assert found(SHAPE) == []
+
+
+def test_a_mirror_image_of_a_symmetric_surface_is_the_same_or_a_mirror_image(rng):
+    half = SHAPE.vertices * [1.0, 1.0, 1.0]
+    both = Shape.from_arrays(np.vstack([half, half * [-1.0, 1.0, 1.0]]))
+    ((kind, names),) = found(both, Shape.from_arrays(both.vertices @ random_rotation(rng) * [1.0, 1.0, -1.0]))
+    assert kind in ("moved", "mirrored")
+    assert names == ("s0", "s1")
+
+
+def test_the_sentence_says_how_to_leave_copies_out():
+    (one,) = find_copies(("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3)
+    assert one.sentence.endswith("to count one, add --exclude c 'd e'.")
+    assert one.sentence.startswith("a b, c, d e: these files are identical")
+    many = find_copies([f"s{at}" for at in range(30)], ["p"] * 30, [shape_signature(SHAPE)] * 30)
+    assert "and 22 more" in many[0].sentence
+    assert len(many[0].sentence) < 300
