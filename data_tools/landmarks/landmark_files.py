@@ -96,7 +96,7 @@ def read_landmarks(path: Path | str) -> Landmarks:
         landmarks = reader(path)
     except CollalignError:
         raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+    except (ValueError, ArithmeticError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: not a readable landmark file, it is damaged or of another format") from error
     every = np.concatenate([landmarks.points, *(one.points for one in landmarks.semilandmarks)])
     if not len(every) or np.isinf(every).any():

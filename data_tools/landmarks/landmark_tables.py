@@ -48,7 +48,7 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
         found = reader(path, read_any_text(path))
     except CollalignError:
         raise
-    except (ValueError, KeyError, IndexError, AttributeError) as error:
+    except (ValueError, ArithmeticError, LookupError, AttributeError) as error:
         raise InputError(
             f"{path}: not a readable {path.suffix[1:].upper()} file of three-dimensional landmarks"
         ) from error
@@ -90,7 +90,10 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
             sets.append(_points(" ".join(lines[at + 1 : at + 1 + int(value)]).split(), int(value)))
         elif sign:
             said[key.upper()] = value
-    points, *curves = (float(said.get("SCALE") or 1.0) * one for one in sets)
+    scale = number(said.get("SCALE", ""))
+    if np.isinf(scale):
+        raise ValueError(said["SCALE"])
+    points, *curves = (one if np.isnan(scale) else scale * one for one in sets)
     image = Path(said.get("IMAGE", "").replace("\\", "/")).name
     marks = _landmarks(points)
     along = [

@@ -63,7 +63,7 @@ def test_a_mirror_image_that_fits_much_better_is_said(files, tmp_path, capsys):
     assert "Note" not in printed
     assert "mirrored" in printed
     found = np.array([[float(word) for word in line.split()] for line in printed.splitlines()[1:4]])[:, :3]
-    assert rotation_angle_deg(found * [-1, 1, 1], turn) < 1.0
+    assert rotation_angle_deg(np.diag([-1.0, 1.0, 1.0]) @ found, turn) < 1.0
     assert main(["match", str(files[0]), str(files[1])]) == 0
     assert "Note" not in capsys.readouterr().out
 

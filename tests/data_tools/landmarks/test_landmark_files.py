@@ -101,6 +101,7 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
         ("a.mrk.json", "{", "not a readable landmark file"),
         ("a.mrk.json", "[]", "no markups of 3D Slicer"),
         ("a.json", '{"version": 3}', "no markups of 3D Slicer"),
+        ("a.json", slicer({"label": "far", "position": [1, 2, 10**400]}), "not a readable landmark file"),
         ("a.pts", "Version 1.0\n3\nS000 0 0 0\n", "announces 3 landmarks and holds 1"),
         ("a.mrk.json", slicer(), "no landmarks"),
         ("a.mrk.json", slicer({"label": "flat", "position": [1, 2]}), "flat has 2 coordinates"),

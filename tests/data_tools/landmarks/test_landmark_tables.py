@@ -72,8 +72,9 @@ def test_curves_and_scales_of_tps(tmp_path):
 
 def test_a_scale_may_be_empty_and_decimals_marked_by_commas(tmp_path):
     path = tmp_path / "b.tps"
-    path.write_text("LM3=2\n0 0 0\n1,5 2,5 3,5\nIMAGE=b.ply\nSCALE=\n")
-    np.testing.assert_array_equal(read_specimens(path)["b"].points[1], [1.5, 2.5, 3.5])
+    for scale, factor in (("", 1.0), ("0,5", 0.5)):
+        path.write_text(f"LM3=2\n0 0 0\n1,5 2,5 3,5\nIMAGE=b.ply\nSCALE={scale}\n")
+        np.testing.assert_array_equal(read_specimens(path)["b"].points[1], factor * np.array([1.5, 2.5, 3.5]))
 
 
 def test_what_is_readable_is_said_with_all_suffixes(tmp_path):
@@ -104,6 +105,7 @@ def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
+        ("a.tps", "LM3=1\n0 0 0\nSCALE=inf\n", "not a readable TPS"),
         ("a.tps", "LM=2\n0 0\n1 2\n", "not a readable TPS file of three-dimensional"),
         ("a.tps", "LM3=2\n0 0 0\n", "not a readable TPS"),
         ("a.tps", "nothing\n", "holds no landmarks"),
