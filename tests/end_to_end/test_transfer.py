@@ -234,6 +234,40 @@ def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted
         np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
 
 
+def test_landmarks_are_carried_alike_in_whatever_file_they_come(result, templates, planted, tmp_path, run):
+    """3D Slicer's exported table, a spreadsheet's CSV and Landmark Editor's file; a code for what is missing."""
+    name, marks = planted.shapes[0].name, read_landmarks(templates[0])
+    truth = collalign.transfer_landmarks(result, templates[:1], run=run).points
+    rows = list(zip(marks.labels, marks.points.tolist(), strict=True))
+    slicer = "label,r,a,s,defined,selected,visible,locked,description\n"
+    slicer += "".join(f"{label},{-x!r},{-y!r},{z!r},1,1,1,0,\n" for label, (x, y, z) in rows)
+    spreadsheet = "label;x;y;z;type\n" + "".join(f"{label};{x!r};{y!r};{z!r};I\n" for label, (x, y, z) in rows[:-1])
+    spreadsheet = (spreadsheet + f"{rows[-1][0]};-999;-999;-999;I\n").replace(".", ",")
+    editor = "Version 1.0\n6\n" + "".join(f"S{at:03d} {x!r} {y!r} {z!r}\n" for at, (_, (x, y, z)) in enumerate(rows))
+    for suffix, content in ((".csv", slicer), (".CSV", spreadsheet), ("_LM.pts", editor)):
+        file = tmp_path / suffix[1:] / f"{name}{suffix}"
+        file.parent.mkdir()
+        file.write_text(content, encoding="utf-16")
+        found = collalign.transfer_landmarks(result, [file], run=run)
+        known = slice(0, 5) if suffix == ".CSV" else slice(0, 6)
+        np.testing.assert_allclose(found.points[:, known], truth[:, known], atol=1e-9)
+        assert np.isnan(found.points[:, 5]).all() == (suffix == ".CSV")
+        assert any("taken as missing" in note for note in found.notes) == (suffix == ".CSV")
+
+
+def test_templates_whose_labels_are_called_after_their_lists_are_the_same(result, templates, tmp_path, run, capsys):
+    files = []
+    for at, template in enumerate(templates[:2]):
+        labels = [f"skull{at}_LM1-{number}" for number in range(1, 7)]
+        file = tmp_path / template.name.replace(".mrk", "_LM1.mrk")
+        files.append(slicer_file(file, read_landmarks(template).points, labels))
+    words = ["transfer", str(result), "--landmarks", *map(str, files), "--to", str(tmp_path / "all"), "--jobs", "1"]
+    assert main([*words, "--store", str(run.store)]) == 0
+    assert "they were matched by their order" in capsys.readouterr().out
+    found = read_landmarks(next(iter(sorted((tmp_path / "all").glob("*.mrk.json")))))
+    assert found.labels == tuple(f"skull0_LM1-{number}" for number in range(1, 7))
+
+
 def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path, capsys):
     marks = read_landmarks(templates[0])
     far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
