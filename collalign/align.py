@@ -32,9 +32,10 @@ from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import as_options, composed, meant_option
+from data_tools.checks import as_options, meant_option
 from data_tools.embedding.copies import find_copies
 from data_tools.errors import OptionsError
+from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location

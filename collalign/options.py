@@ -9,8 +9,9 @@ from typing import ClassVar, Literal, TypeAlias, TypedDict
 import numpy as np
 
 from collalign.engine.session import Session
-from data_tools.checks import check_count, check_kinds, check_number, composed
+from data_tools.checks import check_count, check_kinds, check_number
 from data_tools.errors import OptionsError
+from data_tools.io.files import composed
 from data_tools.options import (
     CleaningKeywords,
     CleaningOptions,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -104,11 +103,6 @@ def as_options(
             raise OptionsError(f"{name}: there is no option {entry!r}{meant_option(entry, kind)}")
     values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
-
-
-def composed(name: str) -> str:
-    """Return a name in composed Unicode (NFC), in which names are compared: file systems may keep accents apart."""
-    return unicodedata.normalize("NFC", name)
 
 
 def check_known(argument: str, asked: Iterable[str], known: Iterable[str]) -> None:

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_tools.checks import composed
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
-from data_tools.io.files import read_any_text
+from data_tools.io.files import composed, read_any_text
 from data_tools.io.listing import READERS
 from data_tools.percent import listed
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
-from data_tools.checks import composed
 from data_tools.errors import InputError
+from data_tools.io.files import composed
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 

@@ -13,8 +13,8 @@ from collalign.products.consistent_maps import position_of
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
-from data_tools.checks import composed
 from data_tools.errors import InputError
+from data_tools.io.files import composed
 from data_tools.io.listing import parts_of
 from data_tools.io.source import inputs_of
 from data_tools.poses import each_moved_by, scales_of

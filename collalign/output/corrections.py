@@ -12,9 +12,8 @@ import numpy as np
 
 from collalign.options import ALL, AUTO, NEVER
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
-from data_tools.checks import composed
 from data_tools.errors import InputError
-from data_tools.io.files import read_text
+from data_tools.io.files import composed, read_text
 from data_tools.poses import Similarity
 
 FORMAT = "collalign-corrections"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.arrays import IntArray, one_line
-from data_tools.checks import composed
 from data_tools.errors import UnknownName
+from data_tools.io.files import composed
 
 
 def position_of(names: Sequence[str], shape: str | int) -> int:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, one_line
-from data_tools.checks import composed
 from data_tools.errors import UnknownName
+from data_tools.io.files import composed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import as_rotations
-from data_tools.checks import check_number, composed
+from data_tools.checks import check_number
 from data_tools.errors import InputError
+from data_tools.io.files import composed
 from data_tools.surface.shape import Shape
 
 #: Two shapes by their names.

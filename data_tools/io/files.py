@@ -11,13 +11,13 @@ import secrets
 import shutil
 import stat
 import tomllib
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from data_tools.checks import composed
 from data_tools.errors import InputError, UnavailableError, printable
 
 #: Longer texts and rows of stores are refused before they are read, in bytes: manifests, summaries, records are far
@@ -186,6 +186,11 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         raise InputError(f"{path}: not TOML ({error})") from None
     except RecursionError:
         raise InputError(f"{path}: not a configuration, its lists or tables are nested too deeply") from None
+
+
+def composed(name: str) -> str:
+    """Return a name in composed Unicode (NFC), in which names are compared: file systems may keep accents apart."""
+    return unicodedata.normalize("NFC", name)
 
 
 def natural_key(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:

@@ -11,10 +11,10 @@ from glob import glob, has_magic
 from pathlib import Path
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.checks import check_known, composed
+from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
-from data_tools.io.files import natural_key, read_text, readable_name
+from data_tools.io.files import composed, natural_key, read_text, readable_name
 from data_tools.io.mesh_formats import READERS as MESH_READERS
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
 from data_tools.io.text_tables import read_text_points

@@ -11,9 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.checks import composed
 from data_tools.errors import InputError
-from data_tools.io.files import natural_key
+from data_tools.io.files import composed, natural_key
 from data_tools.io.listing import FolderListing, distinct_names, files_at, read_folder, specimen_at
 from data_tools.io.source import Origin, Source
 

@@ -13,10 +13,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import composed
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
-from data_tools.io.files import existing_file, read_any_text
+from data_tools.io.files import composed, existing_file, read_any_text
 from data_tools.landmarks.point_tables import read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.

@@ -20,8 +20,9 @@ from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
-from data_tools.checks import as_options, check_known, check_number, composed
+from data_tools.checks import as_options, check_known, check_number
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
 from data_tools.threads import one_blas_thread
 

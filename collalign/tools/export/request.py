@@ -14,9 +14,10 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.members import Members
 from collalign.output.report.shown import some_shapes
 from data_tools.arrays import BoolArray, FloatArray
-from data_tools.checks import check_choice, composed
+from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
+from data_tools.io.files import composed
 from data_tools.io.listing import READERS, parts_of
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import read_shape

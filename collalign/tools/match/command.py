@@ -23,8 +23,8 @@ from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, st
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_score
-from data_tools.checks import composed
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.files import composed
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import refuse_overlap

@@ -42,9 +42,10 @@ from collalign.tools.transfer.result import (
     TransferredLandmarks,
 )
 from data_tools.arrays import BoolArray, FloatArray, read_only
-from data_tools.checks import as_options, composed
+from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
+from data_tools.io.files import composed
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.poses import moved_by

@@ -16,8 +16,8 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
-from data_tools.checks import composed
 from data_tools.errors import InputError
+from data_tools.io.files import composed
 from data_tools.landmarks.landmark_tables import READABLE
 
 

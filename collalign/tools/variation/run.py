@@ -25,8 +25,8 @@ from collalign.tools.variation.mirror import mirror_map
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
-from data_tools.checks import composed
 from data_tools.errors import CollectionError, InputError
+from data_tools.io.files import composed
 from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
