@@ -38,6 +38,7 @@ from .reexported import CleaningKeywords as CleaningKeywords
 from .reexported import CleaningOptions as CleaningOptions
 from .reexported import CollalignError as CollalignError
 from .reexported import CollectionError as CollectionError
+from .reexported import Copies as Copies
 from .reexported import EmbeddingKeywords as EmbeddingKeywords
 from .reexported import EmbeddingOptions as EmbeddingOptions
 from .reexported import FolderListing as FolderListing
