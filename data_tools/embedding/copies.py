@@ -89,6 +89,8 @@ def find_copies(
         than 1e-5 where a copy is turned and saved in single precision or with five decimals; the nearest different
         specimens of these are .007 apart, the nearest different models (glasses) .0009.
     """
+    if not names:
+        return ()
     first = {digest: at for at, digest in reversed([*enumerate(digests)])}
     same = np.array([first[digest] for digest in digests], dtype=np.int64)
     pairs = np.column_stack([np.arange(len(names)), same])

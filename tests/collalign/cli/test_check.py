@@ -95,6 +95,13 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
     assert [(one["file"], one["reason"]) for one in told["left_out"]] == [("huge.ply", "does not fit in memory")]
 
 
+def test_a_folder_without_readable_shapes_is_refused(tmp_path, capsys):
+    for name in "ab":
+        (tmp_path / f"{name}.xyz").write_text("rubbish")
+    assert main(["align", str(tmp_path), "--check", "--jobs", "1"]) == 2
+    assert "0 readable shapes, at least two are needed" in capsys.readouterr().err
+
+
 def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
     """Identical, turned and mirrored, each with the option that leaves it out."""
     rng = np.random.default_rng(0)
