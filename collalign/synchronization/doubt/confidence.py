@@ -6,7 +6,7 @@ import numpy as np
 
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.search import State
+from collalign.synchronization.solvers.search import State, common_costs
 from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray
 
@@ -68,7 +68,7 @@ def beliefs_of_answers(states: list[State]) -> FloatArray:
     The belief in the reported turn, times the share of the likely answers, by their costs, that agree with it.
     """
     best = states[0]
-    costs = np.array([state.cost for state in states])
+    costs = common_costs(states)
     share = np.exp(-PRIORS.evidence_part * np.maximum(costs - costs[0], 0.0))
     agree = np.array([agreement(best.frames, state.frames) for state in states])
     supported = share @ agree / share.sum()

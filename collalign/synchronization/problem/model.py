@@ -83,11 +83,15 @@ class EdgeModel:
         return self.noise_rad**2 * scale / relative_weights(self.graph)
 
     @cached_property
+    def log_scale(self) -> FloatArray:
+        """Minus the log of the peak of the normal density, shape (E,): what :meth:`costs` leaves out."""
+        dof = self.graph.dim * (self.graph.dim - 1) / 2.0
+        return np.asarray(dof / 2.0 * np.log(2.0 * np.pi * self.variances))
+
+    @cached_property
     def log_uniform(self) -> FloatArray:
         """``log (p_out u_e)``, shape (E,); minus infinity for fixed pairs."""
-        dof = self.graph.dim * (self.graph.dim - 1) / 2.0
-        normal = dof / 2.0 * np.log(2.0 * np.pi * self.variances)
-        density = np.minimum(normal - np.log(self._volume), -1.0)
+        density = np.minimum(self.log_scale - np.log(self._volume), -1.0)
         return np.where(self.graph.fixed, -np.inf, np.log(self.outliers) + density)
 
     @property
@@ -102,7 +106,10 @@ class EdgeModel:
         return np.log1p(-self.outliers) + self.log_prior.reshape(*self.log_prior.shape, *tail) - squared / scale
 
     def costs(self, squared: FloatArray) -> FloatArray:
-        """Return minus the log-likelihood of each pair for squared distances (E, m, ...), shape (E, ...)."""
+        """Return minus the log-likelihood of each pair for squared distances (E, m, ...), shape (E, ...).
+
+        Relative to the peak of the normal density, ``-log_scale``.
+        """
         terms = self.log_terms(squared)
         floor = self.log_uniform.reshape(-1, *(1,) * (squared.ndim - 2))
         top = np.maximum(terms.max(axis=1), floor)

@@ -36,15 +36,12 @@ class State:
     beliefs : ndarray, shape (N, L)
         Probability of each turn before the last refinement; turn 0 is the pose itself.
     alternatives : TurnSet
-    cost : float
-        Minus the log-likelihood of the pairs at the noise by which turns are chosen.
     """
 
     model: EdgeModel
     frames: FloatArray
     beliefs: FloatArray
     alternatives: TurnSet
-    cost: float
 
 
 def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]:
@@ -63,10 +60,43 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]
     states: list[State] = []
     for frames in _starts(graph, free):
         states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free, is_fixed))
-        best = min(states, key=lambda state: state.cost)
-        if 1.0 - best.beliefs[:, 0].mean() <= PRIORS.settled_share:
+        states = ranked(states)
+        if 1.0 - states[0].beliefs[:, 0].mean() <= PRIORS.settled_share:
             break
-    return sorted(states, key=lambda state: state.cost)
+    return states
+
+
+def ranked(states: list[State]) -> list[State]:
+    """Return the states, the most likely first."""
+    order = np.argsort(common_costs(states), kind="stable")
+    return [states[k] for k in order]
+
+
+def common_costs(states: list[State]) -> FloatArray:
+    """Return minus the log-likelihood of the pairs in each state, nats, all at one noise, shape (S,).
+
+    Each state fits its own noise, and a wrong one fits a large noise at which every misfit costs little. States are
+    therefore compared at the smallest noise that any of them fits, blurred as where turns are chosen. What else each
+    has fitted (share of outliers, power and odds of energies) stays its own: those are normalised probabilities.
+    """
+    noise_rad = min(state.model.noise_rad for state in states)
+    return np.array([_cost_at(state, noise_rad) for state in states])
+
+
+def _cost_at(state: State, noise_rad: float) -> float:
+    """Return minus the log-likelihood of the pairs in a state at some noise, nats."""
+    model = _blurred(replace(state.model, noise_rad=noise_rad))
+    own = replace(
+        state.alternatives, turns=state.alternatives.turns[:, :1], offered=state.alternatives.offered[:, :1]
+    )
+    costs = turn_costs(model, aligned_candidates(model.graph, state.frames), own)
+    return float((costs[:, 0, 0] + model.log_scale).sum())
+
+
+def _blurred(model: EdgeModel) -> EdgeModel:
+    """Return the model with the noise by which turns are chosen."""
+    several = model.graph.candidates.shape[1] > 1
+    return replace(model, noise_rad=PRIORS.label_noise_factors[several] * model.noise_rad)
 
 
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
@@ -84,7 +114,8 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolAr
         model, frames = maximise_likelihood(state.model, moved, free)
         fresh = _with_beliefs(model, frames, free, fixed)
         settled = not chosen.any()
-        if fresh.cost >= state.cost - COST_TOL and _ > 0:
+        before, after = common_costs([state, fresh])
+        if after >= before - COST_TOL:
             break
         state = fresh
         if settled and not np.argmax(state.beliefs, axis=1).any():
@@ -97,21 +128,12 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     graph = model.graph
     aligned = aligned_candidates(graph, frames)
     alternatives = propose_turns(model, aligned)
-    several = graph.candidates.shape[1] > 1
-    blurred = replace(model, noise_rad=PRIORS.label_noise_factors[several] * model.noise_rad)
-    costs = turn_costs(blurred, aligned, alternatives)
+    costs = turn_costs(_blurred(model), aligned, alternatives)
     start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_turns / (costs.shape[2] - 1))
     start[:, 0] = PRIORS.own_pose
     beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
-    cost = float(costs[:, 0, 0].sum())
-    return State(
-        model=model,
-        frames=frames,
-        beliefs=beliefs,
-        alternatives=alternatives,
-        cost=cost,
-    )
+    return State(model=model, frames=frames, beliefs=beliefs, alternatives=alternatives)
 
 
 def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
