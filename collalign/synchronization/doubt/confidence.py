@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
+from collalign.synchronization.problem.graph import degrees
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.search import State, common_costs
 from collalign.synchronization.solvers.turns import SAME_TURN
@@ -38,28 +39,34 @@ def assess(
         Per shape.
     """
     best = states[0]
-    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * min(1.0, evidence_signal(best) / PRIORS.enough_signal))
+    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * np.minimum(1.0, evidence(best)))
     confidence[~free] = 1.0
     return confidence, pose_alternatives(best, frames)
 
 
-def evidence_signal(state: State) -> float:
-    """Return the mean degree less one times the squared correlation between what a pair says and what is right.
+def evidence(state: State) -> FloatArray:
+    """Return how much the pairs can say about each pose, in units of what makes beliefs trustworthy, shape (N,).
 
-    With m alternatives of probabilities ``pi`` a pair's correlation is ``(m sum pi^2 - 1) / (m - 1)``: the second
-    eigenvalue, squared, of the channel that it is. The alternatives are its candidates, or the common turns. Below
-    one no method can do better than chance (Kesten and Stigum 1966).
+    With m alternatives of probabilities ``pi`` the squared correlation between what a pair says and what is right is
+    ``(m sum pi^2 - 1) / (m - 1)``: the second eigenvalue, squared, of the channel that it is. The alternatives are
+    its candidates, or the common turns. A pair that none of them explains says nothing, which makes the channel of a
+    share e of explained pairs weaker by ``e^2``. The mean degree less one times this is the signal of the graph: below
+    one no method can do better than chance (Kesten and Stigum 1966). A shape's own evidence is the number of explained
+    pairs less one, times the squared correlation. The smaller of both counts.
     """
     model = state.model
     graph = model.graph
+    explained = state.alternatives.explained
     chances = np.exp(model.log_prior)
     if graph.candidates.shape[1] == 1:
         rates = state.alternatives.rates
         chances = np.concatenate([[max(1.0 - rates.sum(), 0.0)], rates])[None] / max(1.0, rates.sum())
     size = (chances > 0).sum(axis=1)
-    power = np.where(size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0)
+    power = float(np.mean(np.where(size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0)))
     degree = 2.0 * graph.num_edges / graph.num_shapes
-    return float(np.mean(power) * max(degree - 1.0, 0.0))
+    signal = power * explained.mean() ** 2 * max(degree - 1.0, 0.0)
+    own = power * np.maximum(degrees(graph, explained) - 1.0, 0.0)
+    return np.minimum(signal / PRIORS.enough_signal, own / PRIORS.enough_pairs)
 
 
 def beliefs_of_answers(states: list[State]) -> FloatArray:

@@ -51,7 +51,8 @@ class Priors(NamedTuple):
     settled_share: float = 0.005
     """No further starts where fewer shapes than this are expected to be wrong."""
     random_starts: int = 6
-    """Starts from random poses, tried where the pairs leave shapes in doubt."""
+    """Starts from random poses, tried where pairs have several candidates and leave shapes in doubt. With one candidate
+    per pair they never won."""
     explained_share: float = 0.8
     """A shape of which this share of the pairs is explained has no turns but the common ones."""
     flipped: float = 0.1
@@ -61,8 +62,10 @@ class Priors(NamedTuple):
     evidence_part: float = 0.5
     """Differences of cost between answers count by this part: pairs are not as independent as the model says, and
     beliefs on a graph with loops repeat themselves."""
-    enough_signal: float = 2.0
-    """Evidence below this makes beliefs overconfident; confidences shrink, to half without evidence."""
+    enough_signal: float = 1.5
+    """A signal of the graph below this makes beliefs overconfident; confidences shrink, to half without a signal."""
+    enough_pairs: float = 2.6
+    """The same for the evidence of a shape's own pairs."""
 
 
 #: The numbers in use.

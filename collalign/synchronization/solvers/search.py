@@ -144,7 +144,8 @@ def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
     yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
     yield spectral
     generator = np.random.default_rng(0)
-    for _ in range(PRIORS.random_starts if graph.present.sum() <= MAX_CANDIDATES else 0):
+    several = graph.candidates.shape[1] > 1 and graph.present.sum() <= MAX_CANDIDATES
+    for _ in range(PRIORS.random_starts if several else 0):
         random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
         yield graph.pattern.project(random)
 

@@ -10,7 +10,6 @@ from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.problem.pattern import RotationPattern
 
 #: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
 SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
@@ -54,12 +53,15 @@ class TurnSet:
         Turns that many pairs propose, the same for all shapes; they follow the identity in ``turns``.
     rates : ndarray, shape (G,)
         Share of the pairs whose best candidate is wrong by that turn and that have no right one.
+    explained : ndarray, shape (E,)
+        Probability that each pair has a right candidate or is wrong by a common turn.
     """
 
     turns: FloatArray
     offered: BoolArray
     common: FloatArray
     rates: FloatArray
+    explained: FloatArray
 
 
 def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
@@ -82,13 +84,15 @@ def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
     offered[:, : 1 + len(common)] = True
     right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
     flipped = _flipped_pairs(model, aligned, common, right)
-    _add_own_turns(model, aligned, turns, offered, 1 + len(common), right + flipped.sum(axis=1))
+    explained = right + flipped.sum(axis=1)
+    _add_own_turns(model, aligned, turns, offered, 1 + len(common), explained)
     used = max(int(offered.sum(axis=1).max()), 2)
     return TurnSet(
         turns=turns[:, :used],
         offered=offered[:, :used],
         common=common,
         rates=(flipped.sum(axis=0) + PRIORS.flipped) / (graph.num_edges + 1.0),
+        explained=explained,
     )
 
 
@@ -114,11 +118,13 @@ def _add_own_turns(
             SHAPE_BANDWIDTH * model.noise_rad**2,
             turns.shape[1] - known,
             turns[shape, :known],
-            graph.pattern,
             SHAPE_PROPOSALS,
         )
         turns[shape, known : known + len(own)] = own
         offered[shape, known : known + len(own)] = True
+    fresh = offered.copy()
+    fresh[:, :known] = False
+    turns[fresh] = graph.pattern.project(turns[fresh])
 
 
 def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArray:
@@ -135,7 +141,8 @@ def global_turns(model: EdgeModel, aligned: FloatArray, count: int) -> FloatArra
     both = np.concatenate([flat[chosen], np.swapaxes(flat[chosen], 1, 2)])
     weights = np.tile(chance[chosen], 2)
     known = np.eye(graph.dim)[None]
-    return _modes(both, weights, GLOBAL_BANDWIDTH * model.noise_rad**2, count, known, graph.pattern, GLOBAL_PROPOSALS)
+    means = _modes(both, weights, GLOBAL_BANDWIDTH * model.noise_rad**2, count, known, GLOBAL_PROPOSALS)
+    return graph.pattern.project(means)
 
 
 def _modes(
@@ -144,12 +151,12 @@ def _modes(
     bandwidth: float,
     count: int,
     known: FloatArray,
-    pattern: RotationPattern,
     num_proposals: int,
 ) -> FloatArray:
     """Return the strongest modes of weighted turns, none near a known one or another, shape (at most count, d, d).
 
-    Kernel density at the proposals (the heaviest, evenly thinned), greedy with suppression, then one mean-shift step.
+    Kernel density at the proposals (the heaviest, evenly thinned), greedy with suppression. Each mode is the sum of
+    the turns by its kernel, one step of mean shift before it is projected onto the group.
     """
     dim = turns.shape[-1]
     flat = turns.reshape(len(turns), dim * dim)
@@ -162,10 +169,8 @@ def _modes(
     found: list[FloatArray] = []
     while len(found) < count and len(proposals) and density.max() > 0:
         top = int(np.argmax(density))
-        mean = pattern.project((kernel[top] @ flat).reshape(dim, dim))
-        found.append(mean)
-        density[2.0 * dim - 2.0 * flat[proposals] @ mean.ravel() <= SAME_TURN] = 0.0
-        density[top] = 0.0
+        found.append((kernel[top] @ flat).reshape(dim, dim))
+        density[2.0 * dim - 2.0 * flat[proposals] @ flat[proposals[top]] <= SAME_TURN] = 0.0
     return np.array(found).reshape(-1, dim, dim)
 
 

@@ -146,8 +146,7 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
 @pytest.mark.parametrize(("angle_deg", "count"), [(26.0, 0), (36.0, 1)])
 def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg, count):
     turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
-    pattern = RotationPattern.from_user(None, 3, "SO")
-    assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], pattern, 48)) == count
+    assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], 48)) == count
 
 
 def test_a_shape_without_affinities_is_a_part_of_its_own():
@@ -160,8 +159,9 @@ def test_modes_are_apart_and_the_heaviest_first():
     rng = np.random.default_rng(3)
     flip = np.diag([1.0, -1.0, -1.0])
     turns = np.concatenate([THIRD @ small_rotations(rng, (20,), 3.0), flip @ small_rotations(rng, (10,), 3.0)])
-    found = _modes(turns, np.ones(30), 0.02, 5, np.eye(3)[None], RotationPattern.from_user(None, 3, "SO"), 48)
-    assert len(found) == 2
+    means = _modes(turns, np.ones(30), 0.02, 5, np.eye(3)[None], 48)
+    assert len(means) == 2
+    found = RotationPattern.from_user(None, 3, "SO").project(means)
     assert rotation_angle_deg(found[0], THIRD) < 3.0
     assert rotation_angle_deg(found[1], flip) < 3.0
 
@@ -170,7 +170,11 @@ def turn_set(*turns, num=3, rate=0.1):
     common = np.array(turns)
     every = np.tile(np.concatenate([np.eye(3)[None], common]), (num, 1, 1, 1))
     return TurnSet(
-        turns=every, offered=np.ones(every.shape[:2], dtype=bool), common=common, rates=np.full(len(common), rate)
+        turns=every,
+        offered=np.ones(every.shape[:2], dtype=bool),
+        common=common,
+        rates=np.full(len(common), rate),
+        explained=np.ones(num * (num - 1) // 2),
     )
 
 
