@@ -32,6 +32,7 @@ _FOLDERS = {
     "incomplete": "pairs",
     "peers": "peers",
     "landmarks": "peers",
+    "synchronization": "peers",
     "teeth_jobs": "collections",
     "deformations": "collections",
     "morphospace": "collections",

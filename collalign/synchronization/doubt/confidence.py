@@ -47,12 +47,12 @@ def assess(
 def evidence(state: State) -> FloatArray:
     """Return how much the pairs can say about each pose, in units of what makes beliefs trustworthy, shape (N,).
 
-    With m alternatives of probabilities ``pi`` the squared correlation between what a pair says and what is right is
-    ``(m sum pi^2 - 1) / (m - 1)``: the second eigenvalue, squared, of the channel that it is. The alternatives are
-    its candidates, or the common turns. A pair that none of them explains says nothing, which makes the channel of a
-    share e of explained pairs weaker by ``e^2``. The mean degree less one times this is the signal of the graph: below
-    one no method can do better than chance (Kesten and Stigum 1966). A shape's own evidence is the number of explained
-    pairs less one, times the squared correlation. The smaller of both counts.
+    A pair chooses among m alternatives of probabilities ``pi``: its candidates, or the common turns. The squared
+    correlation between what it says and what is right is ``(m sum pi^2 - 1) / (m - 1)``, the second eigenvalue,
+    squared, of this channel. Where only a share e of the pairs is explained the eigenvalue falls by e: the others say
+    nothing. The signal of the graph is this times the mean degree less one. Below one no method can do better than
+    chance (Kesten and Stigum 1966). A shape's own evidence is the squared correlation times the number of its
+    explained pairs less one. The smaller of both counts.
     """
     model = state.model
     graph = model.graph

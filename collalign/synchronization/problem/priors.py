@@ -8,8 +8,8 @@ from typing import NamedTuple
 class Priors(NamedTuple):
     """What holds where pairs are too few to say, and how far beliefs are believed.
 
-    Set on the generated collections of ``python -m tests.benchmarks.bench_synchronization`` (``--only poses`` prints
-    what is right of the shapes at .95, of these at least 95 %). No public collection was looked at for that;
+    Set on the planted graphs of ``python -m experiments synchronization``, on other seeds than its own (of the shapes
+    stated at .95 at least 99 % were to be right). No public collection was looked at for that;
     ``python -m experiments calibrate model`` measures on three of them what the first priors stand for.
     """
 
@@ -51,8 +51,8 @@ class Priors(NamedTuple):
     settled_share: float = 0.005
     """No further starts where fewer shapes than this are expected to be wrong."""
     random_starts: int = 6
-    """Starts from random poses, tried where pairs have several candidates and leave shapes in doubt. With one candidate
-    per pair they never won."""
+    """Starts from random poses, tried where pairs have several candidates and leave shapes in doubt. With one
+    candidate per pair they never won."""
     explained_share: float = 0.8
     """A shape of which this share of the pairs is explained has no turns but the common ones."""
     flipped: float = 0.1

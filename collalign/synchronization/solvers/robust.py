@@ -12,7 +12,7 @@ from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import BoolArray, FloatArray
 
 #: The scale of good pairs is this many times the quantile of their squared distances below which this share of all
-#: pairs lies, but not less than the least scale (set on simulations: tests/benchmarks/bench_synchronization.py).
+#: pairs lies, but not less than the least scale (set on planted graphs: experiments/peers/synchronization.py).
 GOOD_SCALE, GOOD_SHARE, LEAST_SCALE = 2.0, 0.25, 1e-6
 
 #: Factor of the scale from one step to the next, and how near its goal it has arrived (set on the same simulations).

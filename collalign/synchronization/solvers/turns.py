@@ -21,8 +21,8 @@ MAX_TURNS, MAX_GLOBAL = 6, 3
 FORBIDDEN = 1e4
 
 #: Bandwidths of the kernel in which turns are counted, of one shape and of all, and the squared distance within which
-#: a pair is wrong by a turn, in units of the noise's variance (set on simulations:
-#: tests/benchmarks/bench_synchronization.py).
+#: a pair is wrong by a turn, in units of the noise's variance (set on planted graphs:
+#: experiments/peers/synchronization.py).
 SHAPE_BANDWIDTH, GLOBAL_BANDWIDTH, FLIP_REACH = 4.0, 8.0, 36.0
 
 #: The global density is a sum over this many turns per proposal, at most.
