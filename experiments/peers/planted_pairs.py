@@ -75,10 +75,11 @@ def flipped_pairs(
 ) -> Planted:
     """Return pairs of which a share is wrong.
 
-    A wrong pair is off by a 180 degree flip about an axis of the common frame, or anything. With four candidates every pair has all flips, each with its own noise, and the lowest energy is wrong with
-    probability ``wrong``. Where energies are ``informative`` those of right and flipped candidates are normal, apart
-    by what makes that probability; otherwise the margins say nothing. In a share ``none_right`` of the pairs all
-    candidates are anything, and the energies as before.
+    A wrong pair is off by a 180 degree flip about an axis of the common frame, or anything. With four candidates
+    every pair has all flips, each with its own noise, and the lowest energy is wrong with probability ``wrong``.
+    Where energies are ``informative`` those of right and flipped candidates are normal, apart by what makes that
+    probability; otherwise the margins say nothing. In a share ``none_right`` of the pairs all candidates are
+    anything, and the energies as before.
     """
     truth = random_rotations(rng, num_shapes)
     count = len(edges)
