@@ -142,6 +142,15 @@ def test_outliers_do_not_move_the_answer():
     assert (robust.edge_inlier != wrong).mean() > 0.95
 
 
+def test_sparse_graphs_of_which_most_pairs_are_anything_are_solved():
+    edges = regular_edges(200, 12, 3)
+    problem = flipped_pairs(np.random.default_rng(3), edges, 200, wrong=0.55, noise_deg=5.0, kind="uniform")
+    right = pose_errors_deg(synchronize(edges, problem.rotations).rotations, problem.truth) < 20.0
+    assert right.mean() > 0.95
+    spectral = synchronize(edges, problem.rotations, method="spectral")
+    assert (pose_errors_deg(spectral.rotations, problem.truth) < 20.0).mean() < 0.6
+
+
 def _misfit(problem):
     return np.swapaxes(problem.rotations[:, 0], 1, 2) @ exact_pairs(problem.truth, problem.edges)
 

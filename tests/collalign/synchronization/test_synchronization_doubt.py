@@ -86,6 +86,17 @@ def _mirrors(rng, count):
     return np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None]
 
 
+@pytest.mark.parametrize(("degree", "wrong", "stated"), [(12, 0.5, 0.8), (12, 0.7, 0.0)])
+def test_sparse_graphs_with_uniform_outliers_state_no_wrong_shape(degree, wrong, stated):
+    edges = regular_edges(200, degree, 6)
+    problem = flipped_pairs(np.random.default_rng(6), edges, 200, wrong=wrong, noise_deg=5.0, kind="uniform")
+    found = _solve(problem)
+    is_right = pose_errors_deg(found.rotations, problem.truth) < 20.0
+    sure = found.confidence >= 0.95
+    assert sure.mean() >= stated
+    assert is_right[sure].all()
+
+
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
 def test_mixed_folders_are_split(sizes, seed):
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)

@@ -23,6 +23,7 @@ from collalign.synchronization.problem.model import (
 )
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, restricted
+from collalign.synchronization.solvers.search import State, common_costs, ranked
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
     FORBIDDEN,
@@ -185,6 +186,28 @@ def test_flips_go_both_ways_unless_they_are_their_own_inverse():
     assert not np.allclose(both[0][0], both[1][0])
     assert len(_directed_flips(turn_set(np.diag([1.0, -1.0, -1.0])))) == 1
     assert _directed_flips(turn_set(THIRD, rate=1e-6)) == []
+
+
+@pytest.mark.parametrize("noises_rad", [(0.05, 0.35), (0.35, 0.05)])
+def test_states_are_compared_at_one_noise_whatever_each_has_fitted(noises_rad):
+    rng = np.random.default_rng(5)
+    edges, truth = complete_edges(12), random_rotations(rng, 12)
+    pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), 5.0)
+    pairs[::2] = random_rotations(rng, len(pairs[::2]))
+    graph = PairGraph.from_user(edges, pairs)
+    states = [
+        State(
+            model=EdgeModel(graph=graph, noise_rad=noise), frames=frames, beliefs=np.ones((12, 1)), alternatives=own
+        )
+        for noise, frames in zip(noises_rad, (transposed(truth), random_rotations(rng, 12)), strict=True)
+        for own in [turn_set(THIRD, num=12)]
+    ]
+    assert ranked(states[::-1])[0] is states[0]
+    costs = common_costs(states)
+    assert costs[1] > costs[0] + 10.0
+    assert np.allclose(
+        costs, common_costs([replace(s, model=EdgeModel(graph=graph, noise_rad=0.05)) for s in states])
+    )
 
 
 @pytest.mark.parametrize("shared", [True, False])
