@@ -1,16 +1,18 @@
-"""Whether a collection mixes left and right specimens, from pairs matched as they are and mirrored.
+"""Whether a collection mixes left and right specimens, from two kinds of evidence.
 
-The logarithm of mirrored to plain energy of a pair says how much better the plain pose is. If left and right
-specimens are mixed, the shapes fall into two sides so that pairs within a side prefer the plain and pairs between
-sides the mirrored pose, all clearly. Nearly bilateral shapes prefer one or the other a little, at random: two sides
-can be found that agree with most of that as well, the more so the fewer pairs there are, but the preferences
-are weak (chairs, insects) or contradict each other around cycles (bodies and toys in asymmetric poses).
+*Fits*: pairs are matched as they are and mirrored. The logarithm of mirrored to plain energy of a pair says how much
+better the plain pose is. If left and right specimens are mixed, the shapes fall into two sides so that pairs within a
+side prefer the plain and pairs between sides the mirrored pose. But a bilateral body that bends prefers mirror images
+of others as clearly: where it bends to the other side.
 
-The thresholds were set on molars of both sides, of one side, and with single mirrored specimens, and on chairs,
-glasses, ants, teddies, human bodies and skull landmarks, in random subsets of 6 to 116 shapes, and on generated
-crowns; ``python -m experiments calibrate sides`` tries others on subsets of 24 shapes of most of these: 97 % of the
-subsets of molars are judged rightly and no other shape is mirrored. Nor is one of 400 subsets of birds, fish, planes
-and mouse skulls, which were looked at as well.
+*Surfaces*: the chirality of each surface by itself (:mod:`data_tools.embedding.chirality`), which no pose enters and
+which bending hardly changes. Two bilateral bodies have a score near 0 in any posture, two specimens of opposite sides
+a negative one. It is too noisy to name the side of each molar, but tells whether the sides that fits find are real,
+and names the sides of strongly chiral shapes by itself.
+
+The thresholds of fits were set on molars of both sides, of one side, and with single mirrored specimens, and on
+chairs, glasses, ants, teddies, human bodies and skull landmarks, in random subsets of 6 to 116 shapes, and on
+generated crowns; ``python -m experiments calibrate sides`` tries others on subsets of 24 shapes of most of these.
 """
 
 from __future__ import annotations
@@ -26,17 +28,16 @@ from collalign.synchronization.solvers.signs import synchronize_signs
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError
 
-#: Fewer shapes than this are never mirrored: any few pairs agree with some two sides.
+#: Fewer shapes than this are mirrored by their surfaces alone, not by fits: any few pairs agree with some two sides.
 MIN_SHAPES = 6
-#: Least median preference for the sides' verdict, over all pairs and over those between the sides; and what is added,
-#: divided by the number of these pairs. With the second by all pairs one of eight skulls of landmarks was mirrored.
-LEAST_ALL, LEAST_BETWEEN = (0.08, 1.6), (0.07, 0.8)
-#: Most share of all preferences that may contradict the sides, least balance of those between the sides.
-MOST_CONTRADICTED, LEAST_BALANCE = 0.04, 0.7
-#: Sides that are not clear, but as likely as not: least median between them, most contradicted, least balance. Of
-#: generated crowns that fell short of certainty these were there in 8 of 9 draws of both sides and in 6 of 12 with
-#: one mirrored crown, and in no subset of chairs, fish, ants, skulls or crowns of one side; bodies in asymmetric
-#: poses pass, but their maps say more than mirrored energies do.
+#: Sides that fits find are real where their median preference over all pairs, times their support by surfaces, is at
+#: least this, and at most this share of the preferences contradicts them. TODO
+LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
+#: Surfaces name the sides alone where the support of every shape is at least this: TODO
+LEAST_ALONE = 1e-3
+#: Sides that fits find likely: least median preference between them, most contradicted, least balance. Of generated
+#: crowns these were there in 8 of 9 draws of both sides and in 6 of 12 with one mirrored crown, and in no subset of
+#: chairs, fish, ants, skulls or crowns of one side; bodies in asymmetric poses pass.
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8
 #: Least sum of a shape's preferences by that of their sizes at which its side is sure, where sides are not clear.
 LEAST_OWN = 0.6
@@ -44,13 +45,15 @@ LEAST_OWN = 0.6
 LEAST_SUSPICION = (0.06, 0.05)
 #: Log-odds, divided by two, that a pair's preference is right, per unit of its preference.
 TRUST = 4.0
+#: A pair without any preference keeps its edge at this weight, so that the graph stays connected.
+LEAST_WEIGHT = 1e-6
 #: So many pairs settle the matter at once if both medians are that large.
 MANY_PAIRS, LEAST_OBVIOUS = 100, 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sides:
-    """Two sides and how clearly the pairs speak for them.
+    """Two sides and how clearly fits of pairs speak for them.
 
     A preference is the log of the ratio of energies, positive where it agrees with the sides.
 
@@ -99,24 +102,103 @@ class Sides:
 
     @property
     def are_obvious(self) -> bool:
-        """Whether more pairs could not change the verdict that both sides are there."""
+        """Whether more pairs could not change the verdict that both sides are likely."""
         return bool(
-            self.are_clear
+            self.are_likely
             and self.num_pairs >= MANY_PAIRS
             and min(self.median_all, self.median_between) >= LEAST_OBVIOUS
         )
 
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceSides:
+    """What the chirality of surfaces says of two sides.
+
+    Attributes
+    ----------
+    mirrored : ndarray of bool, shape (N,)
+        The smaller side.
+    support : ndarray, shape (N,)
+        Mean over the other shapes of the score, negated for those of the other side; NaN where the surface has none.
+    across : float
+        Mean negated score over the pairs between the sides; NaN without any.
+    """
+
+    mirrored: BoolArray
+    support: FloatArray
+    across: float
+
+    @property
+    def are_known(self) -> bool:
+        """Whether enough surfaces have an outer side to tell."""
+        return bool(np.isfinite(self.across))
+
+    @property
+    def agreement(self) -> float:
+        """How far the surfaces confirm these sides: over all pairs and over those between them, the smaller one."""
+        return float(min(np.nanmean(self.support), self.across)) if self.are_known else np.nan
+
     @property
     def are_clear(self) -> bool:
-        """Whether both sides are there beyond doubt."""
-        if len(self.mirrored) < MIN_SHAPES or not self.num_between:
-            return False
-        return bool(
-            self.median_all >= LEAST_ALL[0] + LEAST_ALL[1] / self.num_pairs
-            and self.median_between >= LEAST_BETWEEN[0] + LEAST_BETWEEN[1] / self.num_between
-            and self.contradicted <= MOST_CONTRADICTED
-            and self.balance >= LEAST_BALANCE
-        )
+        """Whether the surfaces name both sides without any other evidence."""
+        return bool(self.are_known and self.support.min() >= LEAST_ALONE)
+
+
+def surface_sides(scores: FloatArray, mirrored: BoolArray | None = None) -> SurfaceSides:
+    """Judge two sides by the chirality of surfaces, by default the sides that these support best.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (N, N)
+        From :func:`data_tools.embedding.chirality.chirality_scores`; NaN where unknown.
+    mirrored : ndarray of bool, shape (N,), optional
+    """
+    num = len(scores)
+    if mirrored is None:
+        pairs = np.stack(np.triu_indices(num, 1), axis=1)
+        of_pairs = np.nan_to_num(scores[pairs[:, 0], pairs[:, 1]])
+        sizes = np.abs(of_pairs) / max(np.abs(of_pairs).max(initial=0.0), np.finfo(float).tiny)
+        signs = np.where(of_pairs >= 0, 1.0, -1.0)
+        mirrored = _smaller_sides(synchronize_signs(pairs, signs, np.maximum(sizes, LEAST_WEIGHT), num), pairs)
+    between = mirrored[:, None] != mirrored
+    agreement = np.where(between, -scores, scores)
+    known = np.isfinite(agreement)
+    support = np.where(known, agreement, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+    across = agreement[between & known]
+    return SurfaceSides(
+        mirrored=read_only(mirrored.copy()),
+        support=read_only(support),
+        across=float(across.mean()) if len(across) else np.nan,
+    )
+
+
+def are_mixed(fits: Sides, surfaces: SurfaceSides) -> bool:
+    """Whether both sides are there: fits find them clearly, and surfaces confirm them.
+
+    Parameters
+    ----------
+    fits : Sides
+    surfaces : SurfaceSides
+        Of the same sides.
+    """
+    return bool(
+        len(fits.mirrored) >= MIN_SHAPES
+        and fits.are_likely
+        and fits.contradicted <= MOST_CONTRADICTED
+        and fits.median_all * surfaces.agreement >= LEAST_CONFIRMED
+    )
+
+
+def look_like_posture(fits: Sides, surfaces: SurfaceSides) -> bool:
+    """Whether fits find sides that are none: the surfaces of either side turn the same way. Few shapes never tell.
+
+    Parameters
+    ----------
+    fits : Sides
+    surfaces : SurfaceSides
+        Of the same sides.
+    """
+    return bool(len(fits.mirrored) >= MIN_SHAPES and fits.are_likely and surfaces.across < 0.0)
 
 
 def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:
@@ -143,8 +225,7 @@ def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:
     if not len(pairs):
         return _judged(np.zeros(num_shapes, dtype=np.bool_), pairs, preference)
     signs = np.where(preference >= 0, 1.0, -1.0)
-    # A pair without any preference keeps its edge, so that the graph stays connected.
-    weights = np.maximum(TRUST * np.abs(preference), 1e-6)
+    weights = np.maximum(TRUST * np.abs(preference), LEAST_WEIGHT)
     mirrored = synchronize_signs(pairs, signs, weights, num_shapes)
     return _judged(_smaller_sides(mirrored, pairs), pairs, preference)
 

@@ -7,9 +7,9 @@ after the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -82,7 +82,7 @@ class Matched:
     failed: list[Excluded]
     solution: SynchronizationResult | None
     notes: tuple[str, ...]
-    may_be_mirrored: tuple[int, ...] = ()
+    side_limits: Mapping[int, float] = field(default_factory=dict)
 
 
 def match(run: Run) -> tuple[Run, Matched]:
@@ -91,7 +91,7 @@ def match(run: Run) -> tuple[Run, Matched]:
     with run.stage("pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
-        group, note, may_be_mirrored = decide_group(
+        group, note, side_limits = decide_group(
             session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
         )
         run = with_group(run, group)
@@ -104,7 +104,7 @@ def match(run: Run) -> tuple[Run, Matched]:
         failed=failed,
         solution=solution,
         notes=(note,),
-        may_be_mirrored=may_be_mirrored,
+        side_limits=side_limits,
     )
     return run, matched
 
@@ -126,7 +126,8 @@ def weigh(run: Run, matched: Matched) -> Matched:
         searched = len(run.shapes.names) <= MOST_SEARCHED
         pairs = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
     # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
-    return replace(matched, pairs=pairs, solution=None, may_be_mirrored=())
+    side_limits = matched.side_limits if matched.group == "O" else {}
+    return replace(matched, pairs=pairs, solution=None, side_limits=side_limits)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,6 +136,7 @@ class Posed:
 
     ``matched`` are the pairs within parts as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
+    ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
     """
 
     pairs: list[Pair]
@@ -145,16 +147,16 @@ class Posed:
     labels: IntArray
     consensus: FloatArray
     notes: tuple[str, ...]
-    may_be_mirrored: tuple[int, ...]
+    side_limits: Mapping[int, float]
     trust: Trust | None = None
     vertices: VertexMaps | None = None
     incomplete: tuple[Incomplete, ...] = ()
 
     @property
     def confidence_but_for_sides(self) -> FloatArray:
-        """The confidences (N,), 1 for shapes that are in doubt because they may be mirror images."""
+        """The confidences (N,), 1 for shapes whose side is in doubt."""
         confidence = self.solution.confidence.copy()
-        confidence[list(self.may_be_mirrored)] = 1.0
+        confidence[list(self.side_limits)] = 1.0
         return confidence
 
 
@@ -167,7 +169,7 @@ def pose(run: Run, matched: Matched) -> Posed:
             known = matched.solution if parts is None else None
             first = synchronize_shapes(options, samples, linked, constraints, known=known)
         pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
-        return _settled(run, pairs, linked, solution, matched.may_be_mirrored)
+        return _settled(run, pairs, linked, solution, matched.side_limits)
 
 
 def _settled(
@@ -175,7 +177,7 @@ def _settled(
     pairs: list[Pair],
     matched: list[Pair],
     solution: SynchronizationResult,
-    may_be_mirrored: tuple[int, ...],
+    side_limits: Mapping[int, float],
 ) -> Posed:
     """Refine synchronized poses, and settle frame, labels and places."""
     session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
@@ -194,7 +196,7 @@ def _settled(
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
         notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
-        may_be_mirrored=may_be_mirrored,
+        side_limits=side_limits,
     )
 
 
@@ -210,10 +212,10 @@ def state_trust(run: Run, posed: Posed) -> Posed:
         better = preferred_poses(session, samples, posed.matched, trust, rotations, kept)
         if not np.array_equal(better, rotations):
             start = replace(posed.solution, rotations=better)
-            posed = _settled(run, posed.pairs, posed.matched, start, posed.may_be_mirrored)
+            posed = _settled(run, posed.pairs, posed.matched, start, posed.side_limits)
             rotations = posed.rotations
             trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
-        solution = with_trust(posed.solution, trust, run.constraints, posed.may_be_mirrored)
+        solution = with_trust(posed.solution, trust, run.constraints, posed.side_limits)
         notes = trust_notes(names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, trust=trust)
         helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides)

@@ -1,30 +1,40 @@
 """Notices by itself whether a collection mixes left and right specimens (``group="auto"``).
 
-A pilot: some pairs of similar shapes are matched with mirror images, which costs little more than without and gives
-the best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are
-mirrored on clear and consistent evidence only (:mod:`collalign.confidence.side_model`), because nearly bilateral
-shapes prefer mirror images at random. If the run goes on with mirror images, the pilot's pairs are among its own,
+Surfaces are asked first: where the chirality of each by itself names two sides, shapes may be mirrored. Else some
+pairs of similar shapes are matched with mirror images, a pilot, which costs little more than without and gives the
+best pose of either kind. Only where these few leave the suspicion of two sides, more pairs are. Shapes are mirrored
+if both agree on two sides (:mod:`collalign.confidence.side_model`): bilateral shapes that bend, or that are nearly
+bilateral, prefer mirror images as well. If the run goes on with mirror images, the pilot's pairs are among its own,
 unless the collection is so large that the pilot looked at a part of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from collalign.confidence.side_model import MIN_SHAPES, Sides, find_sides
+from collalign.confidence.side_model import (
+    MIN_SHAPES,
+    Sides,
+    SurfaceSides,
+    are_mixed,
+    find_sides,
+    look_like_posture,
+    surface_sides,
+)
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
+from collalign.stages.chirality.surfaces import surface_scores
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.percent import listed
+from data_tools.percent import listed, percent
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 
@@ -40,9 +50,12 @@ KEPT_UNMIRRORED = (
     "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
     "mirror them, align all shapes again."
 )
-#: The group; why, for the user, in one sentence or two, empty where the user decided; and the shapes that were not
-#: mirrored though that is as likely.
-GroupChoice: TypeAlias = tuple[Literal["SO", "O"], str, tuple[int, ...]]
+#: Most confidence in a pose whose mirror image is as likely, and in those of a folder so small that surfaces alone
+#: named the sides.
+ONE_OF_TWO, OF_FEW = 0.5, 0.8
+#: The group; why, for the user, in one sentence or two, empty where the user decided; and the most that may be stated
+#: of shapes whose side is in doubt, by position.
+GroupChoice: TypeAlias = tuple[Literal["SO", "O"], str, Mapping[int, float]]
 
 
 def decide_group(
@@ -70,19 +83,19 @@ def decide_group(
         Whether a pose that was given mirrors its shape.
     """
     if session.options.group != "auto":
-        return session.options.group, "", ()
+        return session.options.group, "", {}
     if former is not None and former.group == "O":
-        return "O", "Shapes may be mirrored, as in the collection that shapes were added to.", ()
+        return "O", "Shapes may be mirrored, as in the collection that shapes were added to.", {}
     if any_mirrored:
-        return "O", "Shapes may be mirrored, because a pose that was given is.", ()
-    group, note, may_be_mirrored = group_of_shapes(session, shapes, descriptors, edges)
+        return "O", "Shapes may be mirrored, because a pose that was given is.", {}
+    group, note, limits = group_of_shapes(session, shapes, descriptors, edges)
     if former is None or group == "SO":
-        return group, note, may_be_mirrored
-    return "SO", f"{KEPT_UNMIRRORED} The evidence: {note}", may_be_mirrored
+        return group, note, limits
+    return "SO", f"{KEPT_UNMIRRORED} The evidence: {note}", limits
 
 
 def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
-    """Decide whether shapes may be mirrored, from some pairs matched with mirror images.
+    """Decide whether shapes may be mirrored, from their surfaces and from some pairs matched with mirror images.
 
     Parameters
     ----------
@@ -92,9 +105,14 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     num = len(shapes.names)
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
-        group, note, undecided = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
+        group, note, limits = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
         note += f" This was decided on {MOST_SHAPES} of {num} shapes."
-        return group, note, tuple(chosen[list(undecided)].tolist())
+        return group, note, {int(chosen[i]): limit for i, limit in limits.items()}
+    scores = surface_scores(session, shapes)
+    alone = surface_sides(scores)
+    if alone.are_clear:
+        limits = dict.fromkeys(range(num), OF_FEW) if num < MIN_SHAPES else {}
+        return "O", _note_of_surfaces(alone, shapes.names), limits
     both_kinds = replace(session, options=replace(session.options, group="O"))
 
     def energies_of(nearest: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
@@ -115,10 +133,13 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     samples = [Shared(key=str(i), reader=Samples) for i in range(num)]
     with table_of_values(shapes.samples) as table:
         sides, energies = staged_sides(edges, descriptors, energies_of)
+    surfaces = surface_sides(scores, sides.mirrored)
+    if are_mixed(sides, surfaces):
+        return "O", _note_of_both(sides, shapes.names), {}
+    is_open = sides.are_likely and not look_like_posture(sides, surfaces)
+    doubted = np.flatnonzero(sides.mirrored | sides.unsure).tolist() if is_open else []
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
-    is_open = sides.are_likely and not sides.are_clear
-    may_be_mirrored = tuple(np.flatnonzero(sides.mirrored | sides.unsure).tolist()) if is_open else ()
-    return "O" if sides.are_clear else "SO", _note(sides, num_better, shapes.names), may_be_mirrored
+    return "SO", _note_of_none(sides, surfaces, num_better, shapes.names), dict.fromkeys(doubted, ONE_OF_TWO)
 
 
 def staged_sides(
@@ -206,17 +227,36 @@ def chirality_energies(
     return plain, mirrored
 
 
-def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
-    """Return what was decided and on which evidence."""
-    meant = sides.mirrored if sides.are_clear else sides.mirrored | sides.unsure
-    mirrored = listed([name for name, is_meant in zip(names, meant, strict=True) if is_meant])
-    if sides.are_clear:
-        return (
-            f"Left and right specimens are mixed, {meant.sum()} of {len(names)} on the smaller side ({mirrored}): "
-            f"shapes may be mirrored. In {sides.num_between} pairs between the sides the mirror image fits better, "
-            f"by a median factor of {np.exp(sides.median_between):.2f} in energy; {sides.contradicted:.1%} of the "
-            f"evidence contradicts the sides (--group SO forbids mirror images)."
-        )
+def _note_of_surfaces(sides: SurfaceSides, names: tuple[str, ...]) -> str:
+    """Return the sentences about sides that surfaces name alone."""
+    caution = ""
+    if len(names) < MIN_SHAPES:
+        caution = f" So few shapes are trusted by {percent(OF_FEW)} at most: check one of each side."
+    return (
+        f"{_mixed(sides.mirrored, names)} The surfaces of the two sides are mirror images in their details, whatever "
+        f"their poses.{caution} To forbid mirror images, use --group SO."
+    )
+
+
+def _note_of_both(sides: Sides, names: tuple[str, ...]) -> str:
+    """Return the sentences about sides that fits find and surfaces confirm."""
+    return (
+        f"{_mixed(sides.mirrored, names)} In {sides.num_between} pairs between the sides the mirror image fits "
+        f"better, by a median factor of {np.exp(sides.median_between):.2f} in energy, and the surfaces agree; "
+        f"{sides.contradicted:.1%} of the evidence contradicts the sides. To forbid mirror images, use --group SO."
+    )
+
+
+def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> str:
+    few = listed([name for name, is_meant in zip(names, mirrored, strict=True) if is_meant])
+    return (
+        f"Left and right specimens are mixed, {mirrored.sum()} of {len(names)} on the smaller side ({few}): shapes "
+        "may be mirrored."
+    )
+
+
+def _note_of_none(sides: Sides, surfaces: SurfaceSides, num_better: int, names: tuple[str, ...]) -> str:
+    """Return the sentences about shapes that are not mirrored."""
     pairs = "pairs" if sides.num_pairs != 1 else "pair"
     evidence = f"in {num_better} of {sides.num_pairs} {pairs} of similar shapes the mirror image fits better"
     if not sides.are_likely:
@@ -226,8 +266,20 @@ def _note(sides: Sides, num_better: int, names: tuple[str, ...]) -> str:
                 f"mixed; if they are, align with --group O."
             )
         return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
-    why = "so few shapes cannot tell" if len(names) < MIN_SHAPES else "the evidence is not clear enough"
+    if look_like_posture(sides, surfaces):
+        return (
+            f"No shape is mirrored: this looks like posture. {evidence[0].upper()}{evidence[1:]}, but the surfaces are "
+            "no mirror images in their details."
+        )
+    meant = sides.mirrored | sides.unsure
+    doubted = listed([name for name, is_meant in zip(names, meant, strict=True) if is_meant])
+    if not surfaces.are_known:
+        why = "without triangles that agree on an outer side, side cannot be told from posture"
+    elif len(names) < MIN_SHAPES:
+        why = "so few shapes cannot tell"
+    else:
+        why = "the surfaces by themselves do not tell the sides clearly, it may be posture"
     return (
-        f"No shape is mirrored, but {mirrored} may be mirror images of the others ({evidence}): {why}; if left and "
-        f"right specimens are mixed, align with --group O."
+        f"No shape is mirrored, but {doubted} may be mirror images of the others ({evidence}): {why}. If left and "
+        f"right specimens are mixed, align with --group O; if not, --group SO says so."
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,8 +31,6 @@ RESOLUTION = 0.01
 RIVAL_POWER = 6.0
 #: Log-odds of a pair's candidates per unit of the logarithm of their costs, where these alone decide.
 COST_LOG_ODDS = 8.0
-#: Most confidence in a pose whose mirror image is as likely.
-ONE_OF_TWO = 0.5
 
 
 def gather_trust(
@@ -226,17 +224,17 @@ def with_trust(
     solution: SynchronizationResult,
     trust: Trust,
     constraints: Constraints,
-    may_be_mirrored: Sequence[int] = (),
+    side_limits: Mapping[int, float] | None = None,
 ) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points; poses that
-    witnesses ask for have half of it. A shape that is as likely a mirror image is trusted by :data:`ONE_OF_TWO` at
-    most.
+    witnesses ask for have half of it. ``side_limits`` are the most that may be stated of shapes whose side is in
+    doubt.
     """
     confidence = pose_confidence(trust)
-    doubted = list(may_be_mirrored)
-    confidence[doubted] = np.minimum(confidence[doubted], ONE_OF_TWO)
+    for i, limit in (side_limits or {}).items():
+        confidence[i] = min(confidence[i], limit)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         heard = [witness.poses[i] for witness in trust.witnesses if witness.contradicts[i]]

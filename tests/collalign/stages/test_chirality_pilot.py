@@ -11,9 +11,8 @@ from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
 from collalign.stages.chirality import pilot
-from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, chirality_energies, nearest_pairs
+from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, ONE_OF_TWO, chirality_energies, nearest_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
-from collalign.stages.trust.assess import ONE_OF_TWO
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.embedding.embedding import sample_shape

@@ -253,8 +253,8 @@ def test_shapes_that_may_be_mirror_images_are_no_scans_for_that():
     shapes = SimpleNamespace(names="abcd", samples=[SimpleNamespace(rim="open")] * 4)
     run = SimpleNamespace(session=SimpleNamespace(options=AlignOptions()), shapes=shapes, constraints=Constraints())
     solution = SimpleNamespace(confidence=np.array([0.5, 0.5, 0.99, 0.99]))
-    for mirrored, scans in (((), True), ((0, 1), False)):
-        posed = SimpleNamespace(solution=solution, may_be_mirrored=mirrored)
+    for limits, scans in (({}, True), ({0: 0.5, 1: 0.5}, False)):
+        posed = SimpleNamespace(solution=solution, side_limits=limits)
         posed.confidence_but_for_sides = Posed.confidence_but_for_sides.fget(posed)
         assert _asks_for_scans(run, posed) == scans
 

@@ -18,7 +18,7 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages import steps
 from collalign.stages.surface_gap import surface_gap
-from collalign.stages.trust.assess import ONE_OF_TWO, RIVAL_POWER, gather_trust, partners_of, with_trust
+from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.own_turns import TWELFTHS, near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
@@ -306,9 +306,9 @@ def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng):
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, truth)
     plain = with_trust(solved(pairs), trust, Constraints()).confidence
-    capped = with_trust(solved(pairs), trust, Constraints(), may_be_mirrored=(2, 5)).confidence
-    assert plain.min() > ONE_OF_TWO
-    np.testing.assert_array_equal(capped[[2, 5]], ONE_OF_TWO)
+    capped = with_trust(solved(pairs), trust, Constraints(), side_limits={2: 0.5, 5: 0.5}).confidence
+    assert plain.min() > 0.5
+    np.testing.assert_array_equal(capped[[2, 5]], 0.5)
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
 
 

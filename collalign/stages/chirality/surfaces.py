@@ -1,0 +1,36 @@
+"""The chirality of every surface by itself, one job per file, each result kept in the store."""
+
+from __future__ import annotations
+
+from collalign.engine.jobs.job import Job
+from collalign.options import AlignSession
+from collalign.products.shapes import Shapes
+from collalign.stages.evidence.map_surfaces import wanted_file
+from data_tools.arrays import FloatArray
+from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, chirality_scores, surface_chirality
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
+from data_tools.options import CleaningOptions
+
+
+def chirality_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SurfaceChirality:
+    """Measure one surface, unless its file has changed since its digest was taken; runs inside a worker."""
+    return surface_chirality(read_shape(path, cleaning, name=name, digest=digest))
+
+
+#: Measures a surface. The version changes whenever the same file would give another result.
+MEASURING = Job(kind="surfaces", version="chirality-1", run=chirality_of_file, reader=SurfaceChirality)
+
+
+def surface_scores(session: AlignSession, shapes: Shapes) -> FloatArray:
+    """Return how far every two surfaces turn the same way, shape (N, N); NaN for those that cannot be measured.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    """
+    every = range(len(shapes.names))
+    wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every}
+    found = session.compute(MEASURING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    return chirality_scores([found.get(i, NO_CHIRALITY) for i in every])
