@@ -26,8 +26,8 @@ class CleaningOptions:
     merge_vertices : bool
         Merge vertices at exactly the same place (STL files repeat each vertex in every triangle).
     largest_component : bool
-        Keep only the connected part of the largest area, without the few vertices far from all others; fragments
-        otherwise attract samples, and vertices out of place turn poses.
+        Keep only the connected part of the largest area, with those within 20 % of it, and without the few vertices
+        far from all others; fragments otherwise attract samples, and vertices out of place turn poses.
     """
 
     merge_vertices: bool = True

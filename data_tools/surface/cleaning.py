@@ -13,6 +13,9 @@ from data_tools.surface.topology import face_areas, vertex_components
 
 #: A triangle is degenerate where its doubled area is at most this times its longest edge squared.
 DEGENERATE_TOL = 1e-14
+#: Components whose area is at least this share of the largest one's are kept with it: which of two bones in a file is
+#: the larger one is chance, and would differ from file to file.
+NEAR_TIE = 0.8
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 #: Largest share of vertices without finite coordinates that counts as a flaw of a mesh and not as damage. The seven
@@ -91,7 +94,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
                 f"{shape.file or shape.name}: every one of its {len(shape.faces)} triangles has zero area"
             )
         if options.largest_component:
-            faces = _largest_component(len(vertices), faces, areas, notes)
+            faces = _largest_components(len(vertices), faces, areas, notes)
         vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
     if not notes:
         return shape
@@ -159,15 +162,21 @@ def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) ->
     return _keep(faces, good, "dropped {} degenerate triangles", notes), areas[good]
 
 
-def _largest_component(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[str]) -> IntArray:
+def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[str]) -> IntArray:
+    """Return the triangles of the largest component, and of those nearly as large."""
     corners = np.ascontiguousarray(faces.T)
     _, labels = vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
     of_face = labels[faces[:, 0]]
     areas = np.bincount(of_face, weights=face_area)
-    num_parts = int((areas > 0).sum())
-    share = 100.0 * areas.max() / areas.sum()
-    text = f"kept the largest of {num_parts} components ({share:.3g} % of the area), dropped {{}} triangles"
-    return _keep(faces, of_face == int(np.argmax(areas)), text, notes)
+    kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
+    share = 100.0 * areas[kept].sum() / areas.sum()
+    which = "the largest"
+    if kept.sum() > 1:
+        which = f"the {kept.sum()} largest, which are nearly of one size,"
+    text = f"kept {which} of {int((areas > 0).sum())} components ({share:.3g} % of the area)"
+    if kept.sum() > 1 and kept[of_face].all():
+        notes.append(text)
+    return _keep(faces, kept[of_face], text + ", dropped {} triangles", notes)
 
 
 def _drop_unreferenced(

@@ -48,12 +48,29 @@ def test_hashes_of_coordinates_in_single_precision_differ(rng):
 
 def test_components_and_duplicates_are_kept_on_request():
     first, faces = sphere_mesh(30)
-    two = Shape.from_arrays(np.concatenate([first, first + 5.0]), np.concatenate([faces, faces + 30]))
+    two = Shape.from_arrays(np.concatenate([first, 0.5 * first + 5.0]), np.concatenate([faces, faces + 30]))
     assert len(clean(two).vertices) == 30
     assert clean(two, CleaningOptions(largest_component=False)) is two
     twice = Shape.from_arrays(np.repeat(first, 2, axis=0))
     assert len(clean(twice).vertices) == 30
     assert clean(twice, CleaningOptions(merge_vertices=False)) is twice
+
+
+def test_components_nearly_as_large_as_the_largest_are_kept_with_it():
+    ball, faces = sphere_mesh(30)
+
+    def balls(*sizes):
+        vertices = np.concatenate([ball * size + 5.0 * i for i, size in enumerate(sizes)])
+        return Shape.from_arrays(vertices, np.concatenate([faces + 30 * i for i in range(len(sizes))]))
+
+    bones = clean(balls(1.0, 0.3, 0.91))  # 83 % of the area
+    np.testing.assert_array_equal(bones.source_indices, [*range(30), *range(60, 90)])
+    assert "kept the 2 largest" in bones.notes[0]
+    assert "of 3 components (95.3 % of the area)" in bones.notes[0]
+    assert len(clean(balls(0.88, 0.3, 1.0)).vertices) == 30  # 77 %
+    both = clean(balls(1.0, 0.95))
+    assert len(both.vertices) == 60
+    assert both.notes == ("kept the 2 largest, which are nearly of one size, of 2 components (100 % of the area)",)
 
 
 def test_largest_means_area_not_number_of_triangles():
