@@ -1,7 +1,7 @@
 """The thresholds by which a folder mixes left and right specimens, on subsets of collections that do or do not.
 
-A mirror image of a shape swaps the energies of its pairs, so molars of both sides also make subsets of one side, and
-of one side but for one specimen. Of the other collections no member is another's mirror image.
+A mirror image of a shape swaps the energies of its pairs and negates its scores, so molars of both sides also make
+subsets of one side, and of one side but for one specimen. Of the other collections no member is another's mirror image.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
 from collalign.stages.chirality import pilot
+from collalign.stages.chirality.surfaces import surface_scores
 from collalign.stages.pairs.choose import describe_shapes
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -31,10 +32,13 @@ FALSE_ALARM = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subset:
-    """Some shapes, the energies of all their pairs as they are and mirrored by look, and which are mirror images."""
+    """Some shapes, the energies of all their pairs as they are and mirrored by look, the scores of their surfaces,
+    and which are mirror images.
+    """
 
     descriptors: FloatArray
     energies: dict[tuple[int, int], FloatArray]
+    scores: FloatArray
     mirrored: BoolArray
 
     def verdict(self) -> float:
@@ -46,9 +50,11 @@ class Subset:
             return [(int(i), int(j)) for i, j in edges], of_pairs[edges[:, 0], edges[:, 1]]
 
         found, _ = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
+        by_surfaces = sides.surface_sides(self.scores, found.mirrored)
+        are_mixed = sides.are_mixed(found, by_surfaces) or sides.surface_sides(self.scores).are_clear
         if self.mirrored.any() and not self.mirrored.all():
-            return float(found.are_clear)
-        return -FALSE_ALARM if found.are_clear else 1.0
+            return float(are_mixed)
+        return -FALSE_ALARM if are_mixed else 1.0
 
 
 def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
@@ -56,7 +62,7 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     num = NUM_QUICK_SHAPES if quick else NUM_SHAPES
     with matched(data, collection, num, AlignOptions(group="O")) as found:
         samples, num = found.shapes.samples, len(found.shapes.names)
-        descriptors = describe_shapes(found.shapes)
+        descriptors, scores = describe_shapes(found.shapes), surface_scores(found.session, found.shapes)
         energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
         for look, of_pairs in energies.items():
             for pair in found.pairs:
@@ -75,7 +81,8 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
             swapped = wanted != mirrored[some]
             between = (swapped[:, None] != swapped)[..., None]
             turned = {look: np.where(between, of_pairs[..., ::-1], of_pairs) for look, of_pairs in part.items()}
-            subsets.append(Subset(descriptors=descriptors[some], energies=turned, mirrored=wanted))
+            seen = np.where(between[..., 0], -1.0, 1.0) * scores[np.ix_(some, some)]
+            subsets.append(Subset(descriptors=descriptors[some], energies=turned, scores=seen, mirrored=wanted))
     return subsets
 
 
@@ -101,12 +108,12 @@ CALIBRATION = Calibration(
     module=sides.__name__,
     constants=constants_of(
         sides,
-        "LEAST_ALL",
-        "LEAST_BETWEEN",
+        "LEAST_CONFIRMED",
         "MOST_CONTRADICTED",
-        "LEAST_BALANCE",
+        "LEAST_ALONE",
+        "LIKELY_BETWEEN",
+        "LIKELY_BALANCE",
         "LEAST_SUSPICION",
-        "TRUST",
         "LEAST_OBVIOUS",
     ),
     measure=measure_sides,

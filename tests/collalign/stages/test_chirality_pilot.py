@@ -11,10 +11,16 @@ from collalign.cli import main
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
 from collalign.stages.chirality import pilot
-from collalign.stages.chirality.pilot import KEPT_UNMIRRORED, ONE_OF_TWO, chirality_energies, nearest_pairs
+from collalign.stages.chirality.pilot import (
+    KEPT_UNMIRRORED,
+    OF_FEW,
+    ONE_OF_TWO,
+    chirality_energies,
+    nearest_pairs,
+)
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
-from data_tools.datasets.synthetic_shapes import chair, crown
+from data_tools.datasets.synthetic_shapes import chair, crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
@@ -99,12 +105,39 @@ def test_one_side_comes_out_as_with_rotations_only(aligned_one_sided, one_sided,
     assert without_decision(asked) == without_decision(found)
 
 
-def test_of_too_few_shapes_those_that_may_be_mirrored_are_in_doubt(tmp_path):
+def test_of_too_few_shapes_surfaces_name_the_sides_and_confidence_is_limited(tmp_path):
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
-    assert found.group == "SO"
-    assert "may be mirror images" in " ".join(found.notes)
+    assert found.group == "O"
+    assert found.reflected.tolist() == [i == 1 for i in range(5)]
+    assert "So few shapes are trusted by 80 % at most" in " ".join(found.notes)
     assert "crown2: in doubt, with open borders" not in " ".join(found.notes)
-    assert (found.confidence <= ONE_OF_TWO).tolist() == [False, True, False, False, False]
+    assert found.confidence.max() == OF_FEW
+
+
+def test_points_without_triangles_are_not_mirrored_but_in_doubt(tmp_path):
+    for i, side in enumerate((1, -1, 1, 1, -1, 1, 1)):
+        shape = deformed_family(lopsided(crown(num_vertices=300)), 1, np.random.default_rng(i), rms=0.01)[0]
+        write_mesh(tmp_path / f"crown{i}.ply", Shape.from_arrays(shape.vertices * [side, 1.0, 1.0]))
+    found = align_collection(tmp_path, options=OPTIONS, run=ONE)
+    assert found.group == "SO"
+    assert "crown1, crown4 may be mirror images" in " ".join(found.notes)
+    assert "without triangles" in " ".join(found.notes)
+    assert (found.confidence <= ONE_OF_TWO).tolist() == [i in (1, 4) for i in range(7)]
+
+
+def test_bilateral_shapes_that_bend_to_either_side_are_not_mirrored(tmp_path):
+    rng = np.random.default_rng(0)
+    ball, faces = sphere_mesh(500)
+    fins = [0.6 * np.exp(-((ball - [-0.8, 0.0, 0.6]) ** 2).sum(axis=1) / 0.08)]
+    fins += [0.4 * np.exp(-((ball - [0.5, 0.0, -0.87]) ** 2).sum(axis=1) / 0.06)]
+    x, y, z = (ball * (1.0 + sum(fins))[:, None]).T
+    for i in range(8):
+        bend = 0.5 * rng.choice([-1, 1]) * rng.uniform(0.5, 1.0)
+        fish = Shape.from_arrays(np.column_stack([2.0 * x, 0.4 * y + bend * x**2, 0.7 * z]), faces)
+        write_mesh(tmp_path / f"fish{i}.ply", bumped(fish, rng, rms=0.003))
+    found = align_collection(tmp_path, options=OPTIONS, run=ONE)
+    assert found.group == "SO"
+    assert "this looks like posture" in found.notes[0]
 
 
 def test_bilateral_shapes_are_not_mirrored(tmp_path):

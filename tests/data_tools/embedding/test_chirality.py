@@ -1,0 +1,67 @@
+"""Surfaces turn one way, their mirror images the other, and bilateral bodies neither in any posture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.synthetic import bent, bumped, mirrored, shuffled
+from data_tools.datasets.synthetic_shapes import blob, figure
+from data_tools.embedding.chirality import chirality_scores, surface_chirality
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+
+
+def scores_of(*shapes):
+    return chirality_scores([surface_chirality(shape) for shape in shapes])
+
+
+@pytest.fixture(scope="module")
+def blobs():
+    """Two specimens of one kind."""
+    base = blob(np.random.default_rng(4), num_vertices=800)
+    return [bumped(base, np.random.default_rng(seed), rms=0.01) for seed in (1, 2)]
+
+
+def test_a_mirror_image_has_the_negative_score(blobs):
+    one, other = blobs
+    scores = scores_of(one, other, mirrored(other))
+    assert scores[0, 1] > 2e-3
+    assert scores[0, 2] == pytest.approx(-scores[0, 1], rel=0.05)
+    np.testing.assert_array_equal(scores, scores.T)
+    assert np.isnan(np.diag(scores)).all()
+
+
+def test_poses_sizes_orders_and_inverted_triangles_change_nothing(blobs, rng):
+    one, other = blobs
+    usual = scores_of(one, other)[0, 1]
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = 7.0 * random_rotation(rng), 3.0
+    moved = shuffled(other, rng)[0].transformed(transform)
+    assert scores_of(one, moved)[0, 1] == pytest.approx(usual, rel=1e-6)
+    inside_out = replace(other, faces=other.faces[:, ::-1].copy())
+    assert scores_of(one, inside_out)[0, 1] == pytest.approx(usual, rel=1e-6)
+
+
+def test_bilateral_bodies_turn_neither_way_in_any_posture(blobs, rng):
+    body = figure(resolution=2)
+    postures = [bumped(bent(body, rng, angle=0.5), rng, rms=0.002) for _ in range(3)]
+    scores = scores_of(*postures)
+    assert np.nanmax(np.abs(scores)) < 0.2 * scores_of(*blobs)[0, 1]
+
+
+def test_what_has_no_outer_side_is_unknown(blobs, rng):
+    one, other = blobs
+    cloud = Shape.from_arrays(other.vertices)
+    soup = replace(other, faces=np.where(rng.random((len(other.faces), 1)) < 0.5, other.faces, other.faces[:, ::-1]))
+    grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), axis=-1).reshape(-1, 2)
+    corners = np.arange(80)[np.arange(80) % 9 < 8][:64]
+    faces = np.concatenate(
+        [np.stack([corners, corners + 1, corners + 9], 1), np.stack([corners + 1, corners + 10, corners + 9], 1)]
+    )
+    sheet = Shape.from_arrays(np.column_stack([grid, 0.1 * rng.standard_normal(81)]), faces)
+    scores = scores_of(one, cloud, other, soup, sheet)
+    known = np.isfinite(scores)
+    assert known[0].tolist() == [False, False, True, False, False]
+    assert known.sum() == 2
+    assert np.isnan(scores_of(one, cloud)).all()
