@@ -30,24 +30,23 @@ from data_tools.errors import InputError
 
 #: Fewer shapes than this are mirrored by their surfaces alone, not by fits: any few pairs agree with some two sides.
 MIN_SHAPES = 6
-#: Sides that fits find are real where their median preference over all pairs, times their agreement by surfaces, is at
-#: least this, and at most this share of the preferences contradicts them. Of the sets of 8 whose sides were likely,
-#: bilateral shapes that bend had up to 7.7e-5 (fish, lizards, plates; tubes, birds and humans, held out, 1.6e-5), molars
-#: of both sides or with one mirrored 15.6e-5 and more (16 of 17, eight of them held out). One mirrored molar had 6.8e-5.
-#: Mixed hands, nearly symmetric front to back, had 13e-5 for wrong sides, 9 % contradicted.
+#: Sides that fits find are real where their median preference over all pairs, times their agreement by surfaces, is
+#: at least this, and at most this share of the preferences contradicts them. Of sets of 8 whose sides were likely,
+#: bilateral shapes that bend had up to 7.7e-5 (fish, lizards, plates; tubes, birds and humans, held out, 1.6e-5),
+#: molars of both sides or with one mirrored at least 15.6e-5 (16 of 17 sets, nine of them held out) and once 6.8e-5.
+#: Mixed hands, nearly symmetric front to back, had 13e-5 for wrong sides that 9 % contradicted.
 LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
-#: Surfaces name the sides alone where the support of every shape is at least this. In the sets above without a mix the
-#: sides that surfaces like best had 3e-4 or less in their weakest shape, generated blobs with one mirrored 1.6e-3 or
-#: more, and bones with some mirrored, not looked at before, 2.0e-3.
+#: Surfaces name the sides alone where the support of every shape is at least this. In sets without a mix, those above
+#: and mugs, starfish and six classes of SHREC07, the best sides had 3.1e-4 or less in their weakest shape; generated
+#: blobs with one mirrored had 1.6e-3 or more, bones with some mirrored, held out, 2.0e-3.
 LEAST_ALONE = 1e-3
-#: Sides that fits find likely: least median preference between them, most contradicted, least balance. Of generated
+#: Sides that fits find likely: least median preference between them, most contradicted, least balance; half of the
+#: first, over few pairs, makes it worth to match more. Of generated
 #: crowns these were there in 8 of 9 draws of both sides and in 6 of 12 with one mirrored crown, and in no subset of
 #: chairs, fish, ants, skulls or crowns of one side; bodies in asymmetric poses pass.
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8
 #: Least sum of a shape's preferences by that of their sizes at which its side is sure, where sides are not clear.
 LEAST_OWN = 0.6
-#: Least medians at which a few pairs make it worth to match more.
-LEAST_SUSPICION = (0.06, 0.05)
 #: So many pairs settle the matter at once if both medians are that large.
 MANY_PAIRS, LEAST_OBVIOUS = 100, 0.2
 
@@ -88,8 +87,7 @@ class Sides:
     @property
     def are_suspected(self) -> bool:
         """Whether both sides may be there: worth more pairs."""
-        least_all, least_between = LEAST_SUSPICION
-        return bool(self.num_between > 0 and self.median_all >= least_all and self.median_between >= least_between)
+        return bool(self.num_between > 0 and min(self.median_all, self.median_between) >= LIKELY_BETWEEN / 2)
 
     @property
     def are_likely(self) -> bool:
@@ -137,7 +135,7 @@ class SurfaceSides:
     @property
     def agreement(self) -> float:
         """How far the surfaces confirm these sides: over all pairs and over those between them, the smaller one."""
-        return float(min(np.nanmean(self.support), self.across)) if self.are_known else np.nan
+        return min(float(np.nanmean(self.support)), self.across) if self.are_known else np.nan
 
     @property
     def are_clear(self) -> bool:

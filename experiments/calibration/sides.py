@@ -1,7 +1,8 @@
 """The thresholds by which a folder mixes left and right specimens, on subsets of collections that do or do not.
 
 A mirror image of a shape swaps the energies of its pairs and negates its scores, so molars of both sides also make
-subsets of one side, and of one side but for one specimen. Of the other collections no member is another's mirror image.
+subsets of one side, and of one side but for one specimen. Of the other collections no member is another's mirror
+image.
 """
 
 from __future__ import annotations
@@ -32,9 +33,7 @@ FALSE_ALARM = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subset:
-    """Some shapes, the energies of all their pairs as they are and mirrored by look, the scores of their surfaces,
-    and which are mirror images.
-    """
+    """Some shapes, the energies of their pairs by look, the scores of their surfaces, and which are mirrored."""
 
     descriptors: FloatArray
     energies: dict[tuple[int, int], FloatArray]
@@ -113,7 +112,6 @@ CALIBRATION = Calibration(
         "LEAST_ALONE",
         "LIKELY_BETWEEN",
         "LIKELY_BALANCE",
-        "LEAST_SUSPICION",
         "LEAST_OBVIOUS",
     ),
     measure=measure_sides,

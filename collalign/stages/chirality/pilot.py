@@ -268,8 +268,8 @@ def _note_of_none(sides: Sides, surfaces: SurfaceSides, num_better: int, names: 
         return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
     if look_like_posture(sides, surfaces):
         return (
-            f"No shape is mirrored: this looks like posture. {evidence[0].upper()}{evidence[1:]}, but the surfaces are "
-            "no mirror images in their details."
+            f"No shape is mirrored: this looks like posture. {evidence[0].upper()}{evidence[1:]}, but the surfaces "
+            "are no mirror images in their details."
         )
     meant = sides.mirrored | sides.unsure
     doubted = listed([name for name, is_meant in zip(names, meant, strict=True) if is_meant])

@@ -114,8 +114,9 @@ def test_few_or_weak_pairs_leave_room_for_more():
     assert not replace(CLEAR, median_all=0.19).are_obvious
     assert not replace(CLEAR, median_between=0.19).are_obvious
     assert not replace(CLEAR, num_between=0).are_suspected
-    assert not replace(CLEAR, median_all=0.05).are_suspected
+    assert not replace(CLEAR, median_all=0.04).are_suspected
     assert not replace(CLEAR, median_between=0.04).are_suspected
+    assert replace(CLEAR, median_all=0.05, median_between=0.05).are_suspected
 
 
 def test_each_condition_alone_decides_whether_sides_are_likely():
@@ -126,7 +127,7 @@ def test_each_condition_alone_decides_whether_sides_are_likely():
         {"median_between": 0.08},
         {"contradicted": 0.11},
         {"balance": 0.79},
-        {"median_all": 0.05},
+        {"median_all": 0.04},
     ):
         assert not replace(few, **change).are_likely, change
     assert replace(few, median_between=0.09, contradicted=0.09, balance=0.81).are_likely
