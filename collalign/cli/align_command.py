@@ -49,7 +49,7 @@ from data_tools.rotations import rotation_angle_deg
 
 #: What is done to nearly every file and loses nothing of its surface; said of each in ``alignment.json`` alone.
 _USUAL = re.compile(
-    "made of |merged |preprocessed on |geodesics are |tufted |"
+    "made of |merged |not kept of |coordinates in |preprocessed on |geodesics are |tufted |"
     "dropped \\d+ (degenerate triangles|vertices of no triangle)"
 )
 

@@ -17,7 +17,9 @@ from collalign.stages.shape_stage import common_num_points, excluded_file, odd_s
 from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.errors import CollectionError
+from data_tools.io.formats.raw_shape import not_kept_sentence
 from data_tools.io.listing import FolderListing, hash_shape
+from data_tools.io.precision import coarse_sentence
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
@@ -101,6 +103,8 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *one["notes"]]))
     num = common_num_points([one["points"] for one in facts], options.sampling.num_points)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]
+    said = {one["name"]: one["notes"] for one in facts}
+    notes += [*coarse_sentence(said), *not_kept_sentence(said)]
     if num < options.sampling.num_points:
         notes.append(f"Shapes would be matched at {num} points: most have fewer than {options.sampling.num_points}.")
     if few := [one["name"] for one in facts if one["points"] < num]:

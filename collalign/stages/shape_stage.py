@@ -15,7 +15,9 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError, printable
+from data_tools.io.formats.raw_shape import not_kept_sentence
 from data_tools.io.listing import FolderListing, hash_shape
+from data_tools.io.precision import coarse_sentence
 from data_tools.io.source import Origin, Source
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
@@ -60,7 +62,8 @@ def prepare_shapes(
         shapes = replace(shapes, notes=(note,))
     shapes = _with_enough(shapes, num, strict=session.options.strict)
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
-    shapes = replace(shapes, notes=(*shapes.notes, *odd))
+    said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
+    shapes = replace(shapes, notes=(*shapes.notes, *odd, *coarse_sentence(said), *not_kept_sentence(said)))
     if len(shapes.names) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
         raise CollectionError(

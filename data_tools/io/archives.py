@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.formats.raw_shape import RawShape, no_faces
 from data_tools.io.source import MAX_FILE_BYTES, Source
 
 #: Names of the points in an NPZ archive of a shape, the first found is read.
@@ -52,13 +52,13 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
         raise InputError(f"{name}: damaged archive") from error
 
 
-def read_npz(source: Source) -> tuple[FloatArray, IntArray]:
+def read_npz(source: Source) -> RawShape:
     """Return ``vertices`` (or ``points``, ``positions``, ``xyz``) and ``faces`` if there are any; no pickles."""
     arrays = load_arrays(source.content, str(source.path))
     key = next((k for k in POINT_KEYS if k in arrays), None)
     if key is None:
         raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
-    return arrays[key], arrays.get("faces", np.empty((0, 3), dtype=np.int64))
+    return RawShape(arrays[key], arrays.get("faces", no_faces()))
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:

@@ -10,18 +10,33 @@ from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path
 
-from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import composed, natural_key, read_text, readable_name
-from data_tools.io.mesh_formats import READERS as MESH_READERS
+from data_tools.io.formats.gltf import read_gltf
+from data_tools.io.formats.pcd import read_pcd
+from data_tools.io.formats.ply import read_ply
+from data_tools.io.formats.raw_shape import RawShape
+from data_tools.io.formats.stl import read_stl
+from data_tools.io.formats.vtk_legacy import read_vtk
+from data_tools.io.formats.vtp import read_vtp
+from data_tools.io.obj import read_obj
+from data_tools.io.off import read_off
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
-from data_tools.io.text_tables import read_text_points
+from data_tools.io.text_tables import read_pts, read_text_points
 
-#: Reader of each suffix: (vertices, faces) from a file.
-READERS: dict[str, Callable[[Source], tuple[FloatArray, IntArray]]] = {
-    **MESH_READERS,
+#: Reader of each suffix: the one list of what is read, which messages and documents repeat.
+READERS: dict[str, Callable[[Source], RawShape]] = {
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".off": read_off,
+    **dict.fromkeys((".glb", ".gltf"), read_gltf),
+    ".vtk": read_vtk,
+    ".vtp": read_vtp,
+    ".pcd": read_pcd,
+    ".pts": read_pts,
     **dict.fromkeys((".xyz", ".txt", ".csv"), read_text_points),
     ".npz": read_npz,
 }

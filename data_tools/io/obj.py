@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.io.formats.raw_shape import RawShape, not_kept
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
 
-def read_obj(source: Source) -> tuple[FloatArray, IntArray]:
+def read_obj(source: Source) -> RawShape:
     """Return the vertices and triangles of an OBJ file; groups are joined, all but ``v`` and ``f`` is ignored.
 
     Polygons are split into triangles at their first corner. Indices count from 1, or from the end where negative.
@@ -39,7 +41,13 @@ def read_obj(source: Source) -> tuple[FloatArray, IntArray]:
     faces = _triangles(path, polygons, num_before)
     if faces.size and faces.max() >= len(points):
         raise InputError(f"{path}: a face names vertex {faces.max() + 1}, there are {len(points)}")
-    return vertices_of_lines(path, points), faces
+    return RawShape(vertices_of_lines(path, points), faces, _lost(text))
+
+
+def _lost(text: str) -> tuple[str, ...]:
+    """Return the note that names what else the file has."""
+    words = {"vt": "texture coordinates", "usemtl": "materials"}
+    return not_kept(thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE))
 
 
 def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatArray:

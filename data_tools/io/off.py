@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import IntArray
 from data_tools.errors import InputError
+from data_tools.io.formats.raw_shape import RawShape, not_kept
 from data_tools.io.obj import fan, vertices_of_lines
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
 
-def read_off(source: Source) -> tuple[FloatArray, IntArray]:
+def read_off(source: Source) -> RawShape:
     """Return the vertices and triangles of an OFF file; normals, colours and edges are ignored.
 
     Polygons are split into triangles at their first corner.
@@ -42,7 +43,7 @@ def read_off(source: Source) -> tuple[FloatArray, IntArray]:
     faces = _triangles(path, body[num_vertices : num_vertices + num_faces])
     if faces.size and faces.max() >= num_vertices:
         raise InputError(f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0")
-    return vertices, faces
+    return RawShape(vertices, faces, not_kept(["colours"] if "C" in first else []))
 
 
 def _triangles(path: Path, lines: list[str]) -> IntArray:

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import write_atomic
+from data_tools.io.formats.raw_shape import RawShape
+from data_tools.io.formats.stl import STL_TRIANGLE
 from data_tools.io.listing import READERS, joint_digest, parts_of
+from data_tools.io.precision import coarse_note, fits_single
 from data_tools.io.source import Origin, Source, read_source
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean, drop_non_finite
@@ -36,8 +39,8 @@ def read_shape(
 ) -> Shape:
     """Read and clean a mesh or point cloud; its suffix names the format.
 
-    Meshes: PLY, OFF, OBJ, STL, GLB. Points: PLY, OBJ, XYZ, TXT, CSV. Either: NPZ with ``vertices`` (or
-    ``points``) and perhaps ``faces``. Polygons are split into triangles.
+    Meshes: PLY, STL, OBJ, OFF, GLB, GLTF, VTK (legacy) and VTP. Points: PCD, PTS, XYZ, TXT, CSV, and PLY, OBJ, VTK,
+    VTP. Either: NPZ with ``vertices`` (or ``points``) and perhaps ``faces``. Polygons are split into triangles.
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ def shape_from_source(
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            vertices, faces = reader(source)
+            raw = reader(source)
     except (CollalignError, MemoryError):
         raise
     except ImportError as error:
@@ -95,7 +98,7 @@ def shape_from_source(
         raise InputError(f"{path}: not a readable {kind} file, it is damaged or of another format") from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
-    shape = clean(_checked(source, vertices, faces, name or path.stem), cleaning)
+    shape = clean(_checked(source, raw, name or path.stem), cleaning)
     return shape if cleaning is not None and not cleaning.largest_component else without_outliers(shape, cleaning)
 
 
@@ -113,6 +116,10 @@ def _of_parts(
 def write_mesh(path: Path | str, shape: Shape) -> Path:
     """Write a shape as PLY (binary), OFF, OBJ, STL or GLB, by the suffix, atomically.
 
+    Text has every digit. Binary files are in single precision unless that would move points by a millionth of the
+    shape's size, as in coordinates of a map: then PLY is in double precision, STL is text, and GLB has its offset in
+    a node.
+
     Raises
     ------
     InputError
@@ -126,27 +133,70 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
     if suffix == ".ply":
         return write_ply(path, shape.vertices, shape.faces)
+    content = {".obj": _obj, ".off": _off, ".stl": _stl, ".glb": _glb}[suffix](shape.vertices, shape.faces)
+    return write_atomic(path, content)
+
+
+def _obj(vertices: FloatArray, faces: IntArray) -> bytes:
+    return (_text_rows("v ", vertices) + _text_rows("f ", faces + 1)).encode()
+
+
+def _off(vertices: FloatArray, faces: IntArray) -> bytes:
+    head = f"OFF\n{len(vertices)} {len(faces)} 0\n"
+    return (head + _text_rows("", vertices) + _text_rows("3 ", faces)).encode()
+
+
+def _stl(vertices: FloatArray, faces: IntArray) -> bytes:
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    if fits_single(vertices):
+        triangles = np.zeros(len(faces), dtype=STL_TRIANGLE)
+        triangles["normal"], triangles["corners"] = normals, corners
+        return b"collalign".ljust(80) + len(faces).to_bytes(4, "little") + triangles.tobytes()
+    rows = zip(normals.tolist(), corners.tolist(), strict=True)
+    facets = [
+        f"facet normal {' '.join(map(repr, normal))}\nouter loop\n"
+        + "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for normal, triangle in rows
+    ]
+    return "".join(["solid collalign\n", *facets, "endsolid collalign\n"]).encode()
+
+
+def _glb(vertices: FloatArray, faces: IntArray) -> bytes:
     import trimesh
 
-    if shape.is_mesh:
-        geometry: Any = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-    else:
-        geometry = trimesh.PointCloud(shape.vertices)
-    content: Any = geometry.export(file_type=suffix[1:])
-    return write_atomic(path, content.encode() if isinstance(content, str) else content)
+    place = np.eye(4)
+    if not fits_single(vertices):
+        place[:3, 3] = vertices.mean(axis=0)
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.Trimesh(vertices - place[:3, 3], faces, process=False), transform=place)
+    content: bytes = scene.export(file_type="glb")
+    return content
+
+
+def _text_rows(start: str, rows: NDArray[Any]) -> str:
+    """Return each row as a line of numbers in full."""
+    return "".join(f"{start}{' '.join(map(repr, row))}\n" for row in rows.tolist())
 
 
 def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArray[Any]) -> Path:
     """Write a binary PLY, atomically, with values of the vertices, shape (v,), as further properties.
 
-    Bytes, such as ``red``, stay; all else is in single precision. MeshLab, ParaView, 3D Slicer and R (Rvcg) read it.
+    Bytes, such as ``red``, stay; all else is in single precision, but for positions that would lose by it
+    (:func:`write_mesh`). MeshLab, ParaView, 3D Slicer and R (Rvcg) read it.
     """
     columns = dict(zip("xyz", vertices.T, strict=True)) | values
-    is_byte = {name: column.dtype == np.uint8 for name, column in columns.items()}
-    kinds = [(name, "u1" if byte else "<f4") for name, byte in is_byte.items()]
-    points = np.rec.fromarrays(list(columns.values()), dtype=kinds)
+    kinds = {
+        name: ("uchar", "u1") if column.dtype == np.uint8 else ("float", "<f4") for name, column in columns.items()
+    }
+    if not fits_single(vertices):
+        kinds |= dict.fromkeys("xyz", ("double", "<f8"))
+    points = np.rec.fromarrays(list(columns.values()), dtype=[(name, code) for name, (_, code) in kinds.items()])
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    header += [f"property {'uchar' if byte else 'float'} {name}" for name, byte in is_byte.items()]
+    header += [f"property {word} {name}" for name, (word, _) in kinds.items()]
     triangles = np.empty(len(faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
     triangles["corners"], triangles["vertices"] = 3, faces
     if len(faces):
@@ -154,13 +204,12 @@ def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArr
     return write_atomic(path, b"".join(["\n".join([*header, "end_header\n"]).encode(), points.data, triangles.data]))
 
 
-def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -> Shape:
-    path = source.path
-    vertices = np.asarray(vertices)
+def _checked(source: Source, raw: RawShape, name: str) -> Shape:
+    path, faces, notes, kept = source.path, raw.faces, raw.notes, raw.places
+    vertices = np.asarray(raw.vertices)
     if vertices.size == 0:
         raise InputError(f"{path}: holds no points")
-    kept, file_size = None, len(vertices)
-    notes: tuple[str, ...] = ()
+    file_size = raw.file_size or len(vertices)
     try:
         if (
             np.size(faces)
@@ -169,7 +218,7 @@ def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -
             and not np.isfinite(vertices).all()
         ):
             vertices, faces, kept, note = drop_non_finite(name, vertices, faces)
-            notes = (note,)
+            notes = (*notes, note)
         shape = Shape.from_arrays(vertices, faces, name=name, file=path if source.is_file else None, notes=notes)
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
@@ -177,6 +226,7 @@ def _checked(source: Source, vertices: FloatArray, faces: IntArray, name: str) -
     if extent > 1e100 or not np.ptp(shape.vertices, axis=0).any():
         reason = "coordinates beyond 1e100" if extent > 1e100 else "all points lie in one place"
         raise InputError(f"{path}: {reason}")
+    shape = replace(shape, notes=(*shape.notes, *coarse_note(shape.vertices)))
     triangles_of = np.bincount(shape.faces.ravel(), minlength=1)
     if triangles_of.max() > MAX_TRIANGLES_OF_VERTEX:
         raise InputError(

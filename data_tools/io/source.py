@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TypeAlias
+from urllib.parse import unquote
 
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file, open_regular, resolved
@@ -30,11 +32,21 @@ class Source:
         Of the format, in lower case: the path's own, unless another one is given.
     is_file : bool
         Whether it came from the disk; otherwise the path is only the name of a shape that the caller holds.
+    companions : mapping of str to bytes
+        The files that it names as its data, which a glTF file has beside it, by the names it gives them.
     """
 
-    def __init__(self, path: Path, content: bytes, *, suffix: str | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        content: bytes,
+        *,
+        suffix: str | None = None,
+        companions: Mapping[str, bytes] | None = None,
+    ) -> None:
         self.path = path
         self.content = content
+        self.companions = dict(companions or {})
         self.suffix = (path.suffix if suffix is None else suffix).lower()
         self.is_file = suffix is None
 
@@ -60,7 +72,10 @@ class Source:
     @property
     def digest(self) -> str:
         """The digest of what was read, equal to :func:`hash_source` of the same file."""
-        return hashlib.sha256(self.content).hexdigest()[:DIGEST_LENGTH]
+        digest = hashlib.sha256(self.content)
+        for content in self.companions.values():
+            digest.update(content)
+        return digest.hexdigest()[:DIGEST_LENGTH]
 
 
 #: Where a shape comes from: a file, or what was read of it or made of an object in memory.
@@ -85,14 +100,15 @@ def read_source(path: Origin | str) -> Source:
     Raises
     ------
     UnavailableError
-        If there is no such file or it cannot be read.
+        If there is no such file, or it or a file of its data cannot be read.
     InputError
-        If it is empty or larger than :data:`MAX_FILE_BYTES`.
+        If it is empty or larger than :data:`MAX_FILE_BYTES`, with its data, or names data outside of its folder.
     """
     if isinstance(path, Source):
         return path
     path = existing_file(Path(path))
-    return Source(path, _read(path))
+    content = _read(path)
+    return Source(path, content, companions=_companions(path, content) if _has_companions(path) else {})
 
 
 def read_start(path: Origin, num: int) -> bytes:
@@ -117,15 +133,38 @@ def hash_source(path: Origin | str) -> str:
     InputError
         As :func:`read_source`.
     """
-    if isinstance(path, Source):
-        return path.digest
+    if isinstance(path, Source) or _has_companions(Path(path)):
+        return read_source(path).digest
     with open_regular(existing_file(Path(path)), MAX_FILE_BYTES) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()[:DIGEST_LENGTH]
 
 
-def _read(path: Path) -> bytes:
-    with open_regular(path, MAX_FILE_BYTES) as stream:
+def _read(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    with open_regular(path, max_bytes) as stream:
         return stream.read(os.fstat(stream.fileno()).st_size)
+
+
+def _has_companions(path: Path) -> bool:
+    """Whether files of this kind name others that hold their data."""
+    return path.suffix.lower() == ".gltf"
+
+
+def _companions(path: Path, content: bytes) -> dict[str, bytes]:
+    """Return the files that a glTF file names as its buffers, all from its own folder; damage is for its reader."""
+    try:
+        buffers = json.loads(content)["buffers"]
+        names = dict.fromkeys(buffer["uri"] for buffer in buffers if not buffer["uri"].startswith("data:"))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+    found: dict[str, bytes] = {}
+    room = MAX_FILE_BYTES - len(content)
+    for name in names:
+        place = PurePosixPath(unquote(name))
+        if place.is_absolute() or ".." in place.parts or {":", "\\", "\0"} & {*str(place)}:
+            raise InputError(f"{path}: names a file outside of its folder as its data, which is not opened")
+        found[name] = _read(existing_file(path.parent / place), room)
+        room -= len(found[name])
+    return found
 
 
 def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:

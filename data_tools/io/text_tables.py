@@ -8,12 +8,14 @@ from __future__ import annotations
 import csv
 import io
 import re
+from itertools import pairwise
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import is_number
+from data_tools.io.formats.raw_shape import RawShape, no_faces
 from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
@@ -43,20 +45,38 @@ def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
     return values if len(values) == num_rows else None
 
 
-def read_text_points(source: Source) -> tuple[FloatArray, IntArray]:
+def read_text_points(source: Source) -> RawShape:
     """Return the points of a table of numbers; further columns (colours, normals) are ignored.
 
     Columns called x, y and z are taken where the first line is a heading, else the first three; see
     :func:`read_points_table` for what is understood and what is refused.
     """
-    return read_points_table(source.text("utf-8-sig"), str(source.path)), np.empty((0, 3), dtype=np.int64)
+    return RawShape(read_points_table(source.text("utf-8-sig"), str(source.path)), no_faces())
+
+
+def read_pts(source: Source) -> RawShape:
+    """Return the points of all scans of a PTS file, each of which begins with the number of its points.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_points_table`, or if the file holds landmarks.
+    """
+    path, lines = source.path, _lines(source.text("utf-8-sig"))
+    if re.match(r"version\b", lines[0] if lines else "", re.IGNORECASE):
+        raise InputError(f"{path}: holds landmarks, no point cloud; move it out of the folder of the shapes")
+    starts = [at for at, line in enumerate(lines) if line.isdecimal()]
+    if starts[:1] != [0]:
+        return RawShape(read_points_table("\n".join(lines), str(path)), no_faces())
+    scans = ["\n".join(lines[start:stop]) for start, stop in pairwise([*starts, len(lines)])]
+    return RawShape(np.concatenate([read_points_table(scan, str(path)) for scan in scans]), no_faces())
 
 
 def read_points_table(text: str, name: str) -> FloatArray:
     """Return the points of a table of numbers, shape (n, 3); missing numbers are NaN.
 
     Columns are separated by semicolons, tabs, commas or blanks, in this order of preference; ``#`` and ``//`` start
-    comments. Numbers have decimal points.
+    comments. Numbers have decimal points. A first line with one whole number says how many points follow.
 
     Parameters
     ----------
@@ -69,7 +89,7 @@ def read_points_table(text: str, name: str) -> FloatArray:
     InputError
         If there are no points, a row is malformed, or the table can be read in more than one way.
     """
-    lines = [line.strip(" \r\n") for line in _COMMENT.sub("", text).splitlines() if not line.isspace() and line]
+    lines = _counted_lines(_lines(text), name)
     if not lines:
         raise InputError(f"{name}: holds no points")
     delimiter = _delimiter(lines, name)
@@ -87,6 +107,26 @@ def read_points_table(text: str, name: str) -> FloatArray:
         if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
             _refuse_split_decimals(_cells(body, delimiter)[1], name)
     return np.ascontiguousarray(values[:, columns])
+
+
+def _lines(text: str) -> list[str]:
+    """Return the lines that hold anything, without comments."""
+    return [line.strip(" \r\n") for line in _COMMENT.sub("", text).splitlines() if not line.isspace() and line]
+
+
+def _counted_lines(lines: list[str], name: str) -> list[str]:
+    """Return the lines after the one that says how many they are, all of them where none does.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer than it says.
+    """
+    if not lines or not lines[0].isdecimal():
+        return lines
+    if lines[0].lstrip("0") != str(len(lines) - 1).lstrip("0"):
+        raise InputError(f"{name}: its first line promises {lines[0][:20]} points, {len(lines) - 1} lines follow")
+    return lines[1:]
 
 
 def _delimiter(lines: list[str], name: str) -> str | None:
