@@ -97,7 +97,7 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], str, int]:
     end = begin and re.compile(rb"[\r\n]end_header[ \t]*(?:%s|$)" % begin[1]).search(content, 0, 2**20)
     if begin is None or end is None:
         raise InputError(f"{path}: not a PLY file, it has no header from 'ply' to 'end_header'")
-    header = content[: end.start()].decode("latin-1")
+    header = re.sub(r"\r\n?", "\n", content[: end.start()].decode("latin-1"))
     found = re.search(r"^\s*format\s+(\w+)", header, re.MULTILINE)
     if found is None or found[1] not in _BYTE_ORDERS:
         raise InputError(f"{path}: malformed PLY header, its format is none of {', '.join(_BYTE_ORDERS)}")

@@ -16,7 +16,10 @@ from data_tools.io.source import Source
 #: A triangle of the binary format.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 #: The name of a solid may hold any word; on one line with the first triangle it ends there.
-_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b.*?(?=\bfacet\s+normal\s+[-+.\dni]|$)", re.IGNORECASE | re.MULTILINE)
+_NAME = re.compile(
+    rb"^[ \t]*solid\b.*?(?=\bfacet\s+normal\s+[-+.\dni]|$)|(?:^[ \t]*|(?<=endfacet)[ \t]+)endsolid\b.*$",
+    re.IGNORECASE | re.MULTILINE,
+)
 _VERTEX = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", re.IGNORECASE)
 
 
