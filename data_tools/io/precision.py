@@ -19,7 +19,7 @@ def fits_single(vertices: FloatArray) -> bool:
         return True
     with np.errstate(over="ignore"):
         moved = np.abs(finite.astype(np.float32) - finite).max()
-    return bool(moved <= 1e-6 * np.linalg.norm(np.ptp(finite, axis=0)))
+    return bool(moved <= 1e-6 * np.ptp(finite, axis=0).max())
 
 
 def coarse_note(vertices: FloatArray) -> tuple[str, ...]:

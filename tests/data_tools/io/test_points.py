@@ -17,8 +17,25 @@ MALFORMED = [
     ("header.csv", "x,y,z\n", "no points"),
     ("binary.txt", "\x00\x01\x02", "columns|no points|numbers"),
     ("prose.txt", "This is a letter to a friend.\nIt has no points in it, or few.\n", "columns|numbers"),
+    ("few.xyz", "4\n0 0 0\n1 2 3\n4 5 7\n", "its first line promises 4 points, 3 lines follow"),
+    ("many.pts", "2\n0 0 0 9\n1 2 3 9\n4 5 7 9\n", "its first line promises 2 points, 3 lines follow"),
+    ("huge.pts", "9" * 30 + "\n0 0 0\n", "promises 99999999999999999999 points, 1 lines follow"),
+    ("landmarks.pts", "Version 1.0\n3\nS000 0 0 0\nS001 1 2 3\nS002 4 5 7\n", "landmarks, no point cloud"),
+    ("counts.pts", "0\n0\n", "no points"),
     ("text.npz", "not an archive", "not an NPZ archive"),
 ]
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".pts", ".txt"])
+def test_the_number_of_points_may_come_first(tmp_path, suffix):
+    for count in ("", "3\n", "003 \r\n", "# by hand\n\n3\n", "//X Y Z I\n3\n"):
+        (tmp_path / f"a{suffix}").write_text(f"{count}0 0 0 1\n1 2 3 1\n4 5 7 1\n")
+        np.testing.assert_array_equal(read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+
+
+def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
+    (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
+    np.testing.assert_array_equal(read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
 
 
 def test_npz_holds_meshes_and_clouds(tmp_path, rng):

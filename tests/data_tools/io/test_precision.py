@@ -1,0 +1,83 @@
+"""Coordinates of maps: what single precision costs them is named, and no file that is written loses by it."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.io.precision import coarse_note, coarse_sentence, fits_single
+from data_tools.io.shapes import WRITABLE, read_shape, write_mesh
+from data_tools.surface.shape import Shape
+
+#: Easting, northing and height of a place on a map, in metres.
+PLACE = np.array([456789.123, 5412345.678, 312.4])
+BLOB = blob(np.random.default_rng(3), num_vertices=200)
+
+
+def on_map(size):
+    return Shape.from_arrays(
+        BLOB.vertices * (size / np.linalg.norm(np.ptp(BLOB.vertices, axis=0))) + PLACE, BLOB.faces
+    )
+
+
+@pytest.mark.parametrize("suffix", WRITABLE)
+def test_meshes_on_a_map_are_written_without_loss(tmp_path, suffix):
+    shape = on_map(1.5)
+    back = read_shape(write_mesh(tmp_path / f"a{suffix}", shape))
+    order = np.lexsort(np.round(back.vertices, 6).T), np.lexsort(np.round(shape.vertices, 6).T)
+    np.testing.assert_allclose(back.vertices[order[0]], shape.vertices[order[1]], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(back.area, shape.area, rtol=1e-6)
+    assert coarse_note(back.vertices) == ()
+
+
+@pytest.mark.parametrize("suffix", WRITABLE)
+def test_other_programs_read_the_same_of_what_is_written(tmp_path, suffix):
+    for shape in (BLOB, on_map(1.5)):
+        path = write_mesh(tmp_path / f"a{suffix}", shape)
+        other = trimesh.load_scene(path, process=False).to_geometry()
+        np.testing.assert_allclose(other.area, shape.area, rtol=1e-4)
+        np.testing.assert_allclose(other.bounds, [shape.vertices.min(axis=0), shape.vertices.max(axis=0)], atol=1e-5)
+
+
+def test_binary_files_are_in_single_precision_where_that_is_enough(tmp_path):
+    for suffix in (".ply", ".stl"):
+        near, far = (write_mesh(tmp_path / f"a{suffix}", shape).read_bytes() for shape in (BLOB, on_map(1.5)))
+        assert len(near) < len(far)
+    tiny = Shape.from_arrays(1e-9 * BLOB.vertices, BLOB.faces)
+    np.testing.assert_allclose(read_shape(write_mesh(tmp_path / "a.obj", tiny)).vertices, tiny.vertices, rtol=1e-12)
+
+
+def test_what_fits_single_precision():
+    assert fits_single(BLOB.vertices)
+    assert fits_single(BLOB.vertices + 5)
+    assert not fits_single(BLOB.vertices + 1000)
+    assert fits_single(np.full((3, 3), np.nan))
+    assert not fits_single(np.array([[0, 0, 0], [1e200, 0, 0]]))
+
+
+@pytest.mark.parametrize(("size", "share"), [(1.5, 33.3), (15.0, 3.3)])
+def test_coarse_steps_are_named_with_what_they_cost(size, share):
+    single = on_map(size).vertices.astype(np.float32).astype(float)
+    (note,) = coarse_note(single)
+    assert note.startswith("coordinates in steps of 0.5, ")
+    assert float(note.split(", ")[1].split("%")[0]) == pytest.approx(share, rel=0.1)
+    assert coarse_note(on_map(size).vertices) == ()
+
+
+def test_fine_steps_are_not_named():
+    assert coarse_note(BLOB.vertices.astype(np.float32).astype(float)) == ()
+    assert coarse_note(on_map(5000.0).vertices.astype(np.float32).astype(float)) == ()
+    grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3), axis=-1).reshape(-1, 3)
+    assert coarse_note(grid) == ()  # steps of a voxel, near the origin
+
+
+def test_the_sentence_names_the_shapes_and_a_remedy():
+    note = coarse_note(on_map(1.5).vertices.astype(np.float32).astype(float))
+    (sentence,) = coarse_sentence({"a": ("merged 3", *note), "b": ()})
+    assert "a (0.5, 3" in sentence
+    assert "Shift the originals close to the origin before they are saved" in sentence
+    assert coarse_sentence({"b": ("merged 3",)}) == ()
+    (sentence,) = coarse_sentence({f"s{at}": note for at in range(15)})
+    assert "s9 (" in sentence
+    assert "s10" not in sentence
+    assert "and 5 more." in sentence
