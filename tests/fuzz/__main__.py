@@ -1,7 +1,8 @@
 """Damages files of every kind by the thousand: ``python -m tests.fuzz --shapes 10000 --stores 1000``.
 
-``--certificates N`` forges N certificates of every kind, and compares what they prove with brute force.
-``--folders N`` forges N folders of a result, ``--overlaps N`` runs N of the ways in which output and input overlap.
+``--readers N`` damages N files of every reader, ``--only .ply .stl`` of some. ``--certificates N`` forges N
+certificates of every kind, and compares what they prove with brute force. ``--folders N`` forges N folders of a
+result, ``--overlaps N`` runs N of the ways in which output and input overlap.
 """
 
 import argparse
@@ -10,19 +11,21 @@ import time
 from functools import partial
 from pathlib import Path
 
+from data_tools.io.listing import READERS
 from tests.fuzz import seeds, targets
 from tests.fuzz.forgeries import attack_folders, honest_result
 from tests.fuzz.harness import fuzz
 from tests.fuzz.hostile import attack
 from tests.fuzz.overlaps import attack_overlaps
 
-FILES = ("shapes", "stores", "records", "certificate-files", "configs")
+FILES = ("shapes", "readers", "stores", "records", "certificate-files", "configs")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     for kind in (*FILES, "certificates", "folders", "overlaps"):
         parser.add_argument(f"--{kind}", type=int, default=0)
+    parser.add_argument("--only", nargs="*", help="suffixes of the readers, all by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the files that ended badly")
@@ -56,6 +59,8 @@ def run(kind, options, folder):
     num = getattr(options, kind.replace("-", "_"))
     if not num:
         return 0
+    if kind == "readers":
+        return sum(run_reader(suffix, files, num, options) for suffix, files in by_suffix(folder).items())
     target, files = {
         "shapes": lambda: (targets.read_and_sample, seeds.shape_files(folder)),
         "stores": lambda: (targets.read_store, {"a.store": seeds.store_file(folder)}),
@@ -63,6 +68,24 @@ def run(kind, options, folder):
         "certificate-files": lambda: (targets.read_certificate, {"a.npz": seeds.certificate_file(folder)}),
         "configs": lambda: (targets.read_config, {"a.toml": seeds.CONFIG.encode()}),
     }[kind]()
+    return run_target(kind, target, files, num, options)
+
+
+def by_suffix(folder):
+    """Return the good shape files of each reader by its suffix."""
+    files = seeds.shape_files(folder)
+    return {suffix: {name: files[name] for name in files if name.endswith(suffix)} for suffix in READERS}
+
+
+def run_reader(suffix, files, num, options):
+    """Fuzz the files of one reader; returns how many ended badly."""
+    if options.only and suffix not in options.only:
+        return 0
+    return run_target(f"reader {suffix}", targets.read_and_sample, files, num, options)
+
+
+def run_target(kind, target, files, num, options):
+    """Hand a target so many damaged files and print what happened; returns how many ended badly."""
     start_s = time.perf_counter()
     report = fuzz(target, files, num, seed=options.seed, num_jobs=options.jobs, keep=options.keep)
     print(f"{kind}: {report}; {time.perf_counter() - start_s:.0f} s", flush=True)

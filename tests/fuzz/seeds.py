@@ -1,5 +1,9 @@
 """Small good files of every kind that the project reads, to be damaged."""
 
+import base64
+import json
+import struct
+
 import numpy as np
 
 from collalign.engine.store.keys import fingerprint
@@ -14,6 +18,10 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from pairwise import solve_relaxation
 from pairwise.options import MatchOptions
+from tests.data_tools.io.formats import test_gltf as gltf
+from tests.data_tools.io.formats import test_pcd as pcd
+from tests.data_tools.io.formats import test_vtk_legacy as vtk
+from tests.data_tools.io.formats import test_vtp as vtp
 
 CONFIG = """
 group = "O"
@@ -53,7 +61,85 @@ def shape_files(folder):
         for triangle in points[mesh.faces]
     )
     (folder / "ascii.stl").write_text(f"solid a\n{facets}endsolid a\n")
+    (folder / "points.pts").write_text(f"{len(rows)}\n" + "\n".join(f"{row} -7 1 2 3" for row in rows))
+    for name, content in (_mixed_ply(mesh) | _gltf(mesh) | _vtk(mesh) | _vtp(mesh) | _pcd(points)).items():
+        (folder / name).write_bytes(content)
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def _mixed_ply(mesh):
+    """Return PLY files with texture coordinates of corners, polygons of several sizes, and strips."""
+    head = f"ply\nformat binary_%s_endian 1.0\nelement vertex {len(mesh.vertices)}\nproperty float x\n"
+    head += "property float y\nproperty float z\nelement {}\nproperty list uchar int vertex_indices\n{}end_header\n"
+    polygons = [(*face, face[0]) if at % 3 == 0 else face for at, face in enumerate(mesh.faces.tolist())]
+    corners = [3, *[0.5] * 3]
+    faces = b"".join(struct.pack(f">B{len(p)}iB3f", len(p), *p, *corners) for p in polygons)
+    strips = b"".join(struct.pack("<B8i", 8, *face, -1, *face, -1) for face in mesh.faces.tolist())
+    texture = "property list uchar float texcoord\n"
+    return {
+        "mixed.ply": (head % "big").format(f"face {len(polygons)}", texture).encode()
+        + mesh.vertices.astype(">f4").tobytes()
+        + faces,
+        "strips.ply": (head % "little").format(f"tristrips {len(mesh.faces)}", "").encode()
+        + mesh.vertices.astype("<f4").tobytes()
+        + strips,
+    }
+
+
+def _gltf(mesh):
+    """Return a glTF file that holds its data, and a GLB file of integers, with a strip and a sparse accessor."""
+    plain = gltf.Scene()
+    plain.node(mesh=plain.mesh(plain.plain(mesh.vertices, mesh.faces)), rotation=gltf.QUARTER)
+    uri = "data:;base64," + base64.b64encode(plain.data).decode()
+    document = plain.document | {"buffers": [{"byteLength": len(plain.data), "uri": uri}]}
+    packed = gltf.Scene()
+    size = np.abs(mesh.vertices).max()
+    stored = np.round(mesh.vertices / size * 32767).astype("i2")
+    positions = packed.accessor(stored, stride=8, normalized=True)
+    packed.document["accessors"][positions]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": packed.view(np.array([3, 5], dtype="<u2")), "componentType": 5123},
+        "values": {"bufferView": packed.view(stored[:2])},
+    }
+    indices = packed.accessor(mesh.faces.astype("<u2").ravel())
+    primitive = {"attributes": {"POSITION": positions}, "indices": indices}
+    inner = packed.node(root=False, mesh=packed.mesh(primitive, primitive | {"mode": 5}), scale=[size] * 3)
+    packed.node(children=[inner], translation=[1, 2, 3])
+    return {"mesh.gltf": json.dumps(document).encode(), "packed.glb": packed.glb()}
+
+
+def _vtk(mesh):
+    """Return legacy VTK files of both versions and encodings."""
+    files, lists = {}, mesh.faces.tolist()
+    for binary, version in ((False, 3), (True, 3), (False, 5), (True, 5)):
+        blocks = [vtk.cells("POLYGONS", lists, binary, version), vtk.cells("TRIANGLE_STRIPS", lists, binary, version)]
+        content = vtk.vtk(blocks, binary=binary, version=version, points=mesh.vertices)
+        files[f"mesh{version}-{binary}.vtk"] = content
+    return files
+
+
+def _vtp(mesh):
+    """Return VTP files of every encoding, plain and compressed."""
+    files = {}
+    for mode in ("ascii", "binary", "base64", "raw"):
+        for compressor in vtp.PACKERS:
+            writer = vtp.Writer(mode, compressor)
+            piece = writer.piece(mesh.vertices, mesh.faces.tolist())
+            files[f"{mode}{compressor}.vtp"] = writer.file(piece)
+    return files
+
+
+def _pcd(points):
+    """Return PCD files of the three encodings."""
+    single, num = points.astype("<f4"), len(points)
+    columns = pcd.literal_lzf(single.T.tobytes())
+    return {
+        "text.pcd": pcd.header(num) + pcd.text(single),
+        "binary.pcd": pcd.header(num, data="binary") + single.tobytes(),
+        "packed.pcd": pcd.header(num, data="binary_compressed")
+        + struct.pack("<II", len(columns), single.nbytes)
+        + columns,
+    }
 
 
 def records():

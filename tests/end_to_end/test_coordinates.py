@@ -1,0 +1,97 @@
+"""Shapes in the coordinates of a map: exports are exact, and coarse steps and colours that are lost are named."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.tools.export.run import export
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.io.shapes import read_shape
+from data_tools.options import AS_STORED
+from data_tools.rotations import random_rotation
+
+FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]
+PLACE = np.array([456789.123, 5412345.678, 312.4])
+
+
+@pytest.fixture(scope="module")
+def surveyed(tmp_path_factory):
+    """A folder of four objects of about two metres on a map, as text with tenths of a millimetre, and its result."""
+    folder = tmp_path_factory.mktemp("survey")
+    (folder / "in").mkdir()
+    rng = np.random.default_rng(0)
+    for at in range(4):
+        shape = blob(np.random.default_rng(7), num_vertices=150)
+        points = shape.vertices @ random_rotation(rng).T + PLACE + rng.normal(size=3) * 20
+        points += 0.01 * rng.normal(size=points.shape)
+        lines = ["v " + " ".join(f"{value:.4f}" for value in point) for point in points]
+        lines += ["f " + " ".join(map(str, face + 1)) for face in shape.faces]
+        (folder / "in" / f"s{at}.obj").write_text("vt 0 0\nusemtl stone\n" + "\n".join(lines) + "\n")
+    assert main(["align", str(folder / "in"), "--out", str(folder / "out"), *FLAGS]) == 0
+    return folder
+
+
+def near(points, file, atol=1e-6):
+    """Whether every point is a vertex of a file."""
+    own = read_shape(file, AS_STORED).vertices
+    apart = np.abs(points[:, None] - own).max(axis=2).min(axis=1)
+    return (apart < atol).all()
+
+
+@pytest.mark.parametrize("format", ["ply", "obj", "stl", "shapeworks"])
+def test_meshes_in_raw_space_are_those_of_the_files(surveyed, tmp_path, format):
+    written = [
+        path
+        for path in export(surveyed / "out", format, tmp_path, space="raw")
+        if path.suffix in (".ply", ".obj", ".stl")
+    ]
+    assert len(written) == 4
+    for path in written:
+        assert near(read_shape(path).vertices, surveyed / "in" / f"{path.stem}.obj")
+
+
+def test_landmarks_in_raw_space_are_points_of_the_files(surveyed, tmp_path):
+    export(surveyed / "out", "csv", tmp_path, space="raw")
+    rows = list(csv.DictReader((tmp_path / "landmarks.csv").read_text().splitlines()))
+    for name in ("s0", "s3"):
+        points = np.array([[float(row[axis]) for axis in "xyz"] for row in rows if row["name"] == name])
+        assert len(points) == 12
+        assert near(points, surveyed / "in" / f"{name}.obj")
+    for format, ending in (("slicer-json", "json"), ("tps", "tps"), ("morphologika", "txt")):
+        paths = export(surveyed / "out", format, tmp_path / format, space="raw")
+        text = "".join(path.read_text() for path in paths if path.suffix == f".{ending}")
+        numbers = np.array(re.findall(r"-?\d+\.\d+", text), dtype=float)
+        assert all(np.abs(numbers - value).min() < 1e-6 for value in points[0])
+
+
+def test_transforms_take_the_files_to_the_aligned_meshes(surveyed):
+    result = collalign.load(surveyed / "out")
+    for shape in result:
+        mesh = read_shape(surveyed / "out" / "meshes" / f"{shape.name}.ply", AS_STORED)
+        original = read_shape(shape.file).transformed(shape.transform)
+        np.testing.assert_allclose(mesh.vertices, original.vertices, atol=1e-6)
+
+
+def test_what_the_outputs_lack_is_said(surveyed):
+    notes = json.loads((surveyed / "out" / "alignment.json").read_text())["notes"]
+    assert any("are without materials, texture coordinates, which 4 of 4 files have" in note for note in notes)
+    assert not any("coarse steps" in note for note in notes)
+
+
+def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    for file in sorted((surveyed / "in").iterdir()):
+        shape = read_shape(file)
+        single = shape.vertices.astype(np.float32)
+        np.savez(tmp_path / "in" / f"{file.stem}.npz", vertices=single, faces=shape.faces)
+    for more in (["--check"], []):
+        assert main(["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS, *more]) == 0
+        said = capsys.readouterr().out
+        assert "Coordinates in coarse steps" in said
+        assert "s0 (0.5, " in said
+        assert "Matched on a repaired copy" not in said or "coordinates in steps" not in said
