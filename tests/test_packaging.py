@@ -38,32 +38,51 @@ def built(tmp_path_factory):
     return folder
 
 
-def checked_in():
-    """Return the files under version control; skip where there is none, as in an unpacked archive."""
-    if not (ROOT / ".git").exists():
+def listed(*options, root=ROOT):
+    """Return the files that git lists; skip where there is no version control, as in an unpacked archive."""
+    if not (root / ".git").exists():
         pytest.skip("no checkout")
-    return set(
-        run("git", "-c", f"safe.directory={ROOT}", "ls-files", "--cached", "--others", "--exclude-standard").split(
-            "\n"
-        )
-    ) - {""}
+    return set(run("git", "-c", f"safe.directory={root}", "ls-files", *options, folder=root).split("\n")) - {""}
+
+
+def checked_in(root=ROOT):
+    """Return the files under version control that are there."""
+    return {name for name in listed("--cached", root=root) if (root / name).is_file()}
+
+
+def untracked(root=ROOT):
+    """Return the files that nobody has checked in, such as results of a command that was tried in the checkout."""
+    return listed("--others", root=root)
 
 
 def test_the_source_archive_holds_the_checkout(built):
     (archive,) = built.glob("*.tar.gz")
     with tarfile.open(archive) as packed:
         names = {name.split("/", 1)[1] for name in packed.getnames()}
-    files = {name for name in checked_in() if (ROOT / name).is_file()}
-    assert names - {"PKG-INFO"} == files
+    assert names - {"PKG-INFO"} - untracked() == checked_in()
+
+
+def test_what_commands_leave_in_a_checkout_is_not_taken_for_checked_in(tmp_path):
+    run("git", "init", "-q", folder=tmp_path)
+    (tmp_path / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
+    (tmp_path / "collalign-demo").mkdir()
+    for name in ("kept.py", "notes.py", "collalign-demo/report.html"):
+        (tmp_path / name).touch()
+    run("git", "add", ".gitignore", "kept.py", folder=tmp_path)
+    assert checked_in(tmp_path) == {".gitignore", "kept.py"}
+    assert untracked(tmp_path) == {"notes.py", "collalign-demo/report.html"}
+    assert set(run("git", "status", "--porcelain", folder=tmp_path).splitlines()) == {
+        "A  .gitignore",
+        "A  kept.py",
+        "?? notes.py",
+    }
 
 
 def test_the_wheel_holds_the_packages(built):
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as packed:
         names = {name for name in packed.namelist() if ".dist-info/" not in name}
-    assert names == {
-        name for name in checked_in() if name.startswith(tuple(f"{p}/" for p in PACKAGES)) and (ROOT / name).is_file()
-    }
+    assert names - untracked() == {name for name in checked_in() if name.startswith(tuple(f"{p}/" for p in PACKAGES))}
 
 
 def test_the_wheel_alone_works(built, tmp_path):

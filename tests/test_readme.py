@@ -1,9 +1,13 @@
 """The README's commands are there."""
 
+import re
 import subprocess
 
 import pytest
 
+from collalign import align_collection
+from data_tools.io.listing import READERS
+from data_tools.io.shapes import read_shape
 from tests.readme_commands import README, command
 
 ROOT = README.parent
@@ -15,6 +19,14 @@ def test_commands_set_up_and_run():
     assert command("test", text).endswith("-m pytest -n 2")
     for name in ("demo", "test"):
         assert "pip install" in command(name, text)
+
+
+@pytest.mark.parametrize("text", [README.read_text("utf-8"), align_collection.__doc__, read_shape.__doc__])
+def test_every_readable_format_is_named(text):
+    sentence = next(one for one in text.split("\n\n") if "PLY" in one and "NPZ" in one)
+    words = set(re.findall(r"\b[A-Z]{3,4}\b", sentence))
+    assert {suffix[1:].upper() for suffix in READERS} <= words
+    assert words & {"FBX", "DAE", "PTX", "VTU"} == set()
 
 
 def test_missing_command_is_noticed():

@@ -26,6 +26,8 @@ def export(
 ) -> int:
     """Write a result in a format of the field.
 
+    Meshes are written without colours, texture coordinates and materials.
+
     Parameters
     ----------
     result

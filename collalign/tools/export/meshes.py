@@ -1,4 +1,7 @@
-"""Aligned meshes as PLY, OBJ or STL, at full resolution and with normals outwards where the pose mirrors."""
+"""Aligned meshes as PLY, OBJ or STL, at full resolution and with normals outwards where the pose mirrors.
+
+Colours, texture coordinates and materials are not written.
+"""
 
 from __future__ import annotations
 
