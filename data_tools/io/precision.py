@@ -35,11 +35,10 @@ def coarse_note(vertices: FloatArray) -> tuple[str, ...]:
     tuple of str
         One sentence with the step and its share of the size, or none.
     """
-    with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):  # of what is beyond single precision
         is_single = (vertices.astype(np.float32) == vertices).all(axis=0)
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    steps = np.where(is_single, np.spacing(np.abs(vertices).max(axis=0).astype(np.float32)), 0.0)
-    step = float(steps.max())
+        steps = np.where(is_single, np.spacing(np.abs(vertices).max(axis=0).astype(np.float32)), 0.0)
+    step, size = float(steps.max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if not step > 1e-3 * size:
         return ()
     return (f"{COARSE}{step:.3g}, {step / size:.1%} of its size: finer detail was lost when it was saved",)

@@ -160,8 +160,8 @@ def _companions(path: Path, content: bytes) -> dict[str, bytes]:
     room = MAX_FILE_BYTES - len(content)
     for name in names:
         place = PurePosixPath(unquote(name))
-        if place.is_absolute() or ".." in place.parts or {":", "\\", "\0"} & {*str(place)}:
-            raise InputError(f"{path}: names a file outside of its folder as its data, which is not opened")
+        if len(name) > 255 or place.is_absolute() or ".." in place.parts or {":", "\\", "\0"} & {*str(place)}:
+            raise InputError(f"{path}: names as its data no file of its own folder; others are not opened")
         found[name] = _read(existing_file(path.parent / place), room)
         room -= len(found[name])
     return found

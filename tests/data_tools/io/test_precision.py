@@ -68,6 +68,7 @@ def test_fine_steps_are_not_named():
     assert coarse_note(BLOB.vertices.astype(np.float32).astype(float)) == ()
     assert coarse_note(on_map(5000.0).vertices.astype(np.float32).astype(float)) == ()
     grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3), axis=-1).reshape(-1, 3)
+    assert coarse_note(1e90 * BLOB.vertices) == ()  # beyond single precision
     assert coarse_note(grid) == ()  # steps of a voxel, near the origin
 
 
