@@ -24,7 +24,7 @@ from data_tools.io.formats.vtp import read_vtp
 from data_tools.io.obj import read_obj
 from data_tools.io.off import read_off
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
-from data_tools.io.text_tables import read_pts, read_text_points
+from data_tools.io.text_tables import is_landmark_pts, read_pts, read_text_points
 
 #: Reader of each suffix: the one list of what is read, which messages and documents repeat.
 READERS: dict[str, Callable[[Source], RawShape]] = {
@@ -138,7 +138,7 @@ def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path,
         if not place.exists() and has_magic(text):
             found = [Path(match) for match in glob(text, recursive=True)]
             found = sorted((path for path in found if path.is_file()), key=lambda path: natural_key(str(path)))
-            files = tuple(path for path in found if path.suffix.lower() in READERS)
+            files = tuple(path for path in found if _is_shape(path))
             if not files:
                 raise InputError(f"{place}: no shape file matches")
             return files, tuple(path for path in found if path not in files)
@@ -278,4 +278,4 @@ def joint_digest(parts: Sequence[tuple[str, str]]) -> str:
 
 
 def _is_shape(path: Path) -> bool:
-    return path.is_file() and path.suffix.lower() in READERS
+    return path.is_file() and path.suffix.lower() in READERS and not is_landmark_pts(path)

@@ -8,18 +8,24 @@ from __future__ import annotations
 import csv
 import io
 import re
+import sys
+from contextlib import suppress
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import is_number
+from data_tools.io.files import open_regular
 from data_tools.io.formats.raw_shape import RawShape, no_faces
 from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
 _MIN_NUMBERED_ROWS = 3
+#: First line of PTS files of landmarks.
+_VERSION = re.compile(r"version\b", re.IGNORECASE)
 _WORD = re.compile(r"[^\d\s.,eE+-]")
 _COMMENT = re.compile(r"(?:#|//).*")
 _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
@@ -63,13 +69,22 @@ def read_pts(source: Source) -> RawShape:
         As :func:`read_points_table`, or if the file holds landmarks.
     """
     path, lines = source.path, _lines(source.text("utf-8-sig"))
-    if re.match(r"version\b", lines[0] if lines else "", re.IGNORECASE):
+    if lines and _VERSION.match(lines[0]):
         raise InputError(f"{path}: holds landmarks, no point cloud; move it out of the folder of the shapes")
     starts = [at for at, line in enumerate(lines) if line.isdecimal()]
     if starts[:1] != [0]:
         return RawShape(read_points_table("\n".join(lines), str(path)), no_faces())
     scans = ["\n".join(lines[start:stop]) for start, stop in pairwise([*starts, len(lines)])]
     return RawShape(np.concatenate([read_points_table(scan, str(path)) for scan in scans]), no_faces())
+
+
+def is_landmark_pts(path: Path) -> bool:
+    """Whether a file is a PTS file of landmarks, which begins with a version; False where it cannot be read."""
+    if path.suffix.lower() != ".pts":
+        return False
+    with suppress(InputError), open_regular(path, sys.maxsize) as stream:
+        return _VERSION.match(stream.read(16).decode("utf-8-sig", "replace").lstrip()) is not None
+    return False
 
 
 def read_points_table(text: str, name: str) -> FloatArray:

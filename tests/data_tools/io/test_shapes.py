@@ -192,6 +192,17 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
 
 
+def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
+    """Landmark Editor calls them like their mesh; point clouds have the same suffix."""
+    (tmp_path / "a.ply").touch()
+    (tmp_path / "a.pts").write_text("Version 1.0\n1\nS000 0 0 0\n", "utf-8-sig")
+    (tmp_path / "b.pts").write_text("2\n0 0 0\n1 2 3\n")
+    for files, skipped in ((read_folder(tmp_path).files, read_folder(tmp_path).skipped), files_at(tmp_path / "*")):
+        assert [path.name for path in files] == ["a.ply", "b.pts"]
+        assert [path.name for path in skipped] == ["a.pts"]
+    assert read_folder(tmp_path).names == ("a", "b")
+
+
 def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path):
     for name in (b"a.ply", b"a.obj", b"a.ply.ply", b"\xff.ply"):
         with open(os.fsencode(tmp_path) + b"/" + name, "wb"):
