@@ -27,7 +27,7 @@ ODD_FACTOR = 8.0
 
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-11", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-12", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
