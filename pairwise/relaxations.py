@@ -28,9 +28,14 @@ def solve_relaxation(
     max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
+    row_sums: bool = True,
     **problem_arguments: Unpack[ProblemArguments],
 ) -> RelaxationResult:
     """Bound the Procrustes matching energy from below by PM-SDP, the relaxation of Maron et al. (2016).
+
+    With ``row_sums`` it has more linear equations than the paper's: where a target point is always matched (all are
+    for k = n), its matches' shares of R add up to R. On few points they close most of the gap between bound and
+    optimum; ``row_sums=False`` is PM-SDP as published.
 
     Parameters
     ----------
@@ -45,6 +50,8 @@ def solve_relaxation(
     time_limit_s : float, optional
     cross_products : bool
         Use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
+    row_sums : bool
+        Use the equations of target points that are always matched; False is PM-SDP as published.
     **problem_arguments
         The other arguments of :meth:`pairwise.problem.problem.Problem.from_user`.
 
@@ -71,14 +78,15 @@ def solve_relaxation(
         raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
     check_limits(tol, max_iterations, time_limit_s)
     problem = Problem.from_user(target, source, **problem_arguments)
-    limits: dict[str, Any] = {} if max_iterations is None else {"max_iterations": max_iterations}
+    limits: dict[str, Any] = {"tol": tol, "time_limit_s": time_limit_s}
+    if max_iterations is not None:
+        limits["max_iterations"] = max_iterations
+    equations = {"cross_products": cross_products, "row_sums": row_sums}
     if solver != "dual":
         from pairwise.reference.pm_sdp import solve_reference
 
-        return solve_reference(
-            problem, solver=solver, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits
-        )
-    return solve_pm_sdp(problem, cross_products=cross_products, tol=tol, time_limit_s=time_limit_s, **limits)
+        return solve_reference(problem, solver=solver, **equations, **limits)
+    return solve_pm_sdp(problem, **equations, **limits)
 
 
 @one_blas_thread()
@@ -86,6 +94,7 @@ def solve_pm_sdp(
     problem: Problem,
     *,
     cross_products: bool = False,
+    row_sums: bool = True,
     tol: float = 1e-6,
     max_iterations: int = 100,
     time_limit_s: float | None = None,
@@ -95,10 +104,10 @@ def solve_pm_sdp(
     Parameters
     ----------
     problem : Problem
-    cross_products, tol, max_iterations, time_limit_s
+    cross_products, row_sums, tol, max_iterations, time_limit_s
         See :func:`solve_relaxation`.
     """
-    data = RelaxationData.from_problem(problem, cross_products=cross_products)
+    data = RelaxationData.from_problem(problem, cross_products=cross_products, row_sums=row_sums)
     solution = solve_dual(data, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
     certificate = certify_dual(problem, data, solution)
     x, B, R, C = full_variables(data, solution)

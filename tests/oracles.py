@@ -72,8 +72,11 @@ def check_pose(problem, rotation, point_map, energy, tol=1e-9):
     return wrong
 
 
-def check_relaxation(problem, result, tol):
-    """Which constraints of PM-SDP, with the leading row kept, a claimed solution violates; empty if none."""
+def check_relaxation(problem, result, tol, *, row_sums=False):
+    """Which constraints of PM-SDP, with the leading row kept, a claimed solution violates; empty if none.
+
+    With ``row_sums`` also those that a problem of as many target as source points has beside the published ones.
+    """
     wrong = []
     x, b, c = result.X, result.B, result.C
     entries = problem.pattern.pack(result.R)
@@ -86,6 +89,8 @@ def check_relaxation(problem, result, tol):
         body = np.block([[x[:, [j]], np.diag(x[:, j]), b[j].T], [entries[:, None], b[j], c]])
         if np.linalg.eigvalsh(np.vstack([head, body]))[0] < -tol:
             wrong.append(f"the lifted matrix of source point {j} is not PSD")
+    if row_sums and np.abs(b.sum(axis=0) - entries[:, None]).max() > tol:
+        wrong.append("the shares of R of a target point do not add up to R")
     if _orthogonality_gap(problem, c) > tol:
         wrong.append("C does not satisfy R R^T = R^T R = I")
     for start, stop in problem.pattern.special_blocks:

@@ -25,6 +25,7 @@ class Variant:
 
     problem: Problem
     cross_products: bool
+    row_sums: bool
     description: str
 
 
@@ -36,7 +37,7 @@ def variants(draw, max_points=7):
     group = draw(st.sampled_from(["SO", "O"]))
     num_source = draw(st.integers(1, max_points))
     num_target = draw(st.integers(num_source, max_points))
-    masked, weighted, invariant, cross = (draw(st.booleans()) for _ in range(4))
+    masked, weighted, invariant, cross, tied = (draw(st.booleans()) for _ in range(5))
     noise = draw(st.sampled_from([0.05, 0.3]))
     seed = draw(st.integers(0, 2**32 - 1))
     rng = np.random.default_rng(seed)
@@ -57,8 +58,8 @@ def variants(draw, max_points=7):
         invariants=(0.3 * rng.random((num_target, 2)), 0.3 * rng.random((num_source, 2))) if invariant else None,
     )
     words = f"d={dim} {group} pattern={pattern} n={num_target} k={num_source} noise={noise} seed={seed}"
-    flags = f" masked={masked} weighted={weighted} invariant={invariant} cross={cross}"
-    return Variant(problem, cross, words + flags)
+    flags = f" masked={masked} weighted={weighted} invariant={invariant} cross={cross} row_sums={tied}"
+    return Variant(problem, cross, tied, words + flags)
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,9 @@ def compare_with_reference(variant):
     The dual solver writes SO(2) blocks as (c, s) in the second moments too, so it may exceed the reference there.
     """
     problem = variant.problem
-    reference = solve_reference(problem, solver="clarabel", tol=1e-9, cross_products=variant.cross_products)
-    result = solve_pm_sdp(problem, cross_products=variant.cross_products)
+    equations = {"cross_products": variant.cross_products, "row_sums": variant.row_sums}
+    reference = solve_reference(problem, solver="clarabel", tol=1e-9, **equations)
+    result = solve_pm_sdp(problem, **equations)
     assert result.certificate is not None
     bound = verify_certificate(problem.target, problem.source, result.certificate)
     scale = float((problem.weights * (problem.source**2).sum(axis=1)).sum()) + 1e-6

@@ -149,7 +149,7 @@ class _Draws:
     def __init__(self, problem: Problem, tol: float, rng: np.random.Generator) -> None:
         self.problem, self.tol, self.rng = problem, tol, rng
         self.impossible = False
-        self.data = RelaxationData.from_problem(problem, cross_products=True)
+        self.data = RelaxationData.from_problem(problem, cross_products=True, row_sums=False)
 
     def next_pose(self) -> Candidate | None:
         """Minimise one random linear energy and return the pose it ends at, or None if that is no exact solution."""

@@ -98,7 +98,7 @@ def relaxation_starts(
         allowed=allowed,
         rotation_pattern=bandwidth,
     )
-    relaxed = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=chain.time_limit_s)
+    relaxed = solve_pm_sdp(problem, row_sums=False, tol=GAP_TOL, time_limit_s=chain.time_limit_s)
     maps, sizes = rounded_maps(problem, relaxed), (dim, DIAGONAL_DIM)
     return descend_maps(target, source, source_samples, allowed, maps, "relaxation", sizes=sizes), relaxed.status
 

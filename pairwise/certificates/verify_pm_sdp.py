@@ -1,12 +1,14 @@
 """The bound that PM-SDP's dual variables prove: weak duality, replayed with bounds of every rounding error.
 
-For rotations R with the pattern, write ``[R] = basis @ (1, rho)``. Whatever F_j > 0, u_j and beta <= 0 are,
+For rotations R with the pattern, write ``[R] = basis @ (1, rho)``. Whatever F_j > 0, u_j and beta <= 0 are, and g_i
+(``row_u``) of target points that every map uses, zero for the others,
 
-    E(R, map) >= sum_j alpha_j + sum_i beta_i + sum_j w_j |p_j|^2 - max_R (rho^T (sum F_j) rho + 2 rho^T sum u_j),
-    alpha_j = min_i  w_j |q_i|^2 + c_ij - beta_i - (v_ij - u_j)^T F_j^-1 (v_ij - u_j),
+    E(R, map) >= sum_j alpha_j + sum_i beta_i + sum_j w_j |p_j|^2 - max_R (rho^T (sum F_j) rho + 2 rho^T u),
+    alpha_j = min_i  w_j |q_i|^2 + c_ij - beta_i - (v_ij - u_j - g_i)^T F_j^-1 (v_ij - u_j - g_i),
+    u = sum_j u_j + sum_i g_i,
 
 because ``-2 w^T rho >= -rho^T F rho - w^T F^-1 w``. The maximum over R is bounded by ``tr L1 + tr L2 + tr Y4 / 4``
-where ``sum F_j`` and ``sum u_j`` agree with the multipliers L1 of R^T R = I, L2 of R R^T = I, Z of cof R = R and Y4
+where ``sum F_j`` and ``u`` agree with the multipliers L1 of R^T R = I, L2 of R R^T = I, Z of cof R = R and Y4
 of conv SO(3) (Y4 >= 0, Y(R) >= 0, tr Y(R) = 1); what is left over costs its norm, since |rho|^2 <= d.
 
 Products with F_j^-1 are never trusted: for any z, ``w^T F^-1 w <= 2 w^T z - z^T F z + |w - F z|^2 / lambda`` where
@@ -39,7 +41,8 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
     Raises
     ------
     InputError
-        If an array is missing or of wrong shape, an F_j is not positive definite, or a beta is positive.
+        If an array is missing or of wrong shape, an F_j is not positive definite, a beta is positive, or a target
+        point that some map leaves out has a multiplier in ``row_u``.
     """
     n, k, d = problem.num_target, problem.num_source, problem.dim
     special = problem.pattern.special_blocks
@@ -47,6 +50,7 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
     size = basis.shape[1] - 1
     blocks = [start for start, stop in special if stop - start == 3]
     F, u = given.floats("F", (k, size, size)), given.floats("u", (k, size))
+    row_u = given.floats("row_u", (n, size)) if "row_u" in given else np.zeros((n, size))
     beta = given.floats("beta", (n,))
     columns, rows, Z = (given.floats(f"{name}_multipliers", (d, d)) for name in ("column", "row", "cross"))
     Y4 = given.floats("quaternion_multipliers", (len(blocks), 4, 4))
@@ -54,9 +58,11 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
         raise InputError("certificate: beta must not be positive")
     if not all(np.array_equal(m, np.swapaxes(m, -1, -2)) for m in (F, columns, rows, Y4)):
         raise InputError("certificate: F, the multipliers of R^T R and R R^T and Y4 must be symmetric")
+    _check_always_used(problem, np.flatnonzero(row_u.any(axis=1)))
     possible = _possible_matches(problem, given)
-    rotation_part = _rotation_maximum(problem.pattern.mask, basis, blocks, F, u, (columns, rows, Z, Y4))
-    lows = np.where(possible, _cost_lower_bounds(problem, basis, F, u), np.inf)
+    vectors = np.concatenate([u, row_u])
+    rotation_part = _rotation_maximum(problem.pattern.mask, basis, blocks, F, vectors, (columns, rows, Z, Y4))
+    lows = np.where(possible, _cost_lower_bounds(problem, basis, F, u, row_u), np.inf)
     constant = problem.weights * (problem.source**2).sum(axis=1)
     alpha = (lows - beta[:, None]).min(axis=0)
     terms = np.concatenate([alpha, beta, constant, [-rotation_part]])
@@ -104,9 +110,9 @@ def _rotation_maximum(
     u: FloatArray,
     multipliers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> float:
-    """Bound ``rho^T (sum F_j) rho + 2 rho^T sum u_j`` from above over the rotations."""
+    """Bound ``rho^T (sum F_j) rho + 2 rho^T sum u_l`` from above over the rotations."""
     columns, rows, Z, Y4 = multipliers
-    d, k = len(mask), len(F)
+    d, num = len(mask), max(len(F), len(u))
     t, s = np.nonzero(mask.T)
     same_row, same_col = s[:, None] == s, t[:, None] == t
     form = np.zeros((len(s) + 1, len(s) + 1))
@@ -125,7 +131,7 @@ def _rotation_maximum(
     expected = lift.T @ form @ lift
     rest_F = F.sum(axis=0) - expected[1:, 1:]
     rest_u = u.sum(axis=0) - expected[1:, 0]
-    error = (k + 2 * d + 12) * _EPS
+    error = (num + 2 * d + 12) * _EPS
     size = np.abs(lift).T @ np.abs(form) @ np.abs(lift)
     loose_F = np.abs(rest_F) + error * (np.abs(F).sum(axis=0) + size[1:, 1:])
     loose_u = np.abs(rest_u) + error * (np.abs(u).sum(axis=0) + size[1:, 0])
@@ -199,8 +205,18 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
     return possible
 
 
-def _cost_lower_bounds(problem: Problem, basis: FloatArray, F: FloatArray, u: FloatArray) -> FloatArray:
-    """Return lower bounds (n, k) of ``w_j |q_i|^2 + c_ij - 2 v_ij0 - (v_ij - u_j)^T F_j^-1 (v_ij - u_j)``."""
+def _check_always_used(problem: Problem, target_points: NDArray[np.int64]) -> None:
+    """Refuse target points without which a map of all source points is left."""
+    for i in target_points:
+        rest = np.delete(problem.allowed, i, axis=0)
+        if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
+            raise InputError(f"certificate: row_u has target point {i}, which a map can leave out")
+
+
+def _cost_lower_bounds(
+    problem: Problem, basis: FloatArray, F: FloatArray, u: FloatArray, row_u: FloatArray
+) -> FloatArray:
+    """Return lower bounds (n, k) of ``w_j |q_i|^2 + c_ij - 2 v_ij0 - w^T F_j^-1 w`` for ``w = v_ij - u_j - g_i``."""
     q, p, weights, constant_cost = problem.target, problem.source, problem.weights, problem.constant_cost
     cols, rows = np.nonzero(problem.pattern.mask.T)
     squares = (q**2).sum(axis=1)
@@ -214,8 +230,8 @@ def _cost_lower_bounds(problem: Problem, basis: FloatArray, F: FloatArray, u: Fl
         floor = _eigenvalue_floor(F[j])
         if not floor >= _SMALLEST:
             raise InputError(f"certificate: F of source point {j} is not positive definite")
-        w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]))
-        quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j], w_error, floor)
+        w_error = 8.0 * _EPS * (v_size[:, 1:] + np.abs(u[j]) + np.abs(row_u))
+        quad = _quadratic_upper_bounds(F[j], v[:, 1:] - u[j] - row_u, w_error, floor)
         lows[:, j] = linear - quad - error - 4.0 * _EPS * (np.abs(linear) + np.abs(quad))
     return lows
 

@@ -35,10 +35,12 @@ def certify_dual(problem: Problem, data: RelaxationData, solution: DualSolution)
     solution : DualSolution
     """
     lifted, dual, y = data.lifted, solution.dual, solution.equation_multipliers
-    F, u = _close_constraints(lifted, _symmetrised(dual.F), dual.u, y, _symmetrised(dual.Y))
+    F, u = _close_constraints(lifted, _symmetrised(dual.F), dual.u, dual.g, y, _symmetrised(dual.Y))
     arrays = problem_arrays(problem)
     arrays |= _multiplier_arrays(lifted, y, _symmetrised(dual.Y))
     arrays["u"] = u
+    if data.tied.any():
+        arrays["row_u"] = dual.g
     arrays["impossible"] = np.argwhere(problem.allowed & ~_support(data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
@@ -55,14 +57,15 @@ def _support(data: RelaxationData) -> BoolArray:
 
 
 def _close_constraints(
-    lifted: LiftedRotation, F: FloatArray, u: FloatArray, y: FloatArray, quaternions: FloatArray
+    lifted: LiftedRotation, F: FloatArray, u: FloatArray, g: FloatArray, y: FloatArray, quaternions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Spread what the sums of F and u miss over the source points."""
+    """Spread what the sums of F, and of u and g, miss over F and u of the source points."""
     expected = np.tensordot(y, lifted.equations, 1)
     mean = expected[0, 1:].copy()
     for slopes, Y in zip(lifted.quaternion_slopes, quaternions, strict=True):
         mean -= 0.5 * np.tensordot(slopes, Y, 2)
-    return F + _symmetrised(expected[1:, 1:] - F.sum(axis=0)) / len(F), u + (mean - u.sum(axis=0)) / len(u)
+    mean -= u.sum(axis=0) + g.sum(axis=0)
+    return F + _symmetrised(expected[1:, 1:] - F.sum(axis=0)) / len(F), u + mean / len(u)
 
 
 def _multiplier_arrays(lifted: LiftedRotation, y: FloatArray, quaternions: FloatArray) -> dict[str, NDArray[Any]]:
@@ -110,7 +113,7 @@ def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArra
     vectors = (weighted[:, None, cols] * problem.target[None, :, rows]) @ data.lifted.basis
     costs = problem.weights[:, None] * (problem.target**2).sum(axis=1) - 2.0 * vectors[..., 0]
     inverse_factor = np.linalg.inv(np.linalg.cholesky(arrays["F"]))
-    w = vectors[..., 1:] - arrays["u"][:, None, :]
+    w = vectors[..., 1:] - arrays["u"][:, None, :] - arrays.get("row_u", 0.0)
     costs -= ((w @ np.swapaxes(inverse_factor, 1, 2)) ** 2).sum(axis=2)
     costs = np.where(_support(data), costs.T + problem.constant_cost, np.inf)
     n, k = costs.shape

@@ -9,6 +9,7 @@ part. The relaxation over X, B, M reads
          sum_j X_ij <= 1 (= for rows that are always full),   <A_m, M> = 0,   Y(R) >= 0,
 
 which is the paper's (10)-(12) without its redundant first row. ``v_ij`` is w_j vec(q_i p_j^T) in terms of rho.
+Unless the relaxation is asked for as published, rows that are always full have ``sum_j B_ij = E[rho]`` as well.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ class RelaxationData:
         v_ij of each match.
     equality : ndarray of bool, shape (n,)
         Rows that are always full; elsewhere the row sum is an inequality.
+    tied : ndarray of bool, shape (n,)
+        Rows under the constraint ``sum_j B_ij = E[rho]``: those that are always full, or none.
     constant : float
         Added to the value.
     """
@@ -55,6 +58,7 @@ class RelaxationData:
     cost: FloatArray
     vectors: FloatArray
     equality: BoolArray
+    tied: BoolArray
     constant: float
 
     @property
@@ -81,9 +85,15 @@ class RelaxationData:
         return csr_array((ones, (self.index[source, slot], columns)), shape=(self.num_rows, self.valid.size))
 
     @cached_property
-    def row_pairs(self) -> IntArray:
-        """Flat position (k c c,) in an (n, n) matrix of every pair of matches of one source point."""
-        return (self.index[:, :, None] * self.num_rows + self.index[:, None, :]).ravel()
+    def multiplier_slots(self) -> tuple[IntArray, IntArray]:
+        """Where the two multipliers of each match's row stand: among n rows, and among the tied ones, (k, c) each.
+
+        Padded matches and rows that are not tied stand behind the last one.
+        """
+        rank = np.where(self.tied, np.cumsum(self.tied) - 1, self.tied.sum())
+        return np.where(self.valid, self.index, self.num_rows), np.where(
+            self.valid, rank[self.index], self.tied.sum()
+        )
 
     @cached_property
     def pinned(self) -> BoolArray:
@@ -120,6 +130,7 @@ class RelaxationData:
         problem: Problem,
         *,
         cross_products: bool = False,
+        row_sums: bool = True,
     ) -> RelaxationData:
         """Set up the relaxation of a problem.
 
@@ -128,6 +139,8 @@ class RelaxationData:
         problem : Problem
         cross_products : bool
             See :meth:`LiftedRotation.build`.
+        row_sums : bool
+            Tie the rows that are always full; False is the relaxation as published.
 
         Raises
         ------
@@ -150,6 +163,7 @@ class RelaxationData:
             cost=np.where(valid, cost[index, source], 0.0),
             vectors=np.where(valid[..., None], vectors[index, source], 0.0),
             equality=always_full,
+            tied=always_full & row_sums,
             constant=constant,
         )
 

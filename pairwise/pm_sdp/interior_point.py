@@ -1,8 +1,8 @@
 """A structured primal-dual interior-point method for PM-SDP: Mehrotra's predictor and corrector, HKM scaling.
 
 The iterates are feasible for every conic and moment equation from the start (see :mod:`pairwise.pm_sdp.variables`),
-so the difference of the two objectives is the gap; only the row sums of X may be violated at first. All of the cost
-is in :mod:`pairwise.pm_sdp.newton`.
+so the difference of the two objectives is the gap; only the row sums of X and B may be violated at first. All of the
+cost is in :mod:`pairwise.pm_sdp.newton`.
 """
 
 from __future__ import annotations
@@ -134,7 +134,9 @@ class _InteriorPoint:
         self.dual_value += data.constant
         self.value = self._primal_objective(primal) + data.constant
         rows = data.row_sums(primal.x) + primal.slack - 1.0
-        misses = (rows, primal.x.sum(axis=1) - 1.0, primal.B.sum(axis=1) - primal.R)
+        misses = [rows, primal.x.sum(axis=1) - 1.0, primal.B.sum(axis=1) - primal.R]
+        if data.tied.any():
+            misses.append(data.row_sums(primal.B)[data.tied] - primal.R)
         self.violation = max(float(np.abs(miss).max()) for miss in misses)
         self.violation = max(self.violation, outside / (1.0 + float(np.abs(dual.F).max())))
 
@@ -145,7 +147,7 @@ class _InteriorPoint:
     def _dual_objective(self, point: DualPoint | Direction) -> tuple[float, FloatArray, float]:
         """Return the objective of a dual point or step, the multipliers y, and what lies outside their span."""
         data, basis = self.data, self.basis
-        multipliers, outside = basis.split(basis.sum_of_points(data.lifted, point.F, point.u, point.Y))
+        multipliers, outside = basis.split(basis.sum_of_points(data.lifted, point.F, point.u, point.g, point.Y))
         traces = float(np.einsum("qaa->", point.Y))
         value = float(point.alpha.sum() + point.beta.sum() + multipliers @ basis.constants) - 0.25 * traces
         return value, multipliers, float(np.abs(outside).max(initial=0.0))
@@ -239,6 +241,7 @@ def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
         beta=dual.beta * scale,
         F=dual.F * scale,
         u=dual.u * scale,
+        g=dual.g * scale,
         Y=dual.Y * scale,
         factor=dual.factor * np.sqrt(scale),
         inverse=dual.inverse / scale,

@@ -75,10 +75,19 @@ class MomentBasis:
         matrices[..., 0, 0] = 0.0
         return matrices
 
-    def sum_of_points(self, lifted: LiftedRotation, F: FloatArray, u: FloatArray, Y: FloatArray) -> FloatArray:
-        """Return the coordinates (m,) of what the equations must span: sums of F (k, s, s) and u (k, s), Y's part."""
+    def sum_of_points(
+        self, lifted: LiftedRotation, F: FloatArray, u: FloatArray, g: FloatArray, Y: FloatArray
+    ) -> FloatArray:
+        """Return the coordinates (m,) of what the equations must span: sums of F, u and g, and the part of Y.
+
+        Parameters
+        ----------
+        lifted : LiftedRotation
+        F, u, g, Y : ndarray, shapes (k, s, s), (k, s), (n, s) and (q, 4, 4)
+            Of a dual point or of a step.
+        """
         total = np.zeros((self.size + 1, self.size + 1))
-        total[0, 1:] = u.sum(axis=0) + 0.5 * np.einsum("qaij,qij->a", lifted.quaternion_slopes, Y)
+        total[0, 1:] = u.sum(axis=0) + g.sum(axis=0) + 0.5 * np.einsum("qaij,qij->a", lifted.quaternion_slopes, Y)
         total[1:, 1:] = F.sum(axis=0)
         return self.pack(total)
 

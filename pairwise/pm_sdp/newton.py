@@ -6,9 +6,11 @@ In terms of ``Delta_j = [[-d alpha_j, d u_j^T], [d u_j, d F_j]]``, ``b = (1, F^-
     H Delta E + E Delta H - sum_i dx_i b_i b_i^T + dM = rhs_j                 (moments; HKM scaling of F G = mu I)
     dx_i = rho_i / s_i - (x_i / s_i) (b_i^T Delta b_i - d beta_i)             (complementarity x s = mu)
 
-and the points meet in ``sum_j Delta_j = sum_m dy_m A_m`` and in the row sums of x. One generalised eigendecomposition
+and the points meet in ``sum_j Delta_j = sum_m dy_m A_m`` and in the row sums of x. In a tied row i a step of g adds
+``x_i sym(m_i (0, F^-1 d g_i)^T)`` twice to the first equation and ``d g_i`` to d u_j in the second; with ``d g_i =
+-e_i / 2`` it pushes a match as ``d beta_i`` does, by ``b_i^T (d beta_i, e_i)``. One generalised eigendecomposition
 of (H, F^-1) per point turns the first operator into a diagonal one; the matches are a term of low rank in it.
-What remains is a positive definite system in the moments dM (within the null space of the equations) and d beta.
+What remains is a positive definite system in the moments dM (within the null space of the equations), d beta and e.
 """
 
 from __future__ import annotations
@@ -37,49 +39,43 @@ class NewtonSystem:
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
         self.blocks = LocalBlocks(data, basis, primal, dual)
         self.quaternion_operators = _quaternion_operators(primal.Y, dual.Y)
-        self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.Y)
+        self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.g, dual.Y)
+        self.pinned = np.concatenate([data.pinned, np.repeat(data.pinned[data.tied], data.lifted.num_variables)])
         self._assemble()
 
     def _assemble(self) -> None:
         """Form and factor the reduced system."""
         data, basis = self.data, self.basis
-        moments, coupling = self.blocks.condense()
+        moments, coupling, rows = self.blocks.condense()
         means = slice(0, data.lifted.num_variables)
         for slopes, T, weights in zip(data.lifted.quaternion_slopes, *self.quaternion_operators, strict=True):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
             moments[means, means] += 0.5 * transformed @ transformed.T
-        coupling[data.pinned] = 0.0
+        open_rows = np.flatnonzero(~data.equality)
+        rows[open_rows, open_rows] -= self.primal.slack[open_rows] / self.dual.beta[open_rows]
+        rows[self.pinned], rows[:, self.pinned], coupling[self.pinned] = 0.0, 0.0, 0.0
+        rows[self.pinned, self.pinned] = 1.0
         coupling = basis.reduce_columns(coupling.T)
-        self.rows_factor = _factor(self._row_matrix())
+        self.rows_factor = _factor(rows)
         half = _solve_lower(self.rows_factor, coupling.T)
         schur = basis.reduce_operator(moments)
         schur += gram(half)
         self.coupling = coupling
         self.schur_factor = _factor(schur)
 
-    def _row_matrix(self) -> FloatArray:
-        """Return the (n, n) matrix of the row sums and slacks, one row of each closed component pinned."""
-        data = self.data
-        rows = self.blocks.row_matrix()
-        open_rows = np.flatnonzero(~data.equality)
-        rows[open_rows, open_rows] -= self.primal.slack[open_rows] / self.dual.beta[open_rows]
-        pinned = data.pinned
-        rows[pinned], rows[:, pinned] = 0.0, 0.0
-        rows[pinned, pinned] = 1.0
-        return rows
-
     def solve(self, targets: Targets) -> Direction:
         """Solve for all variables, refining what rounding left."""
         data, basis = self.data, self.basis
-        num_rows = data.num_rows
-        coordinates, dbeta = np.zeros(basis.num_coordinates), np.zeros(num_rows)
+        coordinates, potentials = np.zeros(basis.num_coordinates), np.zeros(len(self.pinned))
         pushes = targets.products / (self.primal.x if data.is_full else np.where(data.valid, self.primal.x, 1.0))
         acceptable = 0.0
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
-            dx, local = self.blocks.solve(targets.moments - moments, pushes + dbeta[data.index])
-            imbalance = basis.reduce(self._imbalance(targets, local, moments))
-            row_rhs = self._row_residual(targets, dx, dbeta)
+            dbeta, dg = self._row_steps(potentials)
+            turned, pushed = self._of_rows(dbeta, dg)
+            dx, local = self.blocks.solve(targets.moments - moments - turned, pushes + pushed)
+            imbalance = basis.reduce(self._imbalance(targets, local, dg, moments))
+            row_rhs = self._row_residual(targets, dx, local, dbeta, dg, moments)
             error = max(float(np.abs(imbalance).max(initial=0.0)), float(np.abs(row_rhs).max()))
             if error <= acceptable or refinement > _MAX_REFINEMENTS:
                 break
@@ -87,25 +83,64 @@ class NewtonSystem:
                 acceptable = _REFINEMENT_TOL * error
             rhs = imbalance + self.coupling @ _solve(self.rows_factor, row_rhs)
             step = _solve(self.schur_factor, rhs)
-            dbeta = dbeta + _solve(self.rows_factor, row_rhs - self.coupling.T @ step)
+            potentials = potentials + _solve(self.rows_factor, row_rhs - self.coupling.T @ step)
             coordinates = coordinates + basis.expand(step)
-        return self._direction(targets, dx, local, moments, dbeta)
+        return self._direction(targets, dx, local, moments, dbeta, dg)
 
-    def _imbalance(self, targets: Targets, local: FloatArray, moments: FloatArray) -> FloatArray:
-        """Return the sum of the new u and F of all points, in coordinates: it must be spanned by the equations."""
+    def _row_steps(self, potentials: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return d beta (n,) and d g (n, s) of the unknowns of the rows."""
+        data = self.data
+        dbeta, dg = potentials[: data.num_rows], np.zeros((data.num_rows, data.lifted.num_variables))
+        dg[data.tied] = -0.5 * potentials[data.num_rows :].reshape(-1, dg.shape[1])
+        return dbeta, dg
+
+    def _of_rows(self, dbeta: FloatArray, dg: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what steps of the rows add to the moment equations (k, s+1, s+1), and their push (k, c)."""
+        data, primal, dual = self.data, self.primal, self.dual
+        turned, pushed = np.zeros(self.blocks.T.shape), dbeta[data.index]
+        if data.tied.any():
+            shift = dg[data.index]
+            pushed -= 2.0 * (dual.mean * shift).sum(axis=2)
+            solved = shift @ dual.inverse
+            turned[:, 0, 1:] = turned[:, 1:, 0] = (primal.x[:, None] @ solved)[:, 0]
+            mixed = np.swapaxes(primal.B, 1, 2) @ solved
+            turned[:, 1:, 1:] = mixed + np.swapaxes(mixed, 1, 2)
+        return turned, pushed
+
+    def _imbalance(self, targets: Targets, local: FloatArray, dg: FloatArray, moments: FloatArray) -> FloatArray:
+        """Return the sum of the new u, g and F, in coordinates: it must be spanned by the equations."""
         dY = self._quaternion_step(targets, moments[0, 1:])
-        step = self.basis.sum_of_points(self.data.lifted, local[:, 1:, 1:], local[:, 1:, 0], dY)
+        step = self.basis.sum_of_points(self.data.lifted, local[:, 1:, 1:], local[:, 1:, 0], dg, dY)
         return step + self.dual_sum
 
-    def _row_residual(self, targets: Targets, dx: FloatArray, dbeta: FloatArray) -> FloatArray:
-        """Return what the rows' new sums, their new slack included, miss of the capacities."""
+    def _row_residual(
+        self,
+        targets: Targets,
+        dx: FloatArray,
+        local: FloatArray,
+        dbeta: FloatArray,
+        dg: FloatArray,
+        moments: FloatArray,
+    ) -> FloatArray:
+        """Return what the rows' new sums, their new slack included, miss of the capacities, and of R in tied rows."""
         data, primal = self.data, self.primal
         residual = 1.0 - data.row_sums(primal.x + dx) - primal.slack
         open_rows = ~data.equality
         change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
         residual[open_rows] += change / self.dual.beta[open_rows]
-        residual[data.pinned] = 0.0
+        if data.tied.any():
+            sums = data.row_sums(primal.B + self._step_of_B(targets, dx, local, dg))[data.tied]
+            residual = np.concatenate([residual, (primal.R + moments[0, 1:] - sums).ravel()])
+        residual[self.pinned] = 0.0
         return residual
+
+    def _step_of_B(self, targets: Targets, dx: FloatArray, local: FloatArray, dg: FloatArray) -> FloatArray:
+        """Return dB (k, c, s) of a step of the other variables."""
+        primal, dual = self.primal, self.dual
+        shift = local[:, None, 1:, 0] + dg[self.data.index]
+        pull = primal.B @ local[:, 1:, 1:] + primal.x[..., None] * shift - targets.ratio
+        step: FloatArray = dx[..., None] * dual.mean - pull @ dual.inverse
+        return step
 
     def _quaternion_step(self, targets: Targets, dR: FloatArray) -> FloatArray:
         """Return dY (q, 4, 4) of the dual point for a step of R."""
@@ -115,14 +150,19 @@ class NewtonSystem:
         return turned @ ((T @ rhs @ turned) * weights) @ T
 
     def _direction(
-        self, targets: Targets, dx: FloatArray, local: FloatArray, moments: FloatArray, dbeta: FloatArray
+        self,
+        targets: Targets,
+        dx: FloatArray,
+        local: FloatArray,
+        moments: FloatArray,
+        dbeta: FloatArray,
+        dg: FloatArray,
     ) -> Direction:
         data, primal, dual = self.data, self.primal, self.dual
         dF, du = local[:, 1:, 1:], local[:, 1:, 0]
-        turned, shift = dual.mean @ dF, du[:, None]
+        turned, shift = dual.mean @ dF, du[:, None] + dg[data.index]
         bend, ds = -shift - turned, ((turned + 2.0 * shift) * dual.mean).sum(axis=2)
-        pull = primal.B @ dF + primal.x[..., None] * shift - targets.ratio
-        dB = dx[..., None] * dual.mean - pull @ dual.inverse
+        dB = self._step_of_B(targets, dx, local, dg)
         dR, dalpha = moments[0, 1:], -local[:, 0, 0]
         dY = self._quaternion_step(targets, dR)
         dslack = np.zeros(data.num_rows)
@@ -130,7 +170,7 @@ class NewtonSystem:
         change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
         dslack[open_rows] = change / -dual.beta[open_rows]
         ds -= dalpha[:, None] + dbeta[data.index]
-        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dY, bend, ds)
+        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dg, dY, bend, ds)
 
 
 def _factor(matrix: FloatArray) -> FloatArray:

@@ -14,9 +14,11 @@ def starting_points(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoi
     lifted = data.lifted
     k, s = len(data.index), lifted.num_variables
     x = data.valid / data.valid.sum(axis=1, keepdims=True)
-    means = np.einsum("jc,jca->ja", x, data.vectors)
+    g = _row_means(data, x)
+    vectors = np.where(data.valid[..., None], data.vectors - g[data.index], 0.0)
+    means = np.einsum("jc,jca->ja", x, vectors)
     u = means - means.mean(axis=0)
-    spread = np.where(data.valid[..., None], data.vectors - u[:, None, :], 0.0)
+    spread = np.where(data.valid[..., None], vectors - u[:, None, :], 0.0)
     counts = np.bincount(lifted.variable[lifted.variable > 0], minlength=s + 1)[1:].astype(np.float64)
     moments = lifted.interior_moments
     size = 2.0 * max(float(np.sqrt((spread**2).sum(axis=2)).max()), 1e-3) / np.sqrt(np.diag(moments).min())
@@ -35,7 +37,16 @@ def starting_points(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoi
         alpha = np.where(data.valid, data.cost - beta[data.index] - quad, np.inf).min(axis=1)
         alpha = alpha - mu * data.valid.sum(axis=1)
         Y = np.tile(4.0 * mu * np.eye(4), (len(lifted.quaternion_blocks), 1, 1))
-        dual = dual_point(data, alpha, beta, F, u, Y)
+        dual = dual_point(data, alpha, beta, F, u, g, Y)
         if primal is not None and dual is not None:
             return primal, dual
         size *= 2.0
+
+
+def _row_means(data: RelaxationData, x: FloatArray) -> FloatArray:
+    """Return the mean vector of each tied row under x, less the mean of all of them, shape (n, s)."""
+    means = np.zeros((data.num_rows, data.lifted.num_variables))
+    if data.tied.any():
+        sums = data.row_sums(x[..., None] * data.vectors)[data.tied] / data.row_sums(x)[data.tied, None]
+        means[data.tied] = sums - sums.mean(axis=0)
+    return means

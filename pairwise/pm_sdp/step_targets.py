@@ -87,7 +87,7 @@ def _second_order_terms(
     bent = step.B - primal.mean * dx
     change = step.C - _symmetric(np.swapaxes(bent + step.B, 1, 2) @ primal.mean)
     gram = np.swapaxes(bent / x[..., None], 1, 2) @ bent - _symmetric(dual.inverse @ step.F @ change)
-    return step.B @ step.F + dx * step.u[:, None], x * curved - step.x * step.ds, gram
+    return step.B @ step.F + dx * (step.u[:, None] + step.g[data.index]), x * curved - step.x * step.ds, gram
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Primal and dual iterates of the interior-point method, with the quantities that the Newton system needs.
 
 The cone of one source point couples its matches' probabilities ``x``, the vectors ``B`` and the shared moments ``C``:
-``C - sum_i B_i B_i^T / x_i`` is positive definite. Its dual couples ``F``, ``w = v - u`` and the slacks:
+``C - sum_i B_i B_i^T / x_i`` is positive definite. Its dual couples ``F``, ``w = v - u - g`` and the slacks:
 ``s = cost - alpha - beta - w^T F^-1 w`` is positive. Both live here; a point outside its cone is ``None``.
 """
 
@@ -60,12 +60,14 @@ class DualPoint:
         Potentials of the assignment; beta <= 0 where the row sum is an inequality.
     F, u : ndarray, shapes (k, s, s) and (k, s)
         Multipliers of each source point.
+    g : ndarray, shape (n, s)
+        Multipliers of the tied rows, zero in the others.
     Y : ndarray, shape (q, 4, 4)
         Multipliers of conv SO(3).
     factor, inverse : ndarray, shape (k, s, s)
         Lower Cholesky factor of F, inverse of F.
     w : ndarray, shape (k, c, s)
-        v - u.
+        v - u - g.
     mean : ndarray, shape (k, c, s)
         F^-1 w.
     s : ndarray, shape (k, c)
@@ -78,6 +80,7 @@ class DualPoint:
     beta: FloatArray
     F: FloatArray
     u: FloatArray
+    g: FloatArray
     Y: FloatArray
     factor: FloatArray
     inverse: FloatArray
@@ -94,7 +97,7 @@ class Direction:
     Attributes
     ----------
     bend : ndarray, shape (k, c, s)
-        ``-du - dF F^-1 w``: s changes by ``t ds - t^2 bend^T (F + t dF)^-1 bend`` along a share t of the step.
+        ``-du - dg - dF F^-1 w``: s changes by ``t ds - t^2 bend^T (F + t dF)^-1 bend`` along a share t of the step.
     ds : ndarray, shape (k, c)
         The linear change of s.
     """
@@ -108,6 +111,7 @@ class Direction:
     beta: FloatArray
     F: FloatArray
     u: FloatArray
+    g: FloatArray
     Y: FloatArray
     bend: FloatArray
     ds: FloatArray
@@ -143,7 +147,13 @@ def are_positive(blocks: FloatArray) -> bool:
 
 
 def dual_point(
-    data: RelaxationData, alpha: FloatArray, beta: FloatArray, F: FloatArray, u: FloatArray, Y: FloatArray
+    data: RelaxationData,
+    alpha: FloatArray,
+    beta: FloatArray,
+    F: FloatArray,
+    u: FloatArray,
+    g: FloatArray,
+    Y: FloatArray,
 ) -> DualPoint | None:
     """Return the point, or None where it is not strictly inside the cones."""
     if (beta >= 0.0)[~data.equality].any() or not are_positive(Y):
@@ -153,13 +163,14 @@ def dual_point(
     except np.linalg.LinAlgError:
         return None
     root, Y_inverse = (np.linalg.inv(blocks).astype(np.float64, copy=False) for blocks in (factor, Y))
-    w = np.where(data.valid[..., None], data.vectors - u[:, None], 0.0)
+    w = np.where(data.valid[..., None], data.vectors - u[:, None] - g[data.index], 0.0)
     whitened = w @ np.swapaxes(root, 1, 2)
     linear = data.cost - alpha[:, None] - beta[data.index]
     s = np.where(data.valid, linear - (whitened**2).sum(axis=2), 1.0)
     if not (s > 0.0).all():
         return None
-    return DualPoint(alpha, beta, F, u, Y, factor, np.swapaxes(root, 1, 2) @ root, w, whitened @ root, s, Y_inverse)
+    inverse = np.swapaxes(root, 1, 2) @ root
+    return DualPoint(alpha, beta, F, u, g, Y, factor, inverse, w, whitened @ root, s, Y_inverse)
 
 
 def move_primal(data: RelaxationData, point: PrimalPoint, step: Direction, size: float) -> PrimalPoint | None:
@@ -182,5 +193,6 @@ def move_dual(data: RelaxationData, point: DualPoint, step: Direction, size: flo
         point.beta + size * step.beta,
         point.F + size * step.F,
         point.u + size * step.u,
+        point.g + size * step.g,
         point.Y + size * step.Y,
     )

@@ -11,6 +11,9 @@ the kernel of the lifted matrix, so its leading row and column are dropped witho
 
     [[diag(X_j), B_j^T], [B_j, C]] PSD   and   B_j 1 = [R].
 
+The paper leaves out one more set of linear equations that every pose satisfies: a target point that is always matched
+has ``sum_j B_j[:, i] = [R]``. They are part of the relaxation unless it is asked for as published.
+
 Only allowed matches get variables. Slow (seconds for 20 points) and general on purpose.
 """
 
@@ -25,6 +28,7 @@ from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from pairwise.problem.problem import Problem
+from pairwise.problem.support import assignment_support
 from pairwise.reference.constraints import cross_product_equations, hull_constraints, orthogonality_equations
 from pairwise.reference.cvxpy import cvxpy_module, solve_program
 from pairwise.results import RelaxationResult
@@ -82,6 +86,7 @@ def solve_reference(
     max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
+    row_sums: bool = True,
 ) -> RelaxationResult:
     """Solve PM-SDP through CVXPY.
 
@@ -99,6 +104,8 @@ def solve_reference(
         Seconds for the solver itself, without CVXPY's set-up.
     cross_products : bool
         Use the cross-product identities of rotation blocks of size 3 (stronger) instead of the convex hull of SO(3).
+    row_sums : bool
+        Use the equations of target points that are always matched (stronger); False is PM-SDP as published.
 
     Returns
     -------
@@ -111,7 +118,7 @@ def solve_reference(
         If the solver is unknown, ``tol`` or a limit is not positive, or source points may stay unmatched.
     """
     return solve_model(
-        build_model(problem, cross_products=cross_products),
+        build_model(problem, cross_products=cross_products, row_sums=row_sums),
         solver=solver,
         tol=tol,
         max_iterations=max_iterations,
@@ -119,7 +126,7 @@ def solve_reference(
     )
 
 
-def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
+def build_model(problem: Problem, *, cross_products: bool = False, row_sums: bool = True) -> Model:
     """Write PM-SDP of a problem in CVXPY, in the reduced form of the module's docstring."""
     cp = cvxpy_module()
     j, i = np.nonzero(problem.allowed.T)
@@ -132,14 +139,23 @@ def build_model(problem: Problem, *, cross_products: bool = False) -> Model:
     model.linear.extend(
         [
             *matching_constraints(problem, i, j, x),
-            b @ by_source.T == cp.reshape(entries, (r, 1), order="F") @ np.ones((1, problem.num_source)),
+            _sums_to(b @ by_source.T, entries),
             *rotation_constraints(problem, c, entries, cross_products=cross_products),
         ]
     )
+    always_full = assignment_support(problem.allowed)[1]
+    if row_sums and always_full.any():
+        model.linear.append(_sums_to(b @ _incidence(i, problem.num_target)[always_full].T, entries))
     for point in range(problem.num_source):
         own = model.columns(point)
         model.blocks.append(cp.bmat([[cp.diag(x[own]), b[:, own].T], [b[:, own], c]]) >> 0)
     return model
+
+
+def _sums_to(sums: Any, entries: Any) -> Any:
+    """Return the constraint that every column of an (r, m) expression is [R], shape (r,)."""
+    columns = cvxpy_module().reshape(entries, (entries.size, 1), order="F")
+    return sums == columns @ np.ones((1, sums.shape[1]))
 
 
 def matching_constraints(problem: Problem, i: IntArray, j: IntArray, x: Any) -> list[Any]:

@@ -198,10 +198,10 @@ def test_any_dual_point_gives_a_valid_bound(solved):
 def test_what_the_sums_of_a_dual_point_miss_is_spread_over_the_source_points(rng):
     lifted = LiftedRotation.build(RotationPattern.from_user(None, 3, "O"))
     size, y = lifted.num_variables, rng.standard_normal(len(lifted.equations))
-    F = rng.standard_normal((4, size, size))
+    F, g = rng.standard_normal((4, size, size)), rng.standard_normal((5, size))
     closed_F, closed_u = _close_constraints(
-        lifted, F + np.swapaxes(F, 1, 2), rng.standard_normal((4, size)), y, np.zeros((0, 4, 4))
+        lifted, F + np.swapaxes(F, 1, 2), rng.standard_normal((4, size)), g, y, np.zeros((0, 4, 4))
     )
     expected = np.tensordot(y, lifted.equations, 1)
     np.testing.assert_allclose(closed_F.sum(axis=0), (expected + expected.T)[1:, 1:] / 2.0, atol=1e-12)
-    np.testing.assert_allclose(closed_u.sum(axis=0), expected[0, 1:], atol=1e-12)
+    np.testing.assert_allclose(closed_u.sum(axis=0) + g.sum(axis=0), expected[0, 1:], atol=1e-12)

@@ -90,6 +90,34 @@ def test_impossible_matches_must_be_impossible(problem, proofs):
             check(problem, forged(proofs["pm-sdp"], impossible=np.array(rows)))
 
 
+def test_any_row_sums_prove_a_true_bound_and_better_ones_than_those_given_are_no_claim(problem, proofs):
+    certificate, optimum = proofs["pm-sdp"], brute_force(problem).energy
+    row_u = certificate.arrays["row_u"]
+    assert row_u.any()
+    rng = np.random.default_rng(1)
+    for size in (1e-3, 0.1, 10.0):
+        changed = row_u + size * rng.standard_normal(row_u.shape)
+        assert check(problem, forged(certificate, row_u=changed)) <= optimum
+        with pytest.raises(InputError, match="claims the bound"):
+            check(problem, replace(forged(certificate, row_u=changed), bound=certificate.bound))
+    with pytest.raises(InputError, match="claims the bound"):
+        check(problem, replace(forged(certificate, row_u=np.zeros_like(row_u)), bound=certificate.bound))
+    with pytest.raises(InputError, match="row_u has shape"):
+        check(problem, forged(certificate, row_u=row_u[1:]))
+
+
+def test_row_sums_of_target_points_that_a_map_can_leave_out_are_refused():
+    rng = np.random.default_rng(2)
+    allowed = np.array([[1, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1]], dtype=bool)
+    problem = Problem.from_user(rng.random((4, 3)), rng.random((3, 3)), allowed=allowed)
+    certificate = solve_pm_sdp(problem).certificate
+    row_u = certificate.arrays["row_u"].copy()
+    assert check(problem, certificate) <= brute_force(problem).energy
+    row_u[3] = 1e-9
+    with pytest.raises(InputError, match="target point 3, which a map can leave out"):
+        check(problem, forged(certificate, row_u=row_u))
+
+
 @pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
 def test_every_unit_of_length_is_proven_alike(problem, unit):
     optimum = brute_force(problem).energy

@@ -83,7 +83,8 @@ def share_of_primal(solver, step, size):
 def share_of_dual(solver, step, size):
     """Return the same of the dual point."""
     data, point = solver.data, solver.dual
-    F, w = point.F + size * step.F, point.w - size * np.where(data.valid[..., None], step.u[:, None], 0.0)
+    change = step.u[:, None] + step.g[data.index]
+    F, w = point.F + size * step.F, point.w - size * np.where(data.valid[..., None], change, 0.0)
     potentials = point.alpha[:, None] + point.beta[data.index]
     potentials += size * (step.alpha[:, None] + step.beta[data.index])
     bent = (np.swapaxes(np.linalg.solve(F, np.swapaxes(w, 1, 2)), 1, 2) * w).sum(axis=2)
@@ -127,6 +128,8 @@ def test_a_step_solves_the_linearised_equations(point, share):
     delta[:, 0, 0], delta[:, 0, 1:], delta[:, 1:, 0], delta[:, 1:, 1:] = -step.alpha, step.u, step.u, step.F
     moments[0, 1:], moments[1:, 0], moments[1:, 1:] = step.R, step.R, step.C
     left = H @ delta @ E + E @ delta @ H - np.einsum("kc,kca,kcb->kab", step.x, b, b) + moments
+    shifts = np.concatenate([np.zeros((*step.x.shape, 1)), step.g[data.index] @ dual.inverse], axis=2)
+    left += 2.0 * symmetric(np.einsum("kc,kca,kcb->kab", primal.x, means, shifts))
     np.testing.assert_allclose(left, targets.moments, atol=1e-8 * np.abs(targets.moments).max())
     turned = data.lifted.quaternion_change(step.R) + symmetric(dual.Y_inverse @ step.Y @ primal.Y)
     np.testing.assert_allclose(primal.Y + turned, mu * dual.Y_inverse, atol=1e-8)
@@ -140,9 +143,11 @@ def test_a_full_step_makes_up_for_what_linear_constraints_miss(point):
     np.testing.assert_allclose(
         (primal.B + step.B).sum(axis=1), np.tile(primal.R + step.R, (len(primal.B), 1)), atol=1e-7
     )
+    rows = data.row_sums(primal.B + step.B)[data.tied]
+    np.testing.assert_allclose(rows, np.tile(primal.R + step.R, (len(rows), 1)), atol=1e-7)
     moments = np.block([[np.zeros((1, 1)), step.R[None]], [step.R[:, None], step.C]])
     np.testing.assert_allclose(np.einsum("mab,ab->m", data.lifted.equations, moments), 0.0, atol=1e-8)
-    sums = basis.sum_of_points(data.lifted, dual.F + step.F, dual.u + step.u, dual.Y + step.Y)
+    sums = basis.sum_of_points(data.lifted, dual.F + step.F, dual.u + step.u, dual.g + step.g, dual.Y + step.Y)
     np.testing.assert_allclose(basis.split(sums)[1], 0.0, atol=1e-6 * np.abs(dual.F).max())
 
 

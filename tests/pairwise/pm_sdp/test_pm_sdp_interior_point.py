@@ -11,7 +11,7 @@ from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.status import Status
 from tests.oracles import brute_force, check_relaxation
-from tests.problems import catalogue, random_rotation
+from tests.problems import catalogue, planted, random_rotation
 from tests.relaxation_problems import Comparison, compare_with_reference, variants
 
 
@@ -46,6 +46,42 @@ def test_bound_is_below_the_optimum(known):
     assert result.lower_bound <= optimum + 1e-12 * scale
     assert result.value <= optimum + 1e-5 * scale
     assert check_relaxation(problem, result, 1e-6) == []
+
+
+@pytest.mark.parametrize("group", ["SO", "O"])
+@pytest.mark.parametrize("seed", range(4))
+def test_row_sums_raise_the_bound_but_not_beyond_the_optimum(group, seed):
+    rng = np.random.default_rng(seed)
+    num = 4 + seed % 3
+    problem = planted(rng, rng.random((num, 3)), noise=(0.1, 0.4)[seed % 2], group=group)
+    published, tighter = (solve_pm_sdp(problem, row_sums=row_sums) for row_sums in (False, True))
+    scale = float((problem.source**2).sum())
+    assert tighter.lower_bound > published.value - 1e-6 * scale
+    assert tighter.lower_bound <= brute_force(problem).energy + 1e-12 * scale
+    assert "row_u" not in published.certificate.arrays
+    assert check_relaxation(problem, tighter, 1e-6, row_sums=True) == []
+    assert check_relaxation(problem, published, 1e-6, row_sums=True) != []
+    assert check_relaxation(problem, published, 1e-6) == []
+
+
+def test_row_sums_can_prove_what_the_published_relaxation_does_not(rng):
+    problem = planted(rng, rng.random((6, 3)), noise=0.1, group="O")
+    optimum = brute_force(problem).energy
+    assert solve_pm_sdp(problem, row_sums=False).value < 0.9 * optimum
+    assert solve_pm_sdp(problem).lower_bound >= 0.99 * optimum
+
+
+def test_target_points_that_may_stay_free_have_no_row_sums(rng):
+    target, source = rng.random((6, 3)), rng.random((4, 3))
+    free = [solve_relaxation(target, source, row_sums=row_sums) for row_sums in (False, True)]
+    assert free[0].lower_bound == free[1].lower_bound
+    allowed = np.array(
+        [[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 0, 1]], dtype=bool
+    )
+    some = solve_relaxation(target, source, allowed=allowed)
+    assert some.certificate.arrays["row_u"][:2].any()
+    assert not some.certificate.arrays["row_u"][2:].any()
+    assert some.lower_bound <= brute_force(Problem.from_user(target, source, allowed=allowed)).energy
 
 
 def test_variants_are_ordered(rng):
