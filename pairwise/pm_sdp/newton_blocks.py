@@ -145,7 +145,7 @@ class LocalBlocks:
         return sums[:-1].reshape(-1, values.shape[3])
 
     def _row_features(self, points: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the features of the tied rows' multipliers, and how they depend on the moments, (., c, s, m) each."""
+        """Return the features of the multipliers of tied rows, and how the moments move them, (., c, s, m) each."""
         basis, means, units = self.basis, self.means[points] * self.x[points][..., None], self.units[points]
         weights = self.root_weights[points] * basis.scale
         heads, tails = means.take(basis.rows, axis=2), means.take(basis.cols, axis=2)

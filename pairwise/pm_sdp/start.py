@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis
 from pairwise.pm_sdp.variables import DualPoint, PrimalPoint, dual_point, primal_point
