@@ -20,6 +20,7 @@ from data_tools.checks import as_options
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
+from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
 from pairwise.portfolio import ranked_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
@@ -74,8 +75,9 @@ def match(
     Returns
     -------
     MatchResult
-        Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``; NaN otherwise,
-        and for banded patterns, whose bound is one for banded R only, while poses are any rotations.
+        Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``, and 0 for an
+        exact match; NaN otherwise, and for banded patterns, whose bound is one for banded R only, while poses are any
+        rotations. Its ``log`` says what was solved.
 
     Raises
     ------
@@ -133,16 +135,25 @@ def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, Float
 @one_blas_thread()
 def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None) -> MatchResult:
     """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
-    began_s = time.monotonic()
-    relaxation = None
-    if wants_relaxation(problem, options):
-        relaxation = solve_pm_sdp(problem, tol=GAP_TOL, time_limit_s=options.time_limit_s)
-    ranked = ranked_poses(problem, options, relaxation=relaxation, starts=starts)
+    began_s, log = time.monotonic(), []
+
+    def left_s() -> float | None:
+        spent_s = time.monotonic() - began_s
+        return None if options.time_limit_s is None else max(options.time_limit_s - spent_s, 1e-3)
+
+    searched = relaxation = None
+    size = f"{problem.num_source} on {problem.num_target} points in {problem.dim} dimensions"
+    if options.strategy != "relaxation":
+        searched = explore(problem, seed=options.seed)
+        log.append(f"Searched rotations of {size}: {len(searched)} local minima.")
+    if wants_relaxation(problem, options, searched):
+        relaxation = solve_pm_sdp(problem, row_sums=options.row_sums, tol=GAP_TOL, time_limit_s=left_s())
+        log.append(f"Solved PM-SDP of {size}: {relaxation.status.value}")
+    ranked = ranked_poses(problem, options, searched=searched, relaxation=relaxation, starts=starts)
     bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
-        spent_s = time.monotonic() - began_s
-        left_s = None if options.time_limit_s is None else max(options.time_limit_s - spent_s, 1e-3)
-        proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s)
+        proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s())
+        log.append(f"Branch and bound over rotations, {proof.num_cells} cells: {proof.status.value}")
         ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
         bound = min(float(np.fmax(bound, proof.lower_bound)), ranked[0].energy)
     best = ranked[0]
@@ -154,14 +165,16 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         candidates=ranked,
         status=status,
         certificate=None if relaxation is None else relaxation.certificate,
+        log=tuple(log),
     )
 
 
 def _proven(problem: Problem, relaxation: RelaxationResult | None, best: Candidate) -> tuple[float, Status]:
-    """Return the relaxation's bound, NaN without one, and whether it proves the best pose."""
-    if relaxation is None or not problem.pattern.is_block_diagonal:
-        return float("nan"), Status.LOCAL_OPTIMUM
-    bound = min(max(relaxation.lower_bound, 0.0), best.energy)
+    """Return the bound, and whether it proves the best pose: the relaxation's, 0 for an exact match, or NaN."""
+    bound = 0.0 if best.energy <= problem.rounding_energy else np.nan
+    if relaxation is not None and problem.pattern.is_block_diagonal:
+        bound = min(max(relaxation.lower_bound, 0.0), best.energy)
     if bound >= (1.0 - GAP_TOL) * best.energy - problem.rounding_energy:
         return bound, Status.PROVEN_OPTIMAL
-    return bound, Status.LOCAL_OPTIMUM
+    is_stopped = relaxation is not None and relaxation.status is Status.TIME_LIMIT
+    return bound, Status.TIME_LIMIT if is_stopped else Status.LOCAL_OPTIMUM

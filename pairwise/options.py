@@ -19,10 +19,14 @@ class PairOptions:
     Parameters
     ----------
     strategy : {"search", "relaxation", "portfolio"}
-        `search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
-        where the rotation block has more than three dimensions, which no set of rotations covers.
+        `search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and then solves the relaxation as
+        well where the rotation block has more than seven dimensions, of which no search finds enough.
+    row_sums : bool
+        Use the equations of target points that are always matched in the relaxation; without them it is PM-SDP as
+        published, looser and faster.
     time_limit_s : float, optional
-        Seconds for the relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default.
+        Seconds for search and relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default. The
+        search itself takes a second or two at most and is not stopped.
     num_draws : int
         Poses drawn from the solution of the relaxation.
     max_candidates : int
@@ -37,6 +41,7 @@ class PairOptions:
     """
 
     strategy: Strategy = "portfolio"
+    row_sums: bool = True
     time_limit_s: float | None = None
     num_draws: int = 64
     max_candidates: int = 8
@@ -56,6 +61,7 @@ class PairKeywords(TypedDict, total=False):
     """The fields of :class:`PairOptions` as keywords."""
 
     strategy: Strategy
+    row_sums: bool
     time_limit_s: float | None
     num_draws: int
     max_candidates: int

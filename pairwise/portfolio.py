@@ -1,9 +1,9 @@
 """The portfolio: search, roundings of the relaxation and given starts compete on energy.
 
 When the relaxation is solved: always with strategy ``"relaxation"``, never with ``"search"``. With ``"portfolio"``
-where the rotation block has more than three dimensions: up to three, an even set of rotations finds the best pose on
-measured data in a fraction of the relaxation's time; above, no set of rotations covers the group, and roundings find
-poses that search does not. And with ``certify`` where branch and bound does not apply.
+where the rotation block has more than seven dimensions and the search found no exact pose: up to seven, the search
+finds poses as good in a fraction of the relaxation's time; above, roundings find poses that it does not. And with
+``certify`` where branch and bound does not apply.
 """
 
 from __future__ import annotations
@@ -14,18 +14,28 @@ from numpy.typing import NDArray
 from data_tools.arrays import FloatArray
 from pairwise.branch_and_bound.prove import can_certify
 from pairwise.candidates import distinct_candidates, rank_candidates
-from pairwise.local.local_search import merge, minimise
-from pairwise.local.rotation_search import MAX_COVERED_DIM, explore, look_around
+from pairwise.local.local_search import LocalMinima, merge, minimise
+from pairwise.local.rotation_search import MAX_SEARCHED_DIM, explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate, RelaxationResult
 
 
-def wants_relaxation(problem: Problem, options: MatchOptions) -> bool:
-    """Whether the relaxation is solved, by the rule above."""
-    uncovered = problem.pattern.rotation_block > MAX_COVERED_DIM
-    by_strategy = {"search": False, "relaxation": True, "portfolio": uncovered}[options.strategy]
+def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMinima | None = None) -> bool:
+    """Whether the relaxation is solved, by the rule above.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : MatchOptions
+    searched : LocalMinima, optional
+        What the search found, where it came first.
+    """
+    if searched is not None and searched.energies[0] <= problem.rounding_energy:
+        return False
+    beyond_search = problem.pattern.rotation_block > MAX_SEARCHED_DIM
+    by_strategy = {"search": False, "relaxation": True, "portfolio": beyond_search}[options.strategy]
     return by_strategy or (options.certify and not can_certify(problem))
 
 
@@ -33,6 +43,7 @@ def ranked_poses(
     problem: Problem,
     options: MatchOptions,
     *,
+    searched: LocalMinima | None = None,
     relaxation: RelaxationResult | None = None,
     starts: FloatArray | None = None,
 ) -> tuple[Candidate, ...]:
@@ -42,6 +53,8 @@ def ranked_poses(
     ----------
     problem : Problem
     options : MatchOptions
+    searched : LocalMinima, optional
+        What :func:`pairwise.local.rotation_search.explore` found, where it was asked.
     relaxation : RelaxationResult, optional
         Rounded if given.
     starts : ndarray, shape (m, d, d), optional
@@ -51,8 +64,8 @@ def ranked_poses(
     parts = []
     if len(given):
         parts.append(minimise(problem, given, hold_chirality=True, origins=origins))
-    if options.strategy != "relaxation" or not parts:
-        parts.append(explore(problem, seed=options.seed))
+    if searched is not None or not parts:
+        parts.append(explore(problem, seed=options.seed) if searched is None else searched)
     polished = look_around(problem, merge(parts), seed=options.seed)
     return rank_candidates(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
 

@@ -53,15 +53,18 @@ class MatchResult:
     energy : float
         Sum of squared distances of the matched points at this pose, plus constant costs.
     lower_bound : float
-        No pose has a smaller energy; NaN where nothing was certified.
+        No pose has a smaller energy; 0 for an exact match, NaN where nothing else was certified.
     candidates : tuple of Candidate
         The distinct poses found, the best one first, which is the answer itself.
     status : Status
-        ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven.
+        ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven; ``TIME_LIMIT`` where the limit stopped
+        the relaxation or the proof.
     translation : ndarray, shape (d,), or None
         Added to the turned source's points; None unless it was asked for.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
+    log : tuple of str
+        What was done, one sentence a step: search, relaxation, proof, each with its size and how it ended.
     """
 
     R_target_source: FloatArray
@@ -72,6 +75,7 @@ class MatchResult:
     status: Status
     translation: FloatArray | None = None
     certificate: Certificate | None = None
+    log: tuple[str, ...] = ()
 
     __repr__ = one_line
 

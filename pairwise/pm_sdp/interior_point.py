@@ -89,6 +89,7 @@ def solve_dual(
         Stop when the gap is below ``tol`` times (the value plus a hundredth of ``data.constant``).
     max_iterations : int
     time_limit_s : float, optional
+        No iteration is begun that would end later, going by the one before it; the first is given up in the middle.
 
     Returns
     -------
@@ -115,11 +116,18 @@ class _InteriorPoint:
         self._measure()
         best, best_error, best_iteration = self._solution(), self._error(), 0
         status = Status.ITERATION_LIMIT
+        began = time.perf_counter()
         for iteration in range(1, self.max_iterations + 1):
-            if best_error <= 1.0 or time.perf_counter() > self.deadline:
+            last_s, began = time.perf_counter() - began, time.perf_counter()
+            if best_error <= 1.0 or began + last_s > self.deadline:
                 status = Status.TIME_LIMIT
                 break
-            if iteration - best_iteration > _PATIENCE or not self._advance():
+            try:
+                moved = iteration - best_iteration <= _PATIENCE and self._advance()
+            except TimeoutError:
+                status = Status.TIME_LIMIT
+                break
+            if not moved:
                 status = Status.STALLED
                 break
             self._measure()
@@ -173,7 +181,7 @@ class _InteriorPoint:
 
     def _corrected_step(self) -> tuple[Direction, tuple[float, float]]:
         """Return the predictor, corrected and centred, and how far both points may go along it."""
-        system = NewtonSystem(self.data, self.basis, self.primal, self.dual)
+        system = NewtonSystem(self.data, self.basis, self.primal, self.dual, self.deadline)
         predictor = system.solve(aim(self.data, self.primal, self.dual, 0.0))
         sizes = self._sizes(predictor)
         mu = self._complementarity()

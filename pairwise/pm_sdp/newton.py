@@ -33,20 +33,33 @@ _REFINEMENT_TOL = 1e-6
 
 
 class NewtonSystem:
-    """Factorisation of the Newton system at one pair of primal and dual points."""
+    """Factorisation of the Newton system at one pair of primal and dual points.
 
-    def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
+    Raises
+    ------
+    TimeoutError
+        If the deadline, on the clock of ``time.perf_counter``, passes before it is assembled.
+    """
+
+    def __init__(
+        self,
+        data: RelaxationData,
+        basis: MomentBasis,
+        primal: PrimalPoint,
+        dual: DualPoint,
+        deadline: float = np.inf,
+    ) -> None:
         self.data, self.basis, self.primal, self.dual = data, basis, primal, dual
         self.blocks = LocalBlocks(data, basis, primal, dual)
         self.quaternion_operators = _quaternion_operators(primal.Y, dual.Y)
         self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.g, dual.Y)
         self.pinned = np.concatenate([data.pinned, np.repeat(data.pinned[data.tied], data.lifted.num_variables)])
-        self._assemble()
+        self._assemble(deadline)
 
-    def _assemble(self) -> None:
+    def _assemble(self, deadline: float) -> None:
         """Form and factor the reduced system."""
         data, basis = self.data, self.basis
-        moments, coupling, rows = self.blocks.condense()
+        moments, coupling, rows = self.blocks.condense(deadline)
         means = slice(0, data.lifted.num_variables)
         for slopes, T, weights in zip(data.lifted.quaternion_slopes, *self.quaternion_operators, strict=True):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)

@@ -17,6 +17,8 @@ times as fast in three dimensions and 1.4 times in seven, in 570 lines more.
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from data_tools.arrays import FloatArray
@@ -86,7 +88,7 @@ class LocalBlocks:
         response[:, diagonal, diagonal] += 1.0 / np.where(self.data.valid, conductance, 1.0)
         self.root = np.linalg.inv(np.linalg.cholesky(response))
 
-    def condense(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def condense(self, deadline: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the blocks' share of the moments' operator, of its coupling to the rows, and of the rows' matrix.
 
         Their shapes are (m, m), (p, m) and (p, p), for the p = n + s t unknowns beta and e of n rows, t of them tied.
@@ -99,6 +101,8 @@ class LocalBlocks:
         unknowns = num + size * int(data.tied.sum())
         coupling, rows = np.zeros((unknowns, basis.num_coordinates)), np.zeros((unknowns, unknowns))
         for points in self._chunks():
+            if time.perf_counter() > deadline:
+                raise TimeoutError
             halves = (projected[points] @ self._moves(points)).reshape(-1, basis.num_coordinates)
             pulls = self._spread(points, np.swapaxes(projected[points], 1, 2), 0)
             if data.tied.any():

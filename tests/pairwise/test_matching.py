@@ -1,5 +1,6 @@
 """The matcher: global optimum on the catalogue, alternatives, chirality, proof, invariances, refusals."""
 
+import time
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
+from pairwise.local.rotation_search import explore
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
@@ -110,7 +112,7 @@ def test_the_relaxation_bounds_the_energy(pattern):
 
 def test_the_relaxation_is_solved_by_the_documented_rule():
     rng = np.random.default_rng(0)
-    rigid, deep = planted(rng, rng.random((6, 3))), planted(rng, rng.random((6, 4)))
+    rigid, deep = planted(rng, rng.random((6, 3))), planted(rng, rng.random((6, 8)), noise=0.1)
     mixed = Problem.from_user(rng.random((6, 7)), rng.random((6, 7)), rotation_pattern=(3, 4))
     portfolio = MatchOptions()
     assert [wants_relaxation(p, portfolio) for p in (rigid, mixed, deep)] == [False, False, True]
@@ -118,6 +120,53 @@ def test_the_relaxation_is_solved_by_the_documented_rule():
     assert not wants_relaxation(deep, MatchOptions(strategy="search"))
     assert not wants_relaxation(rigid, MatchOptions(certify=True))
     assert wants_relaxation(deep, MatchOptions(strategy="search", certify=True))
+    exact = planted(rng, rng.random((6, 8)), rotation=np.eye(8))
+    assert [wants_relaxation(p, portfolio, explore(p)) for p in (deep, exact)] == [True, False]
+
+
+@pytest.mark.parametrize("strategy", ["search", "relaxation"])
+def test_an_exact_match_is_bounded_by_zero_and_proven(strategy):
+    rng = np.random.default_rng(2)
+    target = rng.random((8, 3))
+    exact = match(target, target[::-1] @ random_rotations(3, 1, rng)[0], strategy=strategy)
+    assert 0.0 <= exact.lower_bound <= exact.energy < 1e-12
+    assert exact.status is Status.PROVEN_OPTIMAL
+    noisy = match(target, target[::-1] + 0.1 * rng.standard_normal((8, 3)), strategy="search")
+    assert np.isnan(noisy.lower_bound)
+    assert noisy.status is Status.LOCAL_OPTIMUM
+
+
+def test_row_sums_are_an_option_of_a_match():
+    rng = np.random.default_rng(3)
+    problem = planted(rng, rng.random((6, 3)), noise=0.1)
+    loose, tight = (
+        match_problem(problem, MatchOptions(strategy="relaxation", row_sums=row_sums)) for row_sums in (False, True)
+    )
+    assert loose.lower_bound < 0.98 * tight.lower_bound
+    assert tight.lower_bound <= tight.energy
+
+
+def test_the_log_says_what_was_solved_and_how_it_ended():
+    rng = np.random.default_rng(4)
+    problem = planted(rng, rng.random((9, 3)), num_source=8, noise=0.1)
+    searched, proven = match_problem(problem, MatchOptions()), match_problem(problem, MatchOptions(certify=True))
+    assert len(searched.log) == 1
+    assert searched.log[0].startswith("Searched rotations of 8 on 9 points in 3 dimensions: ")
+    assert proven.log[:1] == searched.log
+    assert proven.log[1].endswith(Status.PROVEN_OPTIMAL.value)
+    relaxed = match_problem(problem, MatchOptions(strategy="relaxation"))
+    assert relaxed.log == (f"Solved PM-SDP of 8 on 9 points in 3 dimensions: {Status.CONVERGED.value}",)
+
+
+def test_a_time_limit_holds_within_an_iteration_of_the_relaxation():
+    rng = np.random.default_rng(5)
+    problem = planted(rng, rng.random((60, 5)), noise=0.1)
+    began_s = time.perf_counter()
+    result = match_problem(problem, MatchOptions(strategy="relaxation", time_limit_s=0.5))
+    assert time.perf_counter() - began_s < 5.0  # one iteration takes longer
+    assert result.status is Status.TIME_LIMIT
+    assert result.log[0].endswith(Status.TIME_LIMIT.value)
+    assert 0.0 <= result.lower_bound <= result.energy
 
 
 def test_the_same_input_gives_the_same_bytes():

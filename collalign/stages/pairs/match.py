@@ -70,7 +70,7 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
 
 
 #: Matches a pair. The version changes whenever the same two shapes and options would give other poses.
-MATCHING = Job(kind="pairs", version="pair-5", run=match_pair, reader=PairPoses)
+MATCHING = Job(kind="pairs", version="pair-6", run=match_pair, reader=PairPoses)
 
 
 def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:
