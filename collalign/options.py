@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, TypeAlias, TypedDict
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Any, ClassVar, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -42,6 +42,24 @@ Maps = Literal["auto", "always", "never"]
 AUTO, NEVER, ALL = "auto", "never", "all"
 #: Whether the common frame keeps the sizes of the shapes.
 Scaling = Literal["similarity", "rigid"]
+#: Which pipeline the defaults of the other options are for.
+Preset = Literal["default", "paper"]
+#: What each preset sets. The paper's (Maron et al. 2016, section 6.3 and appendices A and B): 20 farthest points, xyz
+#: and 4 LB coordinates with block-diagonal R, PM-SDP over conv SO(3) of all pairs, four starts, the eigenvectors.
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "paper": {
+        "group": "SO",
+        "pairs": "all",
+        "synchronization": "spectral",
+        "maps": "never",
+        "incomplete": NEVER,
+        "refine": False,
+        "sampling": {"num_points": 20, "num_dense_points": 0},
+        "embedding": {"kind": "xyz+lb"},
+        "matching": {"strategy": "relaxation", "row_sums": False, "num_draws": 0},
+    },
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +68,11 @@ class AlignOptions:
 
     Parameters
     ----------
+    preset : {"default", "paper"}
+        default searches rotations of each pair and chooses among candidates; paper is the published pipeline (Maron
+        et al. 2016): PM-SDP over conv SO(3) of all pairs at 20 points, positions and 4 Laplace-Beltrami coordinates,
+        and the eigenvectors of appendix B, without confidence and refinement. An option that differs from its own
+        default wins over the preset.
     group : {"SO", "O", "auto"}
         SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder); auto mirrors only
         where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched as
@@ -109,6 +132,7 @@ class AlignOptions:
         If a value is impossible.
     """
 
+    preset: Preset = "default"
     group: Group = "auto"
     scaling: Scaling = "similarity"
     pairs: PairStrategy = "auto"
@@ -132,6 +156,7 @@ class AlignOptions:
 
     def __post_init__(self) -> None:
         check_kinds(self)
+        _apply(PRESETS[self.preset], self)
         for name in ("certify_budget_s", "certify_pair_s"):
             check_number(name, getattr(self, name), positive=True)
         check_count("clusters", self.clusters, lower=0)
@@ -153,6 +178,7 @@ class AlignOptions:
 class AlignKeywords(TypedDict, total=False):
     """The fields of :class:`AlignOptions` as keywords."""
 
+    preset: Preset
     group: Group
     scaling: Scaling
     pairs: PairStrategy
@@ -242,6 +268,21 @@ class TwoShapeKeywords(TypedDict, total=False):
     embedding: EmbeddingOptions | EmbeddingKeywords
     matching: PairOptions | PairKeywords
 
+
+def _apply(preset: Mapping[str, Any], options: AlignOptions) -> None:
+    """Set the options of a preset that are at their defaults, in place."""
+    for name, value in preset.items():
+        given, default = getattr(options, name), getattr(_DEFAULTS, name)
+        if is_dataclass(given):
+            table = {key: new for key, new in value.items() if getattr(given, key) == getattr(default, key)}
+            value = replace(given, **table)  # type: ignore[type-var]
+        elif given != default:
+            continue
+        object.__setattr__(options, name, value)
+
+
+#: What no option of a user's has changed.
+_DEFAULTS = AlignOptions()
 
 #: The session of an alignment.
 AlignSession: TypeAlias = Session[AlignOptions]

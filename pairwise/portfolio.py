@@ -66,7 +66,9 @@ def ranked_poses(
         parts.append(minimise(problem, given, hold_chirality=True, origins=origins))
     if searched is not None or not parts:
         parts.append(explore(problem, seed=options.seed) if searched is None else searched)
-    polished = look_around(problem, merge(parts), seed=options.seed)
+    polished = merge(parts)
+    if options.strategy != "relaxation":
+        polished = look_around(problem, polished, seed=options.seed)
     return rank_candidates(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
 
 

@@ -6,6 +6,7 @@ import itertools
 import shutil
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,6 @@ from experiments.collections.landmarked import RIGHT_DEG, TEETH_FOLDER, read_dat
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
-from pairwise.options import PairOptions
 
 #: The published rotations beside the teeth.
 PUBLISHED_FILE = "auto3dgm_rotations_baseline.npz"
@@ -65,14 +65,12 @@ def toolkit_options(settings: dict[str, Any]) -> AlignOptions:
 
 def published_options(settings: dict[str, Any], group: str) -> AlignOptions:
     """Return the options of appendix B as published: PM-SDP with the four starts of appendix A, spectral, no more."""
-    return AlignOptions(
-        group="O" if group == "O" else "SO",
+    paper = AlignOptions(preset="paper", group="O" if group == "O" else "SO")
+    return replace(
+        paper,
         pairs=settings["pairs"],
-        synchronization="spectral",
-        refine=False,
-        sampling=SamplingOptions(num_points=settings["points"], num_dense_points=0),
+        sampling=replace(paper.sampling, num_points=settings["points"]),
         embedding=EmbeddingOptions(kind=settings["embedding"]),
-        matching=PairOptions(strategy="relaxation", num_draws=0),
     )
 
 

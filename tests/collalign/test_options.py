@@ -11,6 +11,7 @@ from collalign.options import AlignOptions, TwoShapeOptions
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
+from pairwise.local.rotation_sets import random_rotations
 from pairwise.options import MatchOptions, PairOptions
 
 OPTIONS = (
@@ -74,6 +75,33 @@ def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypat
 def test_there_are_no_more_options_than_anybody_reads():
     flat = [value if isinstance(value, dict) else [value] for value in dataclasses.asdict(AlignOptions()).values()]
     assert sum(map(len, flat)) <= 35
+
+
+def test_the_preset_of_the_paper_sets_what_the_paper_did():
+    paper = AlignOptions(preset="paper")
+    assert (paper.group, paper.pairs, paper.synchronization) == ("SO", "all", "spectral")
+    assert (paper.maps, paper.incomplete, paper.refine) == ("never", "never", False)
+    assert (paper.sampling.num_points, paper.sampling.num_dense_points) == (20, 0)
+    assert paper.embedding == EmbeddingOptions(kind="xyz+lb")
+    assert paper.matching == PairOptions(strategy="relaxation", row_sums=False, num_draws=0)
+    own = AlignOptions(preset="paper", group="O", sampling={"num_points": 30}, matching={"max_candidates": 3})
+    assert (own.group, own.sampling.num_points, own.sampling.num_dense_points) == ("O", 30, 0)
+    assert own.matching == dataclasses.replace(paper.matching, max_candidates=3)
+    assert dataclasses.replace(paper, seed=1) == AlignOptions(preset="paper", seed=1)
+    assert AlignOptions(preset="default") == AlignOptions()
+
+
+def test_the_preset_of_the_paper_relaxes_every_pair_and_the_default_none(rng):
+    points, turns = rng.random((20, 3)), np.stack([np.eye(3), *random_rotations(3, 2, rng)])
+    clouds = {f"s{i}": (points + 0.01 * rng.standard_normal((20, 3))) @ turn for i, turn in enumerate(turns)}
+    paper, default = (
+        collalign.align_collection(clouds, preset=preset, embedding={"kind": "xyz"}, jobs=1, progress=False)
+        for preset in ("paper", "default")
+    )
+    assert np.isfinite([pair.lower_bound for pair in paper.pairs]).tolist() == [True] * 3
+    assert np.isnan([pair.lower_bound for pair in default.pairs]).tolist() == [True] * 3
+    np.testing.assert_allclose(paper.rotations, turns, atol=0.1)
+    assert np.isnan(paper.confidence).all()
 
 
 def test_options_of_two_shapes_may_be_keywords_and_tables():
