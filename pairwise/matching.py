@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, as_rotations, read_only
-from data_tools.checks import as_options
+from data_tools.checks import as_options, check_number
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.candidates import with_better
+from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
-from pairwise.portfolio import ranked_poses, wants_relaxation
+from pairwise.portfolio import NUM_FOLLOWED, annealed_starts, costs_down_to, ranked_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.problem.unmatched import marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status
@@ -32,6 +34,8 @@ from pairwise.status import Status
 SHIFTED = 0.1
 #: Relative gap between energy and bound at which a pose counts as proven.
 GAP_TOL = 1e-3
+#: Most rounds of matching and shifting about the points that match.
+_MAX_SHIFTS = 10
 
 
 class MatchKeywords(PairKeywords, ProblemArguments, total=False):
@@ -47,11 +51,15 @@ def match(
     source: ArrayLike,
     *,
     translation: bool = False,
+    unmatched_cost: float | None = None,
     starts: ArrayLike | None = None,
     options: MatchOptions | Mapping[str, Any] | None = None,
     **keywords: Unpack[MatchKeywords],
 ) -> MatchResult:
     """Match the source's points to the target's: rotation and injective map of least energy (Procrustes matching).
+
+    Every source point is matched unless ``unmatched_cost`` is given: do so where the sets have outliers or overlap in
+    part. Of surfaces that overlap in part, :func:`collalign.match_in_part` finds poses and scales by their normals.
 
     Parameters
     ----------
@@ -62,7 +70,12 @@ def match(
     translation : bool
         Poses turn about the origin; this shifts both sets to their centroids first, which is the best shift where
         all points are matched and weigh the same. Energies, bounds and certificates are then of the shifted points.
-        A warning says where a shift is most of what a pose about the origin leaves.
+        A warning says where a shift is most of what a pose about the origin leaves. With ``unmatched_cost`` the
+        centroids are those of the matched points, found in turns with the pose.
+    unmatched_cost : float, optional
+        What an unmatched source point costs, in squared units of the points; all are matched by default. A point whose
+        match would be further away than its square root stays unmatched: take three to four times the noise, squared.
+        Energy, bound and certificate are those of :func:`pairwise.with_unmatched`.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.
     options : MatchOptions or mapping, optional
@@ -77,12 +90,17 @@ def match(
     MatchResult
         Its ``lower_bound`` is the relaxation's where that was solved, or the proof's with ``certify``, and 0 for an
         exact match; NaN otherwise, and for banded patterns, whose bound is one for banded R only, while poses are any
-        rotations. Its ``log`` says what was solved.
+        rotations. Its ``log`` says what was solved. Unmatched points have -1 in its maps.
 
     Raises
     ------
     InputError, OptionsError
         If the arrays or the options are not as described.
+
+    See Also
+    --------
+    collalign.match_in_part : of surfaces that overlap in part
+    pairwise.with_unmatched : the problem with unmatched points, to relax, prove or verify by itself
 
     Examples
     --------
@@ -103,9 +121,13 @@ def match(
         group = about.get("group", "SO")
         poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
     options = as_options("options", options, MatchOptions, given)
-    result = match_problem(problem, options, starts=poses)
-    if not translation:
+    if unmatched_cost is not None:
+        result, centres = _match_some(problem, unmatched_cost, options, poses, centres if translation else None)
+    else:
+        result = match_problem(problem, options, starts=poses)
+    if not translation and unmatched_cost is None:
         _warn_of_shift(problem, result.candidates[0])
+    if not translation:
         return result
     shifts = (read_only(centres[0] - c.R_target_source @ centres[1]) for c in result.candidates)
     ranked = tuple(replace(c, translation=shift) for c, shift in zip(result.candidates, shifts, strict=True))
@@ -123,6 +145,56 @@ def _warn_of_shift(problem: Problem, best: Candidate) -> None:
             "turn about the origin; translation=True shifts both sets to their centroids first",
             stacklevel=4,
         )
+
+
+def _match_some(
+    problem: Problem,
+    cost: float,
+    options: MatchOptions,
+    starts: FloatArray | None,
+    centres: tuple[FloatArray, FloatArray] | None,
+) -> tuple[MatchResult, tuple[FloatArray, FloatArray]]:
+    """Match with unmatched points, and return what both sets were shifted by in all: about the points that match."""
+    check_number("unmatched_cost", cost, positive=True)
+    shifts = (np.zeros(problem.dim),) * 2 if centres is None else centres
+    if centres is not None:
+        problem, moves = _about_matched(problem, cost, options.seed)
+        shifts = shifts[0] + moves[0], shifts[1] + moves[1]
+    tried = annealed_starts(problem, cost, seed=options.seed)
+    tried = tried if starts is None else np.concatenate([starts, tried])
+    result = match_problem(with_unmatched(problem, cost), options, starts=tried if len(tried) else None)
+    num = problem.num_target
+    ranked = tuple(
+        replace(c, map_target_source=marked_unmatched(c.map_target_source, num)) for c in result.candidates
+    )
+    return replace(result, map_target_source=ranked[0].map_target_source, candidates=ranked), shifts
+
+
+def _about_matched(problem: Problem, cost: float, seed: int) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
+    """Return the problem with both sets shifted about the points that match, and the shifts.
+
+    Costs fall as those of :func:`pairwise.portfolio.annealed_starts` do; the last one is repeated until no point
+    changes its match.
+    """
+    shifts = (np.zeros(problem.dim),) * 2
+    former, starts = b"", np.zeros((0, problem.dim, problem.dim))
+    costs = costs_down_to(problem, cost)
+    for level in [*costs, *[cost] * _MAX_SHIFTS]:
+        eased = with_unmatched(problem, level)
+        tried = np.concatenate([starts, explore(eased, seed=seed).rotations])
+        found = minimise(eased, tried, hold_chirality=True)
+        starts, best = found.rotations[:NUM_FOLLOWED], found.maps[0]
+        matched = np.flatnonzero(best < problem.num_target)
+        if not len(matched) or (level == cost and best.tobytes() == former):
+            break
+        former, weights = best.tobytes(), problem.weights[matched] / problem.weights[matched].sum()
+        moves = weights @ problem.target[best[matched]], weights @ problem.source[matched]
+        target, source = (
+            read_only(p - move) for p, move in zip((problem.target, problem.source), moves, strict=True)
+        )
+        problem = replace(problem, target=target, source=source)
+        shifts = shifts[0] + moves[0], shifts[1] + moves[1]
+    return problem, shifts
 
 
 def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
@@ -155,7 +227,7 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s())
         log.append(f"Branch and bound over rotations, {proof.num_cells} cells: {proof.status.value}")
         ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
-        bound = min(float(np.fmax(bound, proof.lower_bound)), ranked[0].energy)
+        bound = min(float(np.fmax(bound, max(proof.lower_bound, 0.0))), ranked[0].energy)
     best = ranked[0]
     return MatchResult(
         R_target_source=best.R_target_source,

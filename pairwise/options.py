@@ -19,8 +19,8 @@ class PairOptions:
     Parameters
     ----------
     strategy : {"search", "relaxation", "portfolio"}
-        `search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and then solves the relaxation as
-        well where the rotation block has more than seven dimensions, of which no search finds enough.
+        `search` tries rotations, `relaxation` rounds PM-SDP, `portfolio` searches, and solves the relaxation as well
+        where the rotation block has more than seven dimensions, of which no search finds enough.
     row_sums : bool
         Use the equations of target points that are always matched in the relaxation; without them it is PM-SDP as
         published, looser and faster.

@@ -8,6 +8,8 @@ finds poses as good in a fraction of the relaxation's time; above, roundings fin
 
 from __future__ import annotations
 
+from math import ceil, log
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,11 @@ from pairwise.local.rotation_search import MAX_SEARCHED_DIM, explore, look_aroun
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem.problem import Problem
+from pairwise.problem.unmatched import with_unmatched
 from pairwise.results import Candidate, RelaxationResult
+
+#: The cost of unmatched points falls by this factor from level to level, and so many minima are followed.
+_COST_FACTOR, NUM_FOLLOWED = 4.0, 64
 
 
 def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMinima | None = None) -> bool:
@@ -70,6 +76,36 @@ def ranked_poses(
     if options.strategy != "relaxation":
         polished = look_around(problem, polished, seed=options.seed)
     return rank_candidates(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
+
+
+def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -> FloatArray:
+    """Return rotations (m, d, d) to start a match with unmatched points from.
+
+    At a small cost only rotations near the best one match anything. So the search begins at a cost at which nearly all
+    points are matched, and follows its minima to smaller ones (graduated non-convexity, Blake and Zisserman 1987).
+
+    Parameters
+    ----------
+    problem : Problem
+        Without unmatched points.
+    unmatched_cost : float
+        See :func:`pairwise.problem.unmatched.with_unmatched`.
+    seed : int
+        See :func:`pairwise.local.rotation_search.explore`.
+    """
+    found = np.zeros((0, problem.dim, problem.dim))
+    for cost in costs_down_to(problem, unmatched_cost):
+        eased = with_unmatched(problem, cost)
+        starts = np.concatenate([found, explore(eased, seed=seed).rotations])
+        found = minimise(eased, starts, hold_chirality=True).rotations[:NUM_FOLLOWED]
+    return found
+
+
+def costs_down_to(problem: Problem, unmatched_cost: float) -> list[float]:
+    """Return larger costs of unmatched points than the given one, the largest about the spread of the source."""
+    largest = float(problem.weights @ (problem.source**2).sum(axis=1) / problem.weights.sum())
+    num_levels = ceil(log(max(largest, unmatched_cost) / unmatched_cost, _COST_FACTOR))
+    return [unmatched_cost * _COST_FACTOR**level for level in range(num_levels, 0, -1)]
 
 
 def _given_starts(

@@ -21,7 +21,7 @@ class Candidate:
     R_target_source : ndarray, shape (d, d)
         Takes source coordinates to target coordinates.
     map_target_source : ndarray of int, shape (k,)
-        Index on the target of each source point.
+        Index on the target of each source point; -1 where it may stay unmatched and does.
     energy : float
         Sum of squared distances, in squared units of the points (plus the constant costs of the invariants).
     reflected : bool

@@ -29,13 +29,14 @@ def solve_full_lifted(
     max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
+    row_sums: bool = False,
 ) -> RelaxationResult:
     """Solve the full lifted relaxation through CVXPY.
 
-    Parameters are those of :func:`pairwise.reference.pm_sdp.solve_reference`; so is the result, and the errors.
+    As published unless ``row_sums`` are asked for. Parameters are those of :func:`pairwise.reference.pm_sdp.solve_reference`; so is the result, and the errors.
     Memory grows with (n k)^2 and time with a high power of it: n = k = 8 is comfortable.
     """
-    model = lift_fully(build_model(problem, cross_products=cross_products))
+    model = lift_fully(build_model(problem, cross_products=cross_products, row_sums=row_sums))
     return solve_model(model, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
 
 
