@@ -73,8 +73,8 @@ def match(
         A warning says where a shift is most of what a pose about the origin leaves. With ``unmatched_cost`` the
         centroids are those of the matched points, found in turns with the pose.
     unmatched_cost : float, optional
-        What an unmatched source point costs, in squared units of the points; all are matched by default. A point whose
-        match would be further away than its square root stays unmatched: take three to four times the noise, squared.
+        What an unmatched source point costs, in squared units of the points; all are matched by default. A point
+        whose match would be further away than its root stays unmatched: take three to four times the noise, squared.
         Energy, bound and certificate are those of :func:`pairwise.with_unmatched`.
     starts : array_like, shape (m, d, d), optional
         Poses to descend from as well.

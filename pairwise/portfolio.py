@@ -81,8 +81,8 @@ def ranked_poses(
 def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -> FloatArray:
     """Return rotations (m, d, d) to start a match with unmatched points from.
 
-    At a small cost only rotations near the best one match anything. So the search begins at a cost at which nearly all
-    points are matched, and follows its minima to smaller ones (graduated non-convexity, Blake and Zisserman 1987).
+    At a small cost only rotations near the best one match anything. So the search begins at a cost at which nearly
+    all points are matched, and follows its minima to smaller ones (graduated non-convexity, Blake, Zisserman 1987).
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ in the repeated runs from {RUN_STARTS:,}, to save time. PM-SDP minimises locally
 and from {DRAWS} draws from (R, C). The paper does not say whether the points are centred. Points of the unit cube
 about the origin lie all on one side of it, which leaves few local minima in three dimensions; about their centroid
 there are many more, so both are measured. Distinct minima are counted by energy, rounded to {_DECIMALS} decimals.
-Where nearly every start has its own, the search is not exhaustive. Run r in dimension d has the seed (d, r). PM-SDP is
-solved as published; beside its bound is that with the equations of the row sums (`row_sums=True`), up to dimension
+Where nearly every start has its own, the search is not exhaustive. Run r in dimension d has the seed (d, r). PM-SDP
+is solved as published; beside its bound is that with the equations of the row sums (`row_sums=True`), up to dimension
 {TIGHTER_DIM}: beyond, they take long and raise the bound by a few percent.
 """
 

@@ -33,7 +33,8 @@ def solve_full_lifted(
 ) -> RelaxationResult:
     """Solve the full lifted relaxation through CVXPY.
 
-    As published unless ``row_sums`` are asked for. Parameters are those of :func:`pairwise.reference.pm_sdp.solve_reference`; so is the result, and the errors.
+    As published unless ``row_sums`` are asked for.
+    Parameters are those of :func:`pairwise.reference.pm_sdp.solve_reference`; so is the result, and the errors.
     Memory grows with (n k)^2 and time with a high power of it: n = k = 8 is comfortable.
     """
     model = lift_fully(build_model(problem, cross_products=cross_products, row_sums=row_sums))

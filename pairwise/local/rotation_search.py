@@ -21,9 +21,9 @@ from pairwise.problem.problem import Problem
 
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
-#: Sizes of sets of rotations of blocks of so many dimensions, and of more than these. Up to three dimensions they cover
-#: the group. Beyond, a step of nearest-neighbour ICP comes first, and up to seven dimensions these many rotations find
-#: poses as good as those of PM-SDP in less time (20 to 50 random points, noise .1 to .3); in eight they no longer do.
+#: Sizes of sets of rotations of blocks of so many dimensions, and of more than these. Up to three dimensions they
+#: cover the group. Beyond, a step of nearest-neighbour ICP comes first. Up to seven dimensions these many rotations
+#: find poses as good as those of PM-SDP in less time (20 to 50 random points, noise .1 to .3); in eight they do not.
 _NUM_ROTATIONS = {2: 96, 3: 500, 4: 4000, 5: 4000, 6: 16_000, 7: 16_000}
 _NUM_BEYOND = 500
 MAX_COVERED_DIM, MAX_SEARCHED_DIM = 3, max(_NUM_ROTATIONS)

@@ -26,7 +26,7 @@ def with_unmatched(problem: Problem, cost: float) -> Problem:
     problem : Problem
         n target points and k source points.
     cost : float
-        In squared units of the points: a point whose match would be further away than the square root stays unmatched.
+        In squared units of the points: a point whose match would be further away than its root stays unmatched.
 
     Returns
     -------
