@@ -73,7 +73,7 @@ class Rows:
         return len(next(iter(vars(self).values())))
 
     def take(self, index: IntArray) -> Self:
-        """Return the rows at the given positions."""
+        """Return the rows at the given positions (m,)."""
         return type(self)(**{n: v.take(index) if isinstance(v, Rows) else v[index] for n, v in vars(self).items()})
 
     def join(self, *others: Self) -> Self:

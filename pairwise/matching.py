@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import chain, repeat
 from typing import Any, Unpack
 
 import numpy as np
@@ -34,8 +35,6 @@ from pairwise.status import Status
 SHIFTED = 0.1
 #: Relative gap between energy and bound at which a pose counts as proven.
 GAP_TOL = 1e-3
-#: Most rounds of matching and shifting about the points that match.
-_MAX_SHIFTS = 10
 
 
 class MatchKeywords(PairKeywords, ProblemArguments, total=False):
@@ -173,21 +172,22 @@ def _match_some(
 def _about_matched(problem: Problem, cost: float, seed: int) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
     """Return the problem with both sets shifted about the points that match, and the shifts.
 
-    Costs fall as those of :func:`pairwise.portfolio.annealed_starts` do; the last one is repeated until no point
-    changes its match.
+    Costs fall as those of :func:`pairwise.portfolio.annealed_starts` do; the last one is repeated until the energy
+    falls no more.
     """
     shifts = (np.zeros(problem.dim),) * 2
-    former, starts = b"", np.zeros((0, problem.dim, problem.dim))
-    costs = costs_down_to(problem, cost)
-    for level in [*costs, *[cost] * _MAX_SHIFTS]:
+    former, starts = np.inf, np.zeros((0, problem.dim, problem.dim))
+    for level in chain(costs_down_to(problem, cost), repeat(cost)):
         eased = with_unmatched(problem, level)
         tried = np.concatenate([starts, explore(eased, seed=seed).rotations])
         found = minimise(eased, tried, hold_chirality=True)
         starts, best = found.rotations[:NUM_FOLLOWED], found.maps[0]
         matched = np.flatnonzero(best < problem.num_target)
-        if not len(matched) or (level == cost and best.tobytes() == former):
+        if not len(matched) or (level == cost and found.energies[0] >= former - eased.rounding_energy):
             break
-        former, weights = best.tobytes(), problem.weights[matched] / problem.weights[matched].sum()
+        if level == cost:
+            former = found.energies[0]
+        weights = problem.weights[matched] / problem.weights[matched].sum()
         moves = weights @ problem.target[best[matched]], weights @ problem.source[matched]
         target, source = (
             read_only(p - move) for p, move in zip((problem.target, problem.source), moves, strict=True)

@@ -124,7 +124,7 @@ def solve_pm_sdp(
 
 
 def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatArray, ...]:
-    """Return X, B, R and C over all matches and all free entries of R."""
+    """Return X (n, k), B (k, r, n), R (d, d) and C (r, r) over all matches and all free entries of R."""
     primal, lifted = solution.primal, data.lifted
     size = lifted.num_variables
     moments = np.empty((size + 1, size + 1))

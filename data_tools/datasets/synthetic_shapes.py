@@ -14,7 +14,7 @@ CROWN_RIM = 1.9
 
 
 def sphere_mesh(num_vertices: int) -> tuple[FloatArray, IntArray]:
-    """Return a triangulated unit sphere of that many vertices, its triangles counterclockwise from outside."""
+    """Return a unit sphere of vertices (num, 3) and triangles (t, 3), counterclockwise from outside."""
     vertices = spread_directions(num_vertices)
     hull = ConvexHull(vertices)
     faces = hull.simplices.astype(np.int64)

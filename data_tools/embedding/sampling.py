@@ -65,7 +65,7 @@ def farthest_points(
 
 
 def central_extreme(points: FloatArray) -> int:
-    """Return the index of the point farthest from the centroid."""
+    """Return the index of the point, of (n, 3), farthest from the centroid."""
     return int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
 
 

@@ -71,7 +71,7 @@ def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
 
 
 def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return which points of a cloud lie on a rim: their neighbours, seen along the normal, leave a wide gap."""
+    """Return which points (n, 3) of a cloud lie on a rim: their neighbours, along the normal, leave a wide gap."""
     num = min(RIM_NEIGHBOURS + 1, len(points))
     arms = points[cKDTree(points).query(points, k=num)[1][:, 1:]] - points[:, None]
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
@@ -84,7 +84,7 @@ def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
 
 
 def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:
-    """Return unit normals, of either sign, of the planes through the points of a cloud around each place."""
+    """Return unit normals (q, 3), of either sign, of the planes through a cloud around each place (q, 3)."""
     near = cloud[cKDTree(cloud).query(places, k=min(NUM_NEIGHBOURS, len(cloud)))[1]]
     moments = near - near.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.swapaxes(moments, 1, 2) @ moments)[1][:, :, 0])

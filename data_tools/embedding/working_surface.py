@@ -93,7 +93,7 @@ class WorkingSurface:
         return float(vertex_areas(self.shape).sum())
 
     def seeds(self, num: int) -> IntArray:
-        """Return at most ``num`` extrema of the average geodesic distance."""
+        """Return indices (m,) of at most ``num`` extrema of the average geodesic distance."""
         return agd_maxima(self.agd, self.geodesics, num=num, radius=SEED_SPACING * self.area**0.5)
 
     @cached_property
@@ -102,7 +102,7 @@ class WorkingSurface:
         return boundary_distance(self.shape, self.geodesics)
 
     def farthest_points(self, num: int, metric: str, *, seeded: bool) -> IntArray:
-        """Return farthest points, the first half at most extrema of the average geodesic distance if ``seeded``."""
+        """Return farthest points (num,), the first half at most extrema of average geodesic distance if ``seeded``."""
         key = (num, metric, seeded)
         if key not in self._farthest:
             seeds = self.seeds(num // 2) if seeded else None

@@ -16,7 +16,7 @@ from data_tools.io.text_tables import parse_table
 
 
 def read_obj(source: Source) -> RawShape:
-    """Return the vertices and triangles of an OBJ file; groups are joined, all but ``v`` and ``f`` is ignored.
+    """Return the vertices (v, 3) and triangles (t, 3) of an OBJ file; only ``v`` and ``f`` are read, groups joined.
 
     Polygons are split into triangles at their first corner. Indices count from 1, or from the end where negative.
 

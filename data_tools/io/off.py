@@ -16,7 +16,7 @@ from data_tools.io.text_tables import parse_table
 
 
 def read_off(source: Source) -> RawShape:
-    """Return the vertices and triangles of an OFF file; normals, colours and edges are ignored.
+    """Return the vertices (v, 3) and triangles (t, 3) of an OFF file; normals, colours and edges are ignored.
 
     Polygons are split into triangles at their first corner.
 

@@ -70,7 +70,7 @@ class SurfaceLocator:
         return [(group, cKDTree(centroids[group]), float(reach[group].max())) for group in groups]
 
     def closest(self, points: FloatArray) -> SurfacePoints:
-        """Return the closest place to each of q points.
+        """Return the closest place to each of the points (q, 3).
 
         Among triangles of like size, those of the nearest centroids come first. Where one outside that list could
         still be nearer (its centroid within the distance found plus the triangles' reach), all such are looked at.

@@ -24,7 +24,7 @@ def boundary_edges(faces: IntArray) -> IntArray:
 
 
 def counted_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the edges, and in how many triangles each is: 1 on the boundary, more than 2 where it is no manifold."""
+    """Return the edges (e, 2) and in how many triangles each is: 1 on the boundary, more than 2 where no manifold."""
     first, second = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
     num_vertices = int(faces.max(initial=0)) + 1
     # One integer per edge: sorting these is a hundred times as fast as rows.
@@ -70,7 +70,7 @@ def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int
 
 
 def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
-    """Whether a mesh has a rim: a boundary that is long compared with its size (small holes do not count)."""
+    """Whether a mesh of triangles (t, 3) has a rim: a boundary long compared with its size (no small holes)."""
     if not len(faces):
         return False
     size = float(np.sqrt(face_areas(vertices, faces).sum()))

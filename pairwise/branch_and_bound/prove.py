@@ -194,7 +194,7 @@ def _proof(searches: list[RotationSearch]) -> Proof:
 
 
 def depths_of(searches: Sequence[RotationSearch]) -> list[IntArray]:
-    """Return the depths of the leaves in the order of faces and paths, of rotations and then of reflections."""
+    """Return the depths (m,) of the leaves by faces and paths, an array of rotations and then one of reflections."""
     leaves = [search.leaves.cells for search in sorted(searches, key=lambda one: one.reflected)]
     return [one.depths[np.lexsort((one.paths << (DEEPEST - one.depths), one.faces))] for one in leaves]
 

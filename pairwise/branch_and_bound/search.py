@@ -212,5 +212,5 @@ class OpenCells(Rows):
 
     @property
     def proven_bounds(self) -> FloatArray:
-        """The bounds, ``-inf`` where nothing is proven."""
+        """The bounds (m,), ``-inf`` where nothing is proven."""
         return np.where(self.is_proven, self.bounds, -np.inf)

@@ -91,7 +91,7 @@ def prove_tilted(
 
 
 def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
-    """Return a problem whose energy is that of the given one less <tilt, R> plus a constant, and the constant."""
+    """Return a problem of the energy less <tilt, R>, tilt (d, d), plus a constant, and the constant."""
     dim, (n, k) = problem.dim, problem.allowed.shape
     left, strengths, right = np.linalg.svd(0.5 * tilt)
     sizes = [np.linalg.norm(points) for points in (problem.weights[:, None] * problem.source, problem.target)]

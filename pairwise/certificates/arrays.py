@@ -16,7 +16,7 @@ LARGEST = 1e100
 
 
 def in_unit(values: FloatArray, exponent: int, name: str) -> FloatArray:
-    """Return ``values / 2 ** exponent``; what becomes smaller than the smallest number vanishes.
+    """Return ``values / 2 ** exponent``, shape (...); what becomes smaller than the smallest number vanishes.
 
     Raises
     ------
@@ -69,11 +69,11 @@ class CertificateArrays:
         return values if self._exponent is None else in_unit(values, self._exponent, f"certificate: {name}")
 
     def bools(self, name: str, shape: Sequence[int | None]) -> BoolArray:
-        """Return a copy of a boolean array; raises as :meth:`floats`."""
+        """Return a copy of a boolean array of this shape; raises as :meth:`floats`."""
         return np.array(self._take(name, shape, "b"), dtype=np.bool_, order="C")
 
     def indices(self, name: str, shape: Sequence[int | None], upper: Sequence[int] | int) -> IntArray:
-        """Return an int64 copy of integers from 0 up to but not including ``upper``; raises as :meth:`floats`."""
+        """Return an int64 copy, of this shape, of integers in [0, upper); raises as :meth:`floats`."""
         raw = np.asarray(self._take(name, shape, "iu"))
         if not ((raw >= 0) & (raw < np.asarray(upper))).all():
             raise InputError(f"certificate: {name} contains numbers outside [0, {upper})")

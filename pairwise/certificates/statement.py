@@ -40,7 +40,7 @@ def read_problem(target: ArrayLike, source: ArrayLike, certificate: Certificate)
 
 
 def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Problem:
-    """Build the problem of points and of a certificate's arrays, once they fit each other."""
+    """Build the problem of points (n, d) and (k, d) and of a certificate's arrays, once they fit each other."""
     (n, d), k = q.shape, len(p)
     if k > n or p.shape[1] != d:
         raise InputError(f"target and source: {q.shape} and {p.shape} points make no problem (k <= n, one dimension)")

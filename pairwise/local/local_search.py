@@ -153,11 +153,11 @@ class _SeenMaps:
         self.first: dict[bytes, int] = {}
 
     def chirality(self, runs: IntArray) -> BoolArray | None:
-        """Return the chirality that the runs hold, if any."""
+        """Return the chirality (m,) that the runs (m,) hold, if any."""
         return None if self.mirrored is None else self.mirrored[runs]
 
     def claim(self, maps: IntArray, runs: IntArray) -> tuple[BoolArray, BoolArray]:
-        """Return whether each run is the first with its map, and whether it has it for the first time."""
+        """Return whether each run (m,) is the first with its map (m, k), and whether it has it for the first time."""
         mirrored = self.chirality(runs)
         labels = maps if mirrored is None else np.column_stack([mirrored, maps])
         sizes, owners = [len(self.first)], []

@@ -21,11 +21,10 @@ from pairwise.problem.problem import Problem
 
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
-#: Sizes of sets of rotations of blocks of so many dimensions, and of more than these. Up to three dimensions they
+#: Sizes of sets of rotations of blocks of so many dimensions; of more as in three. Up to three dimensions they
 #: cover the group. Beyond, a step of nearest-neighbour ICP comes first. Up to seven dimensions these many rotations
 #: find poses as good as those of PM-SDP in less time (20 to 50 random points, noise .1 to .3); in eight they do not.
 _NUM_ROTATIONS = {2: 96, 3: 500, 4: 4000, 5: 4000, 6: 16_000, 7: 16_000}
-_NUM_BEYOND = 500
 MAX_COVERED_DIM, MAX_SEARCHED_DIM = 3, max(_NUM_ROTATIONS)
 #: Poses closer than this are one.
 _SAME_RAD = np.deg2rad(4.0)
@@ -42,7 +41,7 @@ _NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.d
 
 
 def mirror_points(points: FloatArray) -> FloatArray:
-    """Return points with the first coordinate negated."""
+    """Return points (..., d) with the first coordinate negated."""
     mirrored = points.copy()
     mirrored[..., 0] *= -1.0
     return mirrored
@@ -84,7 +83,7 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
         For rotation blocks of more than three dimensions.
     """
     lead = leading_problem(problem)
-    num = _NUM_ROTATIONS.get(lead.dim, _NUM_BEYOND)
+    num = _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS[MAX_COVERED_DIM])
     axes, even = initial_rotations(lead, num, seed=seed)
     is_covered = lead.dim <= MAX_COVERED_DIM
     num_tried = max(_LEAST, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
@@ -105,7 +104,7 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
 
 
 def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
-    """Return the principal-axis starts and the even set, ``num`` rotations of each chirality that the group has.
+    """Return the principal-axis starts (a, d, d) and the even set, ``num`` rotations of each chirality of the group.
 
     Parameters
     ----------
@@ -185,7 +184,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
 def apart_rotations(
     rotations: FloatArray, angle_rad: float, num: int, *, mirrored: BoolArray | None = None
 ) -> IntArray:
-    """Return positions of the first ``num`` rotations that are pairwise at least ``angle_rad`` apart, in order.
+    """Return positions of the first ``num`` rotations (m, d, d) that are pairwise at least ``angle_rad`` apart.
 
     Where it is known which ones are mirrored, the first ones of each chirality follow up to its share of ``num``.
     """

@@ -130,7 +130,7 @@ def refine(
 
 
 def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
-    """Return at most so many poses that differ, the least energy first."""
+    """Return positions of at most so many poses that differ, the least of the energies (m,) first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
         apart = turn_deg(poses.rotation[kept], poses.rotation[p]) > SAME_POSE_DEG

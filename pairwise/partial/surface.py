@@ -100,7 +100,7 @@ class PartialSurface:
         )
 
     def nearest(self, places: FloatArray) -> IntArray:
-        """Return about the nearest point to each place (that of the cell's centre), -1 where none is within reach."""
+        """Return about the nearest point to each place (q, 3), its cell's centre's, -1 where none is in reach."""
         cells = np.floor((places - self.corner) / self.cell).astype(np.int64)
         inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
         cells[~inside] = 0

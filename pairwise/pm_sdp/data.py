@@ -97,7 +97,7 @@ class RelaxationData:
 
     @cached_property
     def pinned(self) -> BoolArray:
-        """One row of each connected component in which all rows are always full: their potentials have a gauge."""
+        """One row (n,) of each connected component of rows that are always full: their potentials have a gauge."""
         k, n = len(self.index), self.num_rows
         source, slot = np.nonzero(self.valid)
         edges = (np.ones(len(source)), (source, k + self.index[source, slot]))

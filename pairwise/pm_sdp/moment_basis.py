@@ -12,7 +12,7 @@ from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 
 
 def gram(rows: FloatArray) -> FloatArray:
-    """Return ``rows^T rows``."""
+    """Return ``rows^T rows`` (q, q) of rows (p, q)."""
     product: FloatArray = rows.T @ rows
     return product
 

@@ -185,7 +185,7 @@ class LocalBlocks:
         return moves
 
     def solve(self, rhs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dx and Delta of every point for given right hand sides of its own two equations."""
+        """Return dx (k, c) and Delta of every point for a right hand side (k, s+1, s+1) and a push (k, c)."""
         basis, turned = self.basis, np.swapaxes(self.T, 1, 2)
         inner = basis.pack(self.T @ rhs @ turned) * self.root_weights
         pushed = (push - (self.features @ inner[..., None])[..., 0]) * self.ones

@@ -120,7 +120,7 @@ class Direction:
 def primal_point(
     data: RelaxationData, x: FloatArray, B: FloatArray, C: FloatArray, R: FloatArray, slack: FloatArray
 ) -> PrimalPoint | None:
-    """Return the point, or None where it is not strictly inside the cones."""
+    """Return the point of variables (shapes as its fields'), or None where it is not inside the cones."""
     if (x <= 0.0)[data.valid].any() or (slack <= 0.0)[~data.equality].any():
         return None
     Y = _QUARTER + data.lifted.quaternion_change(R)
@@ -155,7 +155,7 @@ def dual_point(
     g: FloatArray,
     Y: FloatArray,
 ) -> DualPoint | None:
-    """Return the point, or None where it is not strictly inside the cones."""
+    """Return the point of variables (shapes as its fields'), or None where it is not inside the cones."""
     if (beta >= 0.0)[~data.equality].any() or not are_positive(Y):
         return None
     try:

@@ -77,7 +77,7 @@ class RotationPattern:
 
     @cached_property
     def entries(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the free entries in column-major order: the order of ``[R]`` everywhere."""
+        """Rows and columns, (r,) each, of the free entries in column-major order: the order of ``[R]`` everywhere."""
         cols, rows = np.nonzero(self.mask.T)
         return rows, cols
 
