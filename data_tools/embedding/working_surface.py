@@ -102,7 +102,7 @@ class WorkingSurface:
         return boundary_distance(self.shape, self.geodesics)
 
     def farthest_points(self, num: int, metric: str, *, seeded: bool) -> IntArray:
-        """Return farthest points (num,), the first half at most extrema of average geodesic distance if ``seeded``."""
+        """Return farthest points (num,); if ``seeded``, up to half of them extrema of average geodesic distance."""
         key = (num, metric, seeded)
         if key not in self._farthest:
             seeds = self.seeds(num // 2) if seeded else None
