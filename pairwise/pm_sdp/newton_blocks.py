@@ -110,7 +110,8 @@ class LocalBlocks:
                 pushes = self._row_pushes(points, projected[points], features)
                 pulls = np.concatenate([pulls, self._spread(points, pushes, 1)], axis=1)
                 rows[num:, num:] -= 0.25 * gram(self._spread(points, features, 1))
-                coupling[num:] += 0.5 * self._row_sums(points, moves)
+                sums = self._spread(points, moves, 1).reshape(len(moves), -1, unknowns - num).sum(axis=0)
+                coupling[num:] += 0.5 * sums.T
             operator -= gram(halves)
             coupling += pulls.T @ halves
             rows += gram(pulls)
@@ -140,14 +141,6 @@ class LocalBlocks:
         kept = np.moveaxis(full[:, :num].reshape(k, -1, q), 2, 1)
         return kept.reshape(k * q, -1)
 
-    def _row_sums(self, points: slice, values: FloatArray) -> FloatArray:
-        """Return the sums (t s, m) over each tied row of values (., c, s, m) of the matches of some points."""
-        slots = self.data.multiplier_slots[1][points]
-        sums = np.zeros((int(self.data.tied.sum()) + 1, *values.shape[2:]))
-        for one, own in zip(slots, values, strict=True):
-            np.add.at(sums, one, own)
-        return sums[:-1].reshape(-1, values.shape[3])
-
     def _row_features(self, points: slice) -> tuple[FloatArray, FloatArray]:
         """Return the features of the multipliers of tied rows, and how the moments move them, (., c, s, m) each."""
         basis, means, units = self.basis, self.means[points] * self.x[points][..., None], self.units[points]
@@ -159,9 +152,11 @@ class LocalBlocks:
         W = basis.unpack(self.root_weights[points] ** 2 * basis.scale)
         left = (np.swapaxes(self.T[points], 1, 2)[:, None] * means[:, :, None]).reshape(k, c * size, size) @ W
         right = (units[..., None] * self.T[points][:, None]).transpose(0, 2, 1, 3).reshape(k, size, -1)
-        turned = (left @ right).reshape(k, c, size, -1, size)
-        moves = turned[:, :, basis.rows, :, basis.cols] + turned[:, :, basis.cols, :, basis.rows]
-        return features, np.moveaxis(moves, 0, 3) * basis.scale
+        turned = (left @ right).reshape(k, c, size, -1, size).transpose(0, 1, 3, 2, 4).reshape(k, c, -1, size * size)
+        moves = turned.take(basis.flat, axis=3)
+        moves += turned.take(basis.cols * size + basis.rows, axis=3)
+        moves *= basis.scale
+        return features, moves
 
     def _row_pushes(self, points: slice, projected: FloatArray, features: FloatArray) -> FloatArray:
         """Return how the tied rows' multipliers push the matches, projected, shape (., c, s, c)."""
