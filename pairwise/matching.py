@@ -24,7 +24,7 @@ from pairwise.candidates import with_better
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
-from pairwise.portfolio import NUM_FOLLOWED, annealed_starts, costs_down_to, ranked_poses, wants_relaxation
+from pairwise.portfolio import annealed_starts, costs_down_to, ranked_poses, wants_relaxation
 from pairwise.problem.problem import Problem, ProblemArguments
 from pairwise.problem.unmatched import marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
@@ -181,7 +181,7 @@ def _about_matched(problem: Problem, cost: float, seed: int) -> tuple[Problem, t
         eased = with_unmatched(problem, level)
         tried = np.concatenate([starts, explore(eased, seed=seed).rotations])
         found = minimise(eased, tried, hold_chirality=True)
-        starts, best = found.rotations[:NUM_FOLLOWED], found.maps[0]
+        starts, best = found.rotations, found.maps[0]
         matched = np.flatnonzero(best < problem.num_target)
         if not len(matched) or (level == cost and found.energies[0] >= former - eased.rounding_energy):
             break

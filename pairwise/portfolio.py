@@ -24,9 +24,6 @@ from pairwise.problem.problem import Problem
 from pairwise.problem.unmatched import with_unmatched
 from pairwise.results import Candidate, RelaxationResult
 
-#: The cost of unmatched points falls by this factor from level to level, and so many minima are followed.
-_COST_FACTOR, NUM_FOLLOWED = 4.0, 64
-
 
 def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMinima | None = None) -> bool:
     """Whether the relaxation is solved, by the rule above.
@@ -97,15 +94,18 @@ def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -
     for cost in costs_down_to(problem, unmatched_cost):
         eased = with_unmatched(problem, cost)
         starts = np.concatenate([found, explore(eased, seed=seed).rotations])
-        found = minimise(eased, starts, hold_chirality=True).rotations[:NUM_FOLLOWED]
+        found = minimise(eased, starts, hold_chirality=True).rotations
     return found
 
 
-def costs_down_to(problem: Problem, unmatched_cost: float) -> list[float]:
-    """Return larger costs of unmatched points than the given one, the largest about the spread of the source."""
+def costs_down_to(problem: Problem, unmatched_cost: float, *, factor: float = 4.0) -> list[float]:
+    """Return larger costs of unmatched points, each ``factor`` times the next, down to the given one, without it.
+
+    The largest is about the spread of the source.
+    """
     largest = float(problem.weights @ (problem.source**2).sum(axis=1) / problem.weights.sum())
-    num_levels = ceil(log(max(largest, unmatched_cost) / unmatched_cost, _COST_FACTOR))
-    return [unmatched_cost * _COST_FACTOR**level for level in range(num_levels, 0, -1)]
+    num_levels = ceil(log(max(largest, unmatched_cost) / unmatched_cost, factor))
+    return [unmatched_cost * factor**level for level in range(num_levels, 0, -1)]
 
 
 def _given_starts(

@@ -24,8 +24,8 @@ _MAX_SIGN_STARTS = 16
 #: Sizes of sets of rotations of blocks of so many dimensions; of more as in three. Up to three dimensions they
 #: cover the group. Beyond, a step of nearest-neighbour ICP comes first. Up to seven dimensions these many rotations
 #: find poses as good as those of PM-SDP in less time (20 to 50 random points, noise .1 to .3); in eight they do not.
-_NUM_ROTATIONS = {2: 96, 3: 500, 4: 4000, 5: 4000, 6: 16_000, 7: 16_000}
-MAX_COVERED_DIM, MAX_SEARCHED_DIM = 3, max(_NUM_ROTATIONS)
+_NUM_COVERING, _NUM_MORE = {2: 96, 3: 500}, {4: 4000, 5: 4000, 6: 16_000, 7: 16_000}
+MAX_COVERED_DIM, MAX_SEARCHED_DIM = max(_NUM_COVERING), max(_NUM_MORE)
 #: Poses closer than this are one.
 _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (higher
@@ -83,7 +83,7 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
         For rotation blocks of more than three dimensions.
     """
     lead = leading_problem(problem)
-    num = _NUM_ROTATIONS.get(lead.dim, _NUM_ROTATIONS[MAX_COVERED_DIM])
+    num = (_NUM_COVERING | _NUM_MORE).get(lead.dim, _NUM_COVERING[MAX_COVERED_DIM])
     axes, even = initial_rotations(lead, num, seed=seed)
     is_covered = lead.dim <= MAX_COVERED_DIM
     num_tried = max(_LEAST, round((_TRIED if is_covered else _TRIED_UNCOVERED) * num))
