@@ -43,9 +43,8 @@ def with_unmatched(problem: Problem, cost: float) -> Problem:
     >>> target = np.random.default_rng(0).random((8, 3))
     >>> source = np.vstack([target[:5], [[9.0, 9.0, 9.0]]])
     >>> robust = pairwise.with_unmatched(pairwise.Problem.from_user(target, source), cost=0.01)
-    >>> proof = pairwise.prove(robust)
-    >>> round(proof.candidate.energy, 6), proof.candidate.map_target_source.tolist()
-    (0.01, [0, 1, 2, 3, 4, 13])
+    >>> round(robust.energy(np.eye(3), np.array([0, 1, 2, 3, 4, 13])), 6)
+    0.01
     """
     check_number("unmatched_cost", cost, positive=True)
     k, d = problem.source.shape
