@@ -7,11 +7,13 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from collalign.confidence.pose_model import pose_confidence
 from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
@@ -56,6 +58,7 @@ def align_collection(
     options: AlignOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     fixed: Mapping[str, ArrayLike] | None = None,
+    kept: Mapping[str, ArrayLike] | None = None,
     recursive: bool = False,
     parts: bool = False,
     progress: ProgressFactory | bool = True,
@@ -74,8 +77,10 @@ def align_collection(
     run : RunOptions or mapping, optional
         Processes, store, limits: how the work is done.
     fixed : mapping of name to array_like (3, 3), optional
-        ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so. Or whole
-        transforms (4, 4) from the file to the common frame, which stay to the bit.
+        ``R_common_shape`` of shapes whose orientation a person has decided; they come out exactly so, and count as
+        certain. Or whole transforms (4, 4) from the file to the common frame, which stay to the bit.
+    kept : mapping of name to array_like (3, 3) or (4, 4), optional
+        The same of shapes that stay where they were, with the confidence that the evidence gives them.
     recursive : bool
         Whether folders in a folder count. Files of one name are called ``folder/name``.
     parts : bool
@@ -120,7 +125,7 @@ def align_collection(
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts)
     with Session.open(asked, how, progress_display(progress)) as session:
-        return align_listing(session, listing, fixed=fixed or {}, own=Own(**of_kind[Own]))
+        return align_listing(session, listing, fixed=fixed or {}, kept=kept or {}, own=Own(**of_kind[Own]))
 
 
 @one_blas_thread()
@@ -128,7 +133,8 @@ def align_listing(
     session: AlignSession,
     listing: FolderListing,
     *,
-    fixed: Mapping[str, ArrayLike],
+    fixed: Mapping[str, ArrayLike] = MappingProxyType({}),
+    kept: Mapping[str, ArrayLike] = MappingProxyType({}),
     former: FormerPairs | None = None,
     incomplete: Iterable[str] = (),
     own: Own = Own(),  # noqa: B008
@@ -139,8 +145,8 @@ def align_listing(
     ----------
     session : Session
     listing : FolderListing
-    fixed : mapping of name to array_like (3, 3) or (4, 4)
-        Rotations, or whole transforms, that stay.
+    fixed, kept : mapping of name to array_like (3, 3) or (4, 4), optional
+        Rotations, or whole transforms, that stay: decided by a person, and of an earlier result.
     former : FormerPairs, optional
         Pairs of an earlier run.
     incomplete : iterable of str
@@ -149,18 +155,18 @@ def align_listing(
         What the caller knows beside.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
-    fixed = {composed(name): pose for name, pose in fixed.items()}
+    fixed, kept = ({composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept))
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_own_samples(session, given)
         shapes = prepare_shapes(session, listing, given)
-        constraints = given_constraints(shapes, session.options, own, fixed)
+        constraints = given_constraints(shapes, session.options, own, fixed, kept)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
     missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if not missing and looks_for_incomplete(session.options):
-        kept = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
+        stay = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
         found_open = open_among_closed(shapes)
-        missing = {i: why for i, why in found_open.items() if i not in kept}
+        missing = {i: why for i, why in found_open.items() if i not in stay}
     matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
     matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
@@ -204,6 +210,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         ),
         copies=copies,
         incomplete=posed.incomplete,
+        by_hand=_by_hand(run, posed),
         options=asked,
         group=matched.group,
         run=RunRecord(
@@ -223,6 +230,12 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             vertices=posed.vertices,
         ),
     )
+
+
+def _by_hand(run: Run, posed: Posed) -> dict[str, float]:
+    """Return the shapes that a person posed, each with the confidence that the evidence alone gives to that pose."""
+    known = np.full(len(run.shapes.names), np.nan) if posed.trust is None else pose_confidence(posed.trust)
+    return {run.shapes.names[i]: float(known[i]) for i in sorted(run.constraints.by_hand)}
 
 
 def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:

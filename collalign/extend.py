@@ -92,17 +92,18 @@ def add_to_collection(
         aligned = align_listing(
             session,
             listing,
-            fixed=dict(zip(former.names, former.transforms, strict=True)),
+            kept=dict(zip(former.names, former.transforms, strict=True)),
             former=FormerPairs(num_shapes=len(files), edges=edges, group=former.group),
             incomplete=[former.names[one.shape] for one in former.incomplete],
         )
-    stated = dict(zip(former.names, former.confidence.tolist(), strict=True))  # being fixed makes no old pose surer
+    stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
     confidence = [stated.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
     again = {file.name for file in new.files}
     left_out = tuple(one for one in former.excluded if one.file not in again)
     return replace(
         aligned,
         confidence=read_only(np.array(confidence)),
+        by_hand=former.by_hand,
         excluded=(*left_out, *aligned.excluded),
         run=replace(aligned.run, known=known),
     )

@@ -116,7 +116,7 @@ def align(
     if out is not None:
         refuse_overlap(out, inputs)
     decided = [read_corrections(path) for path in given.corrections or ()]
-    fixed = fixed_by(decided, listing.names, options.incomplete)
+    fixed, kept = fixed_by(decided, listing.names, options.incomplete)
     table = _labels(given.labels, listing.names)
     if check:
         return check_shapes(listing, options, run)
@@ -129,7 +129,7 @@ def align(
             _refuse_to_drop(out, every)
         with Session.open(options, run, progress_display(True)) as session:
             incomplete = {name for one in decided for name in one.incomplete}
-            collection = align_listing(session, listing, fixed=fixed, incomplete=incomplete, own=own)
+            collection = align_listing(session, listing, fixed=fixed, kept=kept, incomplete=incomplete, own=own)
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 

@@ -56,7 +56,7 @@ class Desk:
     def state(self) -> dict[str, Any]:
         """Return shapes, pages, formats and files that were given; JSON types only."""
         pages = {task: page for task, page in _PAGES.items() if (self.out / page).is_file()}
-        state: dict[str, Any] = {"out": str(self.out), "pages": pages, "formats": list(FORMATS), "shapes": None}
+        state: dict[str, Any] = {"out": str(self.out), "pages": pages, "formats": list(FORMATS), "shapes": None, "byHand": []}
         if not (self.out / ALIGNMENT_FILE).is_file():
             return state
         collection = load(self.out)
@@ -65,7 +65,7 @@ class Desk:
             {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
             for name in (*collection.names, *left_out)
         ]
-        return state | {"shapes": shapes}
+        return state | {"shapes": shapes, "byHand": [*collection.by_hand]}
 
     def page(self, name: str) -> Path | None:
         """Return the file of a page, None if it is none of ours or leads out of the result."""

@@ -83,6 +83,9 @@ class Collection(PosedShapes):
         Shapes that are one and the same surface.
     incomplete : tuple of Incomplete
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
+    by_hand : mapping of str to float
+        The shapes whose pose a person set, each with the confidence that the evidence alone gives to that pose; NaN
+        where there is no evidence. Their ``confidence`` is 1.
     options : AlignOptions
         As asked for.
     own : tuple of str
@@ -124,6 +127,7 @@ class Collection(PosedShapes):
     notes: tuple[str, ...] = ()
     copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
+    by_hand: Mapping[str, float] = field(default_factory=dict)
     options: AlignOptions
     group: str
     own: tuple[str, ...] = ()

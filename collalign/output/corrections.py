@@ -45,11 +45,14 @@ class Corrections:
     source: str = "corrections"
 
 
-def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str = AUTO) -> dict[str, FloatArray]:
-    """Return the poses that synchronization must keep, for :func:`collalign.align_collection`.
+def fixed_by(
+    files: Sequence[Corrections], names: Sequence[str], incomplete: str = AUTO
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Return the poses that synchronization must keep, ``fixed`` and ``kept`` of :func:`collalign.align_collection`.
 
     Poses mean something only relative to each other: a single fixed shape would choose the common frame and
-    change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow.
+    change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow. Incomplete
+    shapes without a decision are placed anew on the complete ones, which gives them the pose that they had.
 
     Parameters
     ----------
@@ -62,8 +65,9 @@ def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str
 
     Returns
     -------
-    dict of str to ndarray, shape (3, 3) or (4, 4)
-        Rotation or transform to the common frame, by name; empty if nothing was decided.
+    fixed, kept : dict of str to ndarray, shape (3, 3) or (4, 4)
+        Rotation or transform to the common frame, by name: of the shapes decided on, and of those that stay; empty
+        if nothing was decided.
 
     Raises
     ------
@@ -82,7 +86,7 @@ def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str
                 raise InputError(f"{one.source}: another file decides about {shape!r} as well; keep one")
             if shape in one.incomplete and incomplete not in (AUTO, ALL) and shape not in told:
                 raise InputError(f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well")
-        frame = {name: pose for name, pose in one.frame.items() if name in names}
+        frame = {name: pose for name, pose in one.frame.items() if name in names and name not in one.incomplete}
         placed = any(len(pose) == 4 for pose in one.decisions.values())
         if (
             one.decisions
@@ -92,7 +96,7 @@ def fixed_by(files: Sequence[Corrections], names: Sequence[str], incomplete: str
             raise InputError(f"{one.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
         kept |= frame if one.decisions else {}
         decided |= one.decisions
-    return kept | decided
+    return decided, {name: pose for name, pose in kept.items() if name not in decided}
 
 
 def read_corrections(path: Path | str) -> Corrections:

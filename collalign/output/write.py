@@ -160,6 +160,13 @@ def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
     return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
 
 
+def _by_hand(collection: Collection, name: str) -> dict[str, Any]:
+    """Return that a person set a shape's pose, and what the evidence alone says of it; nothing of other shapes."""
+    if name not in collection.by_hand:
+        return {}
+    return {"set_by_hand": True, "confidence_by_evidence": _number(collection.by_hand[name])}
+
+
 def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
     """Return the turns that leave a shape's class as it is, and the confidence up to them; nothing without any."""
     if trust is None or len(trust.symmetries[shape]) < 2:
@@ -218,6 +225,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
                 "transform": transform.tolist(),
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
+                **_by_hand(collection, name),
                 **_symmetry(collection.made.trust, i),
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),

@@ -80,6 +80,8 @@ class Constraints:
         ``R_common_shape`` that stay.
     fixed_transforms : mapping of int to ndarray (4, 4)
         Whole transforms that stay, of shapes whose rotation is fixed as well.
+    by_hand : frozenset of int
+        The fixed shapes whose pose a person decided, which makes it certain; the others only stay where they were.
     reference : int
         Shape whose orientation is the common frame's where no shape is fixed.
     candidates : mapping of (int, int) to ndarray (m, 3, 3)
@@ -90,6 +92,7 @@ class Constraints:
 
     fixed: Mapping[int, FloatArray] = field(default_factory=dict)
     fixed_transforms: Mapping[int, FloatArray] = field(default_factory=dict)
+    by_hand: frozenset[int] = frozenset()
     reference: int = 0
     candidates: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
     weights: Mapping[tuple[int, int], float] = field(default_factory=dict)
@@ -100,6 +103,7 @@ class Constraints:
         return Constraints(
             fixed={at[i]: pose for i, pose in self.fixed.items() if i in at},
             fixed_transforms={at[i]: pose for i, pose in self.fixed_transforms.items() if i in at},
+            by_hand=frozenset(at[i] for i in self.by_hand if i in at),
             reference=at.get(self.reference, 0),
             candidates={(at[i], at[j]): of for (i, j), of in self.candidates.items() if i in at and j in at},
             weights={(at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,7 +81,13 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     return replace(session, options=replace(session.options, sampling=sampling))
 
 
-def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Mapping[str, ArrayLike]) -> Constraints:
+def given_constraints(
+    shapes: Shapes,
+    options: AlignOptions,
+    own: Own,
+    fixed: Mapping[str, ArrayLike],
+    kept: Mapping[str, ArrayLike] = MappingProxyType({}),
+) -> Constraints:
     """Return what stays and what is given of pairs, checked and by position, a pair's first shape before the other.
 
     Parameters
@@ -89,7 +96,9 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
     options : AlignOptions
     own : Own
     fixed : mapping of name to array_like (3, 3) or (4, 4)
-        Rotations, or whole transforms, that stay.
+        Rotations, or whole transforms, that a person decided: they stay and are certain.
+    kept : mapping of name to array_like (3, 3) or (4, 4), optional
+        The same of shapes that only stay where they were; what is fixed goes before.
 
     Raises
     ------
@@ -97,8 +106,9 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
         If there is no shape of a name, a transform is no similarity or scales where sizes stay, a given pose mirrors
         a shape and the options' group forbids that, or matched vertices are none of a file's, or on a line.
     """
-    for argument, names in (("fixed", {*fixed}), ("reference", {options.reference} - {""})):
+    for argument, names in (("fixed", {*fixed}), ("kept", {*kept}), ("reference", {options.reference} - {""})):
         check_known(argument, names, shapes.names)
+    by_hand, fixed = {*fixed}, {**kept, **fixed}
     at = {name: i for i, name in enumerate(shapes.names)}
     turns, whole = dict(fixed), dict[str, FloatArray]()
     for name, pose in fixed.items():
@@ -130,6 +140,7 @@ def given_constraints(shapes: Shapes, options: AlignOptions, own: Own, fixed: Ma
     return Constraints(
         fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
         fixed_transforms={at[name]: transform for name, transform in whole.items()},
+        by_hand=frozenset(at[name] for name in by_hand),
         reference=at[options.reference] if options.reference else 0,
         candidates=candidates,
         weights=weights,

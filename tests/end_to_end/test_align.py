@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign import AlignOptions, RunOptions, add_to_collection, align_collection
+from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import write_collection
@@ -394,6 +394,12 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     corrected = np.array(json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"])[:3, :3]
     assert np.allclose(corrected / np.cbrt(np.linalg.det(corrected)), flipped)
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
+    again = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert [shape["name"] for shape in again if shape.get("set_by_hand")] == [third]
+    assert [shape["confidence"] for shape in again].count(1.0) == 1
+    found = load(out)
+    assert [*found.by_hand] == [third]
+    assert found.by_hand[third] == again[2]["confidence_by_evidence"] < 0.5
 
 
 def check_certificates(out, capsys):

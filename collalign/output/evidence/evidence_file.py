@@ -50,6 +50,7 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
         "versions": collection.run.versions,
         "timings_s": collection.run.times_s,
         "notes": collection.notes,
+        "by_hand": collection.by_hand,
     }
     arrays: dict[str, NDArray[Any]] = {
         "version": np.array(EVIDENCE_VERSION),

@@ -98,8 +98,8 @@ def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
 
 
 def _run_key(collection: Collection) -> str:
-    """Digest of names and poses: decisions that a browser remembers belong to one result only."""
-    names = "\0".join(collection.names).encode("utf-8", "surrogatepass")
+    """Digest of names, poses and what was set by hand: decisions that a browser remembers belong to one result."""
+    names = "\0".join([*collection.names, *collection.by_hand]).encode("utf-8", "surrogatepass")
     return hashlib.sha256(names + np.round(collection.transforms, 9).tobytes()).hexdigest()[:32]
 
 
@@ -130,6 +130,7 @@ def _shapes(collection: Collection) -> list[dict[str, Any]]:
             "name": name,
             "file": collection.files[at],
             "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
+            "byHand": {"evidence": collection.by_hand[name]} if name in collection.by_hand else None,
             "reflected": bool(collection.reflected[at]),
             "part": int(collection.part_numbers[at]),
             "coverage": collection.coverage[at],

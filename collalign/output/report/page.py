@@ -201,6 +201,10 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
     doubtful = [collection.names[at] for at in order if not collection.confidence[at] >= DOUBT]
     num_parts = len(np.unique(collection.part_numbers))
     words = [f"{len(collection) - len(doubtful)} of {len(collection)} poses are sure."]
+    if collection.by_hand:
+        by_hand = ", ".join(map(opener, [*collection.by_hand][:MAX_NAMED]))
+        more = " and others" if len(collection.by_hand) > MAX_NAMED else ""
+        words[0] = f"{words[0].rstrip('.')}, {len(collection.by_hand)} of them set by hand ({by_hand}{more})."
     if doubtful:
         more = f' and <a href="#confidence">{len(doubtful) - MAX_NAMED} more</a>' if doubtful[MAX_NAMED:] else ""
         words.append(f"Look at: {', '.join(map(opener, doubtful[:MAX_NAMED]))}{more}.")

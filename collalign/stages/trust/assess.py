@@ -248,5 +248,5 @@ def with_trust(
             for r in keep_apart(poses, APART_DEG, num=MAX_ALTERNATIVES)
         )
         alternatives.append(chosen)
-    confidence[list(constraints.fixed)] = 1.0
+    confidence[list(constraints.by_hand)] = 1.0
     return replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))

@@ -39,7 +39,7 @@ def trust_notes(
         *_contradicted(names, trust, constraints),
         *_symmetric(trust, confidence),
     ]
-    free = [i for i in range(len(names)) if i not in constraints.fixed]
+    free = [i for i in range(len(names)) if i not in {*constraints.by_hand, *constraints.fixed_transforms}]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
     votes = trust.evidence[:, KINDS.index("votes")]
     if doubted and np.nanmean(votes) < FEWEST_VOTES:
@@ -58,7 +58,7 @@ def trust_notes(
 def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) -> list[str]:
     votes = trust.evidence[:, KINDS.index("votes")]
     return [
-        f"{names[i]} {'KEEPS ITS FORMER POSE' if i in constraints.fixed_transforms else 'WAS SET BY HAND'}, AND ITS "
+        f"{names[i]} {'WAS SET BY HAND' if i in constraints.by_hand else 'KEEPS ITS FORMER POSE'}, AND ITS "
         "PAIRS CONTRADICT IT: few of them ask for this pose. Look at it again."
         for i in sorted(constraints.fixed)
         if votes[i] < CONTRADICTED_VOTES

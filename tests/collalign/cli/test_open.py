@@ -156,6 +156,8 @@ def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out
     again = collalign.load(out)
     assert again.names == result.names[:3]
     np.testing.assert_allclose(again.rotations[1] @ again.rotations[0].T, frame[again.names[1]] @ R.T, atol=1e-9)
+    assert [*again.by_hand] == json.loads(ask("state")[1])["byHand"] == [result.names[0]]
+    assert [float(value) for value in again.confidence].count(1.0) == 1
 
 
 @contextmanager
@@ -184,6 +186,12 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
     with shown(browser, folder) as (opened, frame):
         page = opened.page
         press(page, "Align this folder", "align")
+        frame("align").locator(".tile").nth(1).click()
+        frame("align").get_by_role("button", name="This pose is right").click()
+        press(page, "Apply 1 decision and run again", "--corrections")
+        frame("align").locator(".chips button").click()
+        press(page, "Take back 1 decision and run again", "--corrections")
+        assert frame("align").locator(".tag.good").count() == 0
         frame("align").locator(".tile").nth(1).click()
         frame("align").get_by_role("button", name="This pose is right").click()
         press(page, "Apply 1 decision and run again", "--corrections")

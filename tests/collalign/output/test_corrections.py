@@ -41,21 +41,21 @@ def write(tmp_path, content):
 def test_certain_shapes_stay_and_decided_ones_move(tmp_path):
     found = read_corrections(write(tmp_path, record()))
     assert (list(found.decisions), found.source) == (["b", "c"], str(tmp_path / "corrections.json"))
-    fixed = fixed_by([found], ["z", *NAMES])
-    assert set(fixed) == set(NAMES)
-    np.testing.assert_allclose(fixed["a"], R[0], atol=1e-12)
+    fixed, kept = fixed_by([found], ["z", *NAMES])
+    assert (set(fixed), set(kept)) == ({*"bc"}, {*"ad"})  # only what a person decided is certain
+    np.testing.assert_allclose(kept["a"], R[0], atol=1e-12)
     np.testing.assert_allclose(fixed["b"], np.diag([1.0, -1.0, -1.0]) @ R[1], atol=1e-12)
 
 
 def test_certain_shapes_may_have_left_the_collection_but_not_all(tmp_path):
     found = read_corrections(write(tmp_path, record()))
-    assert set(fixed_by([found], ["b", "c", "d"])) == {"b", "c", "d"}
+    assert [set(poses) for poses in fixed_by([found], ["b", "c", "d"])] == [{"b", "c"}, {"d"}]
     with pytest.raises(InputError, match="none of the shapes that it refers to"):
         fixed_by([found], ["b", "c"])
 
 
 def test_no_decisions_fix_nothing(tmp_path):
-    assert fixed_by([read_corrections(write(tmp_path, record(decisions=[])))], NAMES) == {}
+    assert fixed_by([read_corrections(write(tmp_path, record(decisions=[])))], NAMES) == ({}, {})
 
 
 def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
@@ -101,11 +101,12 @@ def test_files_of_several_pages_are_kept_together(tmp_path):
         replace(first, decisions={"b": turned}),
         replace(first, decisions={other: turned}, frame={}, source="second"),
     ]
-    fixed = fixed_by(files, NAMES)
+    fixed, kept = fixed_by(files, NAMES)
     assert np.array_equal(fixed["b"], turned)
     assert np.array_equal(fixed[other], turned)  # and not as the first file's frame has it
-    assert fixed.keys() == first.frame.keys() | {"b"}
-    assert fixed_by([], NAMES) == {}
+    assert fixed.keys() == {other, "b"}
+    assert kept.keys() == first.frame.keys() - {other}
+    assert fixed_by([], NAMES) == ({}, {})
     with pytest.raises(InputError, match="second: another file decides about 'b'"):
         fixed_by([files[0], replace(files[0], source="second")], NAMES)
 
@@ -113,11 +114,13 @@ def test_files_of_several_pages_are_kept_together(tmp_path):
 def test_incomplete_shapes_are_placed_among_whole_poses(tmp_path):
     frame = {name: {key: placed()[key] for key in ("rotation", "translation", "scale")} for name in "ad"}
     found = read_corrections(write(tmp_path, record(version=2, decisions=[placed()], frame=frame, incomplete=["b"])))
-    pose = fixed_by([found], NAMES)["b"]
+    pose = fixed_by([found], NAMES)[0]["b"]
     np.testing.assert_allclose(pose, np.vstack([np.column_stack([0.5 * R[1], [1, 2, 3]]), [0, 0, 0, 1]]))
     assert found.frame["a"].shape == (4, 4)
     for told in ("auto", "all", "c, b"):
-        assert fixed_by([found], NAMES, told).keys() == {*"abd"}
+        assert [set(poses) for poses in fixed_by([found], NAMES, told)] == [{"b"}, {*"ad"}]
+    beside = replace(found, incomplete=("b", "d"))
+    assert [set(poses) for poses in fixed_by([beside], NAMES)] == [{"b"}, {"a"}]  # d is placed anew on the others
     for told in ("never", "c"):
         with pytest.raises(InputError, match="'b' was incomplete there; name it in --incomplete"):
             fixed_by([found], NAMES, told)

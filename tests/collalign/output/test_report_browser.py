@@ -185,11 +185,31 @@ def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     found = read_corrections(tmp_path / "corrections.json")
     assert list(found.decisions) == ["shape_001", second]
     np.testing.assert_allclose(found.decisions["shape_001"], small.alternatives[1][0].rotation, atol=1e-12)
-    fixed = fixed_by([found], small.names)
-    assert set(fixed) == set(small.names)
-    np.testing.assert_allclose(fixed["shape_005"], small.rotations[5], atol=1e-12)
+    fixed, kept = fixed_by([found], small.names)
+    assert set(fixed) | set(kept) == set(small.names)
+    np.testing.assert_allclose(kept["shape_005"], small.rotations[5], atol=1e-12)
     opened.page.get_by_role("button", name="Take back the decision on shape_001").click()
     assert opened.page.get_by_text("1 decision", exact=True).is_visible()
+
+
+def test_a_pose_set_by_hand_is_marked_and_can_be_taken_back(browser, small, tmp_path):
+    by_hand = dataclasses.replace(small, by_hand={"shape_004": 0.2, "shape_005": 0.99})
+    file = write_report(by_hand, tmp_path, title="Ten bodies")
+    with Page(browser, file) as opened:
+        card = opened.page.locator('.card[data-name="shape_004"]')
+        assert "set by hand" in card.inner_text()
+        assert "the evidence alone gives 20 %" in card.inner_text()
+        assert "evidence" not in opened.page.locator('.card[data-name="shape_005"]').inner_text()
+        assert "2 of them set by hand" in opened.page.locator(".verdict").inner_text()
+        assert opened.page.get_by_text("2 decisions", exact=True).is_visible()
+        opened.page.get_by_role("button", name="Take back the decision on shape_004").click()
+        assert "decision taken back" in card.inner_text()
+        with opened.page.expect_download() as download:
+            opened.page.get_by_role("button", name="Download decisions").click()
+        download.value.save_as(tmp_path / "corrections.json")
+    found = read_corrections(tmp_path / "corrections.json")
+    assert list(found.decisions) == ["shape_005"]
+    assert "shape_004" not in found.frame
 
 
 def test_map_is_walked_by_keys_and_coloured_by_labels(read):

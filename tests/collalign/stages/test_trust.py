@@ -294,8 +294,9 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
     samples, truth = crowns(rng)
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, truth)
-    solution = with_trust(solved(pairs), trust, Constraints(fixed={1: truth[1]}, fixed_transforms={}, reference=0))
+    solution = with_trust(solved(pairs), trust, Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1})))
     assert solution.confidence[1] == 1.0
+    assert (np.delete(solution.confidence, 1) < 1.0).all()  # what only stays is no surer than the evidence says
     for confidence, others in zip(np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True):
         chances = [confidence * np.exp(-other.log_odds) for other in solution.alternatives[others]]
         assert 0.0 < sum(chances) <= 1.0 - confidence + 1e-9
@@ -362,7 +363,7 @@ def test_notes_name_the_doubtful_and_the_contradicted(rng):
     notes = " ".join(trust_notes(names, trust, chance, Constraints()))
     assert "In doubt: shape2" in notes
     assert "BY HAND" not in notes
-    by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: flipped[2]}))
+    by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: flipped[2]}, by_hand=frozenset({2})))
     assert any("shape2 WAS SET BY HAND" in note for note in by_hand)
     pose = np.eye(4)
     kept = Constraints(fixed={2: flipped[2]}, fixed_transforms={2: pose})

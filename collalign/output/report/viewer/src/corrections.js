@@ -12,6 +12,8 @@ import { keep, kept } from "./kept.js";
 // What a decision says: the present pose is right, or this pose of those offered, or one turned by hand.
 export const CONFIRMED = -1;
 export const BY_HAND = -2;
+// The present pose was set by hand before this result was made.
+const BEFORE = -3;
 
 export class Corrections {
   constructor(collection) {
@@ -19,7 +21,11 @@ export class Corrections {
     this.chosen = new Map();
     this.listeners = [];
     this.saved = true;
-    for (const [name, decision] of Object.entries(kept(collection.run) ?? {})) {
+    // Poses set by hand before stay decisions until they are taken back.
+    collection.byHand.forEach((index) => this.chosen.set(index, { pose: BEFORE, ...this.present(index) }));
+    const remembered = kept(collection.run);
+    if (remembered) this.chosen.clear();
+    for (const [name, decision] of Object.entries(remembered ?? {})) {
       const index = collection.shapes.findIndex((shape) => shape.name === name);
       if (index >= 0 && (decision.transform || !collection.isPlaced(index))) this.chosen.set(index, decision);
     }
@@ -38,6 +44,18 @@ export class Corrections {
     this.remembered = keep(this.collection.run, Object.fromEntries(decisions));
     this.saved = this.chosen.size === 0 || this.remembered;
     this.listeners.forEach((listener) => listener(index));
+  }
+
+  // The present pose as a decision; of a shape that is placed with its place and size.
+  present(index) {
+    const { R, transform } = this.collection.shapes[index];
+    return this.collection.isPlaced(index) ? { R, transform } : { R };
+  }
+
+  // How many decisions differ from those with which this result was made.
+  get changes() {
+    const made = [...this.chosen.values()].filter(({ pose }) => pose !== BEFORE).length;
+    return made + this.collection.byHand.filter((index) => !this.chosen.has(index)).length;
   }
 
   // What is kept of a pose on the display: the rows of its rotation and, of a shape that is placed, of its transform.
@@ -100,6 +118,7 @@ export class Corrections {
     const pose = this.poseOf(index);
     if (pose === null) return "";
     if (pose === CONFIRMED) return "pose confirmed";
+    if (pose === BEFORE) return "set by hand";
     if (pose === BY_HAND) return this.wordsByHand(index);
     return `set to pose ${pose + 1}`;
   }
@@ -124,11 +143,12 @@ export class Corrections {
     const { shapes, doubtThreshold } = this.collection;
     const incomplete = shapes.filter((_, index) => this.collection.isPlaced(index)).map(({ name }) => name);
     const made = [...this.chosen.keys()].sort((a, b) => a - b);
-    const others = this.collection.certain(new Set(made));
+    // A decision that was taken back frees its shape.
+    const others = this.collection.certain(new Set([...made, ...this.collection.byHand]));
     const anchors = others.filter((index, rank) => rank === 0 || shapes[index].confidence >= doubtThreshold);
     const decisions = made.map((index) => ({
       shape: shapes[index].name,
-      decision: this.poseOf(index) === CONFIRMED ? "confirmed" : "pose",
+      decision: [CONFIRMED, BEFORE].includes(this.poseOf(index)) ? "confirmed" : "pose",
       ...this.record(this.chosen.get(index)),
     }));
     // What is placed is placed among whole poses; without such shapes rotations say all.
@@ -160,8 +180,9 @@ export function correctionBar(corrections, collection) {
   const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice, where, command.box);
   const show = () => {
     const made = [...corrections.chosen.keys()];
-    bar.hidden = made.length === 0;
-    count.textContent = `${made.length} ${made.length === 1 ? "decision" : "decisions"}`;
+    const { changes } = corrections;
+    bar.hidden = made.length === 0 && changes === 0;
+    count.textContent = made.length ? `${made.length} ${made.length === 1 ? "decision" : "decisions"}` : "All decisions taken back";
     where.textContent = corrections.remembered === false ? "This browser keeps nothing for files: download before you close the page." : "Kept in this browser when the page is closed.";
     const chips = made.map((index) => {
       const { name } = collection.shapes[index];
@@ -169,8 +190,8 @@ export function correctionBar(corrections, collection) {
       return el("li", { class: "chip" }, `${name}: ${corrections.words(index)} `, undo);
     });
     list.replaceChildren(...chips);
-    command.show(again && made.length ? wholeCommand(collection, corrections.text()) : "");
-    tell("decisions.json", made.length ? corrections.text() : "");
+    command.show(again && changes ? wholeCommand(collection, corrections.text()) : "");
+    tell("decisions.json", bar.hidden ? "" : corrections.text());
   };
   corrections.onchange(show);
   show();

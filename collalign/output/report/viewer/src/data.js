@@ -74,6 +74,11 @@ export class Collection {
     return this.pointColorCache;
   }
 
+  // Shapes whose pose a person set for this result.
+  get byHand() {
+    return [...this.shapes.keys()].filter((index) => this.shapes[index].byHand);
+  }
+
   // Why a shape's pose is marked, in a word; empty where it is not.
   mark(index) {
     const { confidence, part } = this.shapes[index];

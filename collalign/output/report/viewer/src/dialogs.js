@@ -99,6 +99,11 @@ function chances({ confidence, alternatives }) {
 }
 
 function chancesInWords(shape) {
+  if (shape.byHand) {
+    const { evidence } = shape.byHand;
+    const said = evidence === null ? "" : `; the evidence alone gives it ${percent(evidence)}`;
+    return `This pose was set by hand${said}. Grey and clear: a certain shape to compare with.`;
+  }
   const others = chances(shape).reduce((sum, chance) => sum + (chance || 0), 0);
   const none = 1 - shape.confidence - others;
   const rest = none >= 0.01 ? `; that neither it nor another proposed pose is, ${percent(none)}` : "";
@@ -126,7 +131,7 @@ export function shapeDialog(app) {
       figure.append(choose);
     };
     const layers = (pose) => () => [corrections.layer(index, corrections.offered(index, pose)), ...ghost()];
-    add(`present pose: ${chanceInWords(shape.confidence)}`, layers(CONFIRMED), CONFIRMED);
+    add(`present pose: ${shape.byHand ? "set by hand" : chanceInWords(shape.confidence)}`, layers(CONFIRMED), CONFIRMED);
     const chance = chances(shape);
     shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
@@ -150,7 +155,7 @@ export function shapeDialog(app) {
     if (compare !== undefined) drawn.add(row, `for comparison: ${collection.shapes[compare].name}`, () => [after(app, compare, { color: GREY })]);
     poseFigures(row, index, ghost);
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
-    const facts = [`Confidence ${percent(shape.confidence)}`, shape.reflected && "mirrored by the alignment", ...labels, `file ${shape.file}`];
+    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}`, shape.reflected && "mirrored by the alignment", ...labels, `file ${shape.file}`];
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),

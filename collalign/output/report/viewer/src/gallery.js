@@ -21,6 +21,11 @@ export function tags(app, index) {
   if (shape.coverage !== null) words.push([`incomplete, covers ${percent(shape.coverage)}`, ""]);
   if (app.collection.mark(index) === "not surely joined") words.push(["not surely joined", "warn"]);
   if (app.collection.numParts > 1) words.push([`part ${shape.part + 1}`, ""]);
+  const { evidence } = shape.byHand ?? {};
+  if (evidence !== undefined && evidence !== null && evidence < app.collection.doubtThreshold) {
+    words.push([`the evidence alone gives ${percent(evidence)}`, "warn"]);
+  }
+  if (shape.byHand && app.corrections.poseOf(index) === null) words.push(["decision taken back", "warn"]);
   const decided = app.corrections.words(index);
   if (decided) words.push([decided, "good"]);
   return words.map(([text, kind]) => el("span", { class: `tag ${kind}` }, text));
