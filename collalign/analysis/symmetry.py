@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +55,12 @@ class ObjectSymmetry:
 
 @one_blas_thread()
 def object_symmetry(
-    samples: ArrayLike, partner: ArrayLike, *, individuals: Sequence[str] | None = None
+    samples: ArrayLike,
+    partner: ArrayLike,
+    *,
+    individuals: Sequence[str] | None = None,
+    permutations: int = NUM_PERMUTATIONS,
+    seed: int = SEED,
 ) -> ObjectSymmetry:
     """Split configurations of bilateral objects into symmetric and asymmetric components.
 
@@ -70,6 +75,8 @@ def object_symmetry(
         The point on the other side; a point of the midline is its own.
     individuals : sequence of str, length N, optional
         Whom each configuration belongs to, where some are replicates.
+    permutations, seed : int
+        Random exchanges of sides that test directional asymmetry, and the seed of their generator.
 
     Raises
     ------
@@ -97,7 +104,13 @@ def object_symmetry(
         directional=read_only(directional),
         asymmetry=read_only(np.linalg.norm(asymmetric, axis=(1, 2))),
         fluctuating=read_only(np.linalg.norm(asymmetric - directional, axis=(1, 2))),
-        anova=_anova(symmetric, asymmetric, pairing, individuals or [str(at) for at in range(len(shapes))]),
+        anova=_anova(
+            symmetric,
+            asymmetric,
+            pairing,
+            individuals or [str(at) for at in range(len(shapes))],
+            lambda components, counts: _exchange_test(components, counts, permutations, seed),
+        ),
     )
 
 
@@ -157,7 +170,11 @@ def _superimposed(shapes: FloatArray, partner: IntArray) -> tuple[FloatArray, Fl
 
 
 def _anova(
-    symmetric: FloatArray, asymmetric: FloatArray, partner: IntArray, individuals: Sequence[str]
+    symmetric: FloatArray,
+    asymmetric: FloatArray,
+    partner: IntArray,
+    individuals: Sequence[str],
+    exchange_test: Callable[[FloatArray, IntArray], Effects],
 ) -> tuple[AnovaRow, ...]:
     """Klingenberg et al. 2002, table 2: sums over configurations and mirror images, two of each."""
     if len(individuals) != len(symmetric):
@@ -178,7 +195,7 @@ def _anova(
     has_replicates = num_shapes > num
     df_residual = (num_shapes - num) * (df_symmetric + df_asymmetric)
     error = sum(within) / df_residual if has_replicates else float("nan")
-    exchanged = _exchange_test(means[1], counts)
+    exchanged = exchange_test(means[1], counts)
     table = [
         AnovaRow(
             effect="individual",
@@ -217,10 +234,10 @@ def _ratio(sum_of_squares: float, df: int, against: float) -> float:
     return sum_of_squares / df / against if df > 0 and against > 0 else float("nan")
 
 
-def _exchange_test(components: FloatArray, counts: IntArray) -> Effects:
+def _exchange_test(components: FloatArray, counts: IntArray, permutations: int, seed: int) -> Effects:
     """Compare the mean asymmetry with that after random exchanges of the sides of individuals."""
     flat = components.reshape(len(components), -1)
     gram = (counts[:, None] * counts) * (flat @ flat.T)
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(NUM_PERMUTATIONS + 1, len(components)))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(permutations + 1, len(components)))
     signs[0] = 1.0
     return Effects.of(np.einsum("ei,ij,ej->e", signs, gram, signs)[:, None])

@@ -283,6 +283,8 @@ def _save(
     rest_s = times_s.get(REST, 0.0) + max(0.0, elapsed_s() - sum(times_s.values()))
     collection = replace(collection, run=replace(collection.run, times_s=times_s | {REST: rest_s}))
     columns = table.columns_for(collection.names) if table is not None else None
+    if table is not None:
+        collection = replace(collection, notes=(*collection.notes, *table.mismatches(collection.names)))
     with ProgressBar("outputs", len(collection.names)) as bar:
         written = save_collection(
             collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=run.num_workers

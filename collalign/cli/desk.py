@@ -56,7 +56,13 @@ class Desk:
     def state(self) -> dict[str, Any]:
         """Return shapes, pages, formats and files that were given; JSON types only."""
         pages = {task: page for task, page in _PAGES.items() if (self.out / page).is_file()}
-        state: dict[str, Any] = {"out": str(self.out), "pages": pages, "formats": list(FORMATS), "shapes": None, "byHand": []}
+        state: dict[str, Any] = {
+            "out": str(self.out),
+            "pages": pages,
+            "formats": list(FORMATS),
+            "shapes": None,
+            "byHand": [],
+        }
         if not (self.out / ALIGNMENT_FILE).is_file():
             return state
         collection = load(self.out)

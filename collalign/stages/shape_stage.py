@@ -19,12 +19,10 @@ from data_tools.io.formats.raw_shape import not_kept_sentence
 from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.precision import coarse_sentence
 from data_tools.io.source import Origin, Source
+from data_tools.odd_sizes import odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
-#: Shapes so many times smaller or larger than the median are named: units that are mixed up differ by 10 at least.
-ODD_FACTOR = 8.0
-
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
 SAMPLING = Job(kind="shapes", version="shape-12", run=sample_file, reader=Samples)
@@ -97,12 +95,9 @@ def odd_sizes(sizes: Mapping[str, float]) -> tuple[str, ...]:
     sizes : mapping of str to float
         A length of each shape in the unit of its file.
     """
-    middle = float(np.median(list(sizes.values()))) if sizes else 1.0
-    words = {"smaller": {name: middle / size for name, size in sizes.items() if size > 0}}
-    words["larger"] = {name: 1.0 / ratio for name, ratio in words["smaller"].items()}
-    said = []
-    for word, ratios in words.items():
-        odd = [f"{name} ({ratio:.3g} times)" for name, ratio in ratios.items() if ratio >= ODD_FACTOR]
+    ratios, said = odd_ratios(sizes), []
+    for word, sign in (("smaller", -1), ("larger", 1)):
+        odd = [f"{name} ({ratio**sign:.3g} times)" for name, ratio in ratios.items() if ratio**sign > 1]
         if odd:
             said.append(f"Much {word} than the median shape, perhaps in another unit: {', '.join(odd)}.")
     return tuple(said)

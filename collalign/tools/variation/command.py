@@ -13,9 +13,9 @@ from collalign.cli.interruption import resumable
 from collalign.cli.talk import say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import statistics_members
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
+from collalign.tools.variation.shape_model import ShapeTestOptions
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.landmarks.landmark_tables import READABLE
@@ -36,6 +36,7 @@ def variation(
     ] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
+    tests: Annotated[ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())] = ShapeTestOptions(),  # noqa: B008
     exclude: Excluded = (),
     include_doubtful: Flag = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -50,7 +51,7 @@ def variation(
         Folder for variation.html, meshes with offsets from the mean, scores and distances; by default ``variation``
         in the result.
     labels
-        CSV file with one row per shape; every column is one way to group.
+        CSV file with one row per shape; every column is one way to group, or of numbers a covariate.
     symmetry
         For bilateral shapes: symmetric and asymmetric components and their Procrustes ANOVA. Either ``auto``, or a
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
@@ -60,20 +61,18 @@ def variation(
         Let shapes whose pose is in doubt count as well.
     """
     collection = load(result)
-    table = None if labels is None else read_labels(labels)
-    for sentence in table.mismatches(collection.names) if table else ():
-        warn(sentence)
-    columns = table.columns_for(collection.names) if table else None
+    columns = None if labels is None else read_labels(labels).columns_for(collection.names)
     individuals = None if individuals is None else composed(individuals)
     if individuals is not None and individuals not in (columns or collection.labels):
         raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
     owners = None if individuals is None else (columns or collection.labels)[individuals]
     to = result / DEFAULT_FOLDER if to is None else to
     with resumable(run, result) as run:
-        write_surface_variation(
+        found = write_surface_variation(
             result,
             to,
-            labels=columns,
+            labels=labels,
+            tests=tests,
             landmarks=landmarks or (),
             symmetry=symmetry,
             individuals=owners,
@@ -81,10 +80,7 @@ def variation(
             include_doubtful=include_doubtful,
             run=run,
         )
-    who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
-    if who.left_out:
-        warn(who.sentence)
-    for one in who.copies:
-        warn(one.sentence)
+    for note in found.notes:
+        warn(note)
     say_files([to / PAGE_FILE])
     return 0

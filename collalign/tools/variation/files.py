@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from pathlib import Path
 
 from collalign.analysis.symmetry import ObjectSymmetry
@@ -11,7 +10,7 @@ from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
-from collalign.tools.variation.shape_statistics import statistics_tables
+from collalign.tools.variation.shape_statistics import ShapeTests
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from data_tools.arrays import FloatArray
 from data_tools.io.files import file_stems, write_atomic
@@ -21,6 +20,8 @@ from data_tools.io.shapes import write_ply
 PAGE_FILE = "variation.html"
 #: Where in a result's folder the page is, which its report names.
 DEFAULT_FOLDER = "variation"
+#: What a reader of the tables must know, one sentence a line.
+NOTES_FILE = "notes.txt"
 #: Of the surfaces drawn along a component.
 DEVIATIONS = 2.0
 _WRITER = "variation"
@@ -31,11 +32,11 @@ def write_variation(
     to: Path,
     *,
     columns: dict[str, tuple[str, ...]],
+    tests: ShapeTests,
     landmarks: tuple[tuple[str, ...], FloatArray],
     symmetry: ObjectSymmetry | None = None,
     version: str = "",
     who: Members,
-    notes: Sequence[str] = (),
 ) -> tuple[Path, ...]:
     """Write everything into a folder and return the paths, the page first.
 
@@ -45,6 +46,8 @@ def write_variation(
     to : Path
     columns : dict of str to tuple of str
         Labels of the shapes.
+    tests : ShapeTests
+        Of the same columns.
     landmarks : (names, points)
         On the mean, see :func:`collalign.tools.variation.page_content.build_variation`.
     symmetry : ObjectSymmetry, optional
@@ -52,9 +55,7 @@ def write_variation(
     version : str
         Of the toolkit, for the page's last line.
     who : Members
-        Who counts; page and table name the others.
-    notes : sequence of str
-        Sentences on the page.
+        Who counts; ``left_out.csv`` names the others.
 
     Raises
     ------
@@ -62,21 +63,21 @@ def write_variation(
         If the folder cannot be written or files of somebody else's are in the way.
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
-        tables = statistics_tables(variation, columns)
-        document, blobs = build_variation(variation, columns, landmarks, tables, symmetry)
-        said = [*notes, *([who.sentence] if who.left_out else []), *(one.sentence for one in who.copies)]
-        page = render_page("Shape variation", _summary(variation, said), document, blobs, version=version)
+        document, blobs = build_variation(variation, columns, landmarks, tests, symmetry)
+        page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
-        write_tables(variation, columns, tables, output)
+        write_tables(variation, columns, tests.tables, output)
+        notes = "".join(f"{note}\n" for note in variation.notes)
+        write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
-        _write_meshes(variation, columns, output)
+        _write_meshes(variation, {name: columns[name] for name in tests.factors}, output)
         if symmetry is not None:
             write_symmetry_tables(variation.names, symmetry, columns, output)
             _write_asymmetry(variation, symmetry, output)
         return output.publish(last=PAGE_FILE, complete=True)
 
 
-def _summary(variation: SurfaceVariation, notes: Sequence[str]) -> str:
+def _summary(variation: SurfaceVariation) -> str:
     shares = variation.components.shares
     facts = [
         (str(len(variation.names)), "surfaces in correspondence"),
@@ -84,8 +85,8 @@ def _summary(variation: SurfaceVariation, notes: Sequence[str]) -> str:
         *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
     ]
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
-    listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
-    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes">{listed}</ul>' if notes else "")
+    listed = "".join(f"<li>{html.escape(note)}</li>" for note in variation.notes)
+    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes">{listed}</ul>' if listed else "")
 
 
 def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
-from collalign.tools.variation.r_tables import ANOVA_HEADING, Rows, anova_rows, procrustes_scores
+from collalign.tools.variation.r_tables import ANOVA_HEADING, anova_rows, procrustes_scores
+from collalign.tools.variation.shape_statistics import ShapeTests
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.surface.closest import SurfaceLocator
@@ -30,7 +30,7 @@ def build_variation(
     variation: SurfaceVariation,
     columns: dict[str, tuple[str, ...]],
     landmarks: tuple[tuple[str, ...], FloatArray],
-    tables: Mapping[str, Rows],
+    tests: ShapeTests,
     symmetry: ObjectSymmetry | None = None,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
@@ -42,8 +42,8 @@ def build_variation(
         Labels of the shapes, "" where unknown.
     landmarks : (names, points)
         Points (l, 3) on the mean, in its coordinates; NaN where a landmark is on no template.
-    tables : mapping of str to rows
-        See :func:`collalign.tools.variation.shape_statistics.statistics_tables`.
+    tests : ShapeTests
+        Of the same columns.
     symmetry : ObjectSymmetry, optional
 
     Returns
@@ -84,7 +84,13 @@ def build_variation(
         "kind": "variation",
         "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},
         "names": variation.names,
-        "tables": tables,
+        "tables": tests.tables,
+        "factors": tests.factors,
+        "tests": {
+            "sumsOfSquares": tests.options.sums_of_squares,
+            "permutations": tests.options.permutations,
+            "seed": tests.options.seed,
+        },
         "columns": columns,
         "centroidSizes": variation.centroid_sizes,
         "fields": fields,

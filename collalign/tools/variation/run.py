@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from collalign.analysis.label_table import read_labels
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
@@ -22,9 +24,12 @@ from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import mirror_map
+from collalign.tools.variation.shape_model import ShapeTestOptions
+from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
+from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import composed
 from data_tools.io.source import refuse_overlap
@@ -41,7 +46,8 @@ def write_surface_variation(
     result: str | Path,
     to: str | Path,
     *,
-    labels: Mapping[str, Sequence[str]] | None = None,
+    labels: Mapping[str, Sequence[str]] | str | Path | None = None,
+    tests: ShapeTestOptions | Mapping[str, Any] | None = None,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
@@ -58,8 +64,11 @@ def write_surface_variation(
         Folder that ``collalign align`` wrote.
     to : path
         Folder for ``variation.html`` and the rest.
-    labels : mapping of str to sequence of str, optional
-        Columns of labels, one per shape of the result and "" where unknown; by default those the result came with.
+    labels : path, or mapping of str to sequence of str, optional
+        A CSV file with a row per shape; or columns of labels, one per shape of the result and "" where unknown. By
+        default those the result came with.
+    tests : ShapeTestOptions or mapping, optional
+        What shape is tested against: covariates, factors, a model of your own; permutations and their seed.
     landmarks : mapping of name to Landmarks, or sequence of path
         Of some specimens, to be numbered on the mean.
     symmetry : "auto", path or sequence of pairs, optional
@@ -80,7 +89,8 @@ def write_surface_variation(
     -------
     SurfaceVariation
         Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
-        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them.
+        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them. ``notes`` says what a reader
+        of the tables must know, what the alignment said included.
 
     Raises
     ------
@@ -100,7 +110,8 @@ def write_surface_variation(
     >>> found.components.scores.shape
     (3, 2)
     """
-    collection = load(result)
+    collection, asked = load(result), as_options("tests", tests, ShapeTestOptions)
+    labelled, dropped = _labelled(collection, labels)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
@@ -111,11 +122,14 @@ def write_surface_variation(
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
     found = surface_variation(dense.names, dense.faces, vertices)
-    columns = {
-        column: tuple(values[at] for at in rows)
-        for column, values in (collection.labels if labels is None else labels).items()
-    }
+    columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
+    tested = shape_tests(found, columns, asked)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
+    copies = {one.sentence for one in collection.copies}  # of all shapes; who says it of those that count
+    before = [note for note in collection.notes if note not in copies]
+    said = [*([who.sentence] if who.left_out else []), *(one.sentence for one in who.copies)]
+    said += [*tested.sentences, *dropped, *notes, *before]
+    found = replace(found, notes=tuple(dict.fromkeys(said)))
     components = None
     if symmetry is not None:
         components = surface_symmetry(
@@ -123,19 +137,33 @@ def write_surface_variation(
             _counterparts(found, symmetry, marked),
             mirrored=collection.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
+            permutations=asked.permutations,
+            seed=asked.seed,
         )
     version = str(collection.run.versions.get("collalign", ""))
     write_variation(
         found,
         Path(to),
         columns=columns,
+        tests=tested,
         landmarks=marked,
         symmetry=components,
         version=version,
         who=who,
-        notes=notes,
     )
     return found
+
+
+def _labelled(
+    collection: Collection, labels: Mapping[str, Sequence[str]] | str | Path | None
+) -> tuple[Mapping[str, Sequence[str]], list[str]]:
+    """Return the columns of labels of all shapes, and sentences on rows and shapes that do not fit each other."""
+    if labels is None:
+        return collection.labels, []
+    if isinstance(labels, Mapping):
+        return labels, []
+    table = read_labels(labels)
+    return table.columns_for(collection.names), table.mismatches(collection.names)
 
 
 def _marked(

@@ -1,61 +1,216 @@
-"""The tests that people publish: shape against size and groups, as tables for the page and for files."""
+"""The tests that people publish: shape against size, covariates and groups, as tables for the page and for files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
+from typing import TypedDict
 
 import numpy as np
 
-from collalign.analysis.shape_tests import compare_groups, procrustes_anova
+from collalign.analysis.shape_tests import compare_groups, compare_held, compare_slopes, procrustes_anova
 from collalign.tools.variation.r_tables import ANOVA_HEADING, Columns, Rows, anova_rows, procrustes_scores
+from collalign.tools.variation.shape_model import (
+    SIZE,
+    SIZE_TERM,
+    Column,
+    ShapeTestOptions,
+    missing_sentence,
+    model_terms,
+    parse_model,
+    read_column,
+)
 from collalign.tools.variation.surface_variation import SurfaceVariation
 from data_tools.arrays import FloatArray
+from data_tools.checks import check_known
+from data_tools.errors import InputError
+from data_tools.odd_sizes import odd_ratios
 
-_SIZE = "log(centroid size)"
-#: Fewest shapes of a group that is compared, and of every group whose allometries are.
-_LEAST, _LEAST_FOR_SLOPES = 2, 4
+#: Fewest shapes of every group whose allometries are compared.
+_LEAST_FOR_SLOPES = 4
+_ANOVA_TABLE = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
+_PAIRS_TABLE = [
+    *("column", "first", "second", "held_constant", "distance", "Z", "P", "P_Holm"),
+    *("disparity_difference", "disparity_Z", "disparity_P", "disparity_P_Holm"),
+    *("slope_angle_deg", "slope_difference", "slope_Z", "slope_P", "slope_P_Holm"),
+]
 
 
-def statistics_tables(variation: SurfaceVariation, columns: Columns) -> dict[str, Rows]:
-    """Return the tables ``anova``, ``groups``, ``pairs`` and ``allometry``, each with its heading.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeTests:
+    """Tables of tests, each with its heading, and what a reader must know of them.
 
-    Shapes without a label, or alone with theirs, do not count in the tests of a column, which ``groups`` says.
+    Attributes
+    ----------
+    tables : mapping of str to rows
+        ``anova``, ``groups``, ``pairs`` and ``allometry``.
+    sentences : tuple of str
+        Who or what was not tested, and why.
+    options : ShapeTestOptions
+        How it was tested.
+    factors : tuple of str
+        The columns of labels that are groups; the others are covariates.
     """
-    shapes = procrustes_scores(variation.components)
-    sizes = np.log(variation.centroid_sizes)
-    anova: Rows = [["model", *ANOVA_HEADING], *_anova(shapes, {_SIZE: sizes[:, None]})]
+
+    tables: Mapping[str, Rows]
+    options: ShapeTestOptions
+    factors: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
+
+
+class _How(TypedDict):
+    permutations: int
+    seed: int
+
+
+def shape_tests(
+    variation: SurfaceVariation,
+    columns: Columns,
+    options: ShapeTestOptions = ShapeTestOptions(),  # noqa: B008
+) -> ShapeTests:
+    """Test shape against size, every column of labels, and the model asked for.
+
+    A column whose values are all numbers is a covariate, unless ``options.factors`` names it. Shapes without a value,
+    or alone in their group, do not count in the tests of a column. Where the files of some shapes are probably in
+    another unit, nothing is tested against size.
+
+    Parameters
+    ----------
+    variation : SurfaceVariation
+    columns : mapping of str to sequence of str
+        Labels of the shapes, ``""`` where unknown.
+    options : ShapeTestOptions
+
+    Raises
+    ------
+    InputError
+        If ``factors`` or ``model`` names no column, or the model leaves nothing to compare.
+    """
+    shapes, sizes = procrustes_scores(variation.components), np.log(variation.centroid_sizes)
+    check_known("factors", {*options.factors}, columns)
+    read = {
+        name: read_column(name, values, variation.names, as_factor=name in options.factors)
+        for name, values in columns.items()
+    }
+    odd = odd_ratios(dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True)))
+    tester = _Tester(shapes, sizes, variation.names, read, options, with_size=not odd)
+    anova: Rows = [_ANOVA_TABLE, *tester.anova([(SIZE_TERM,)])]
     groups: Rows = [["column", "group", "shapes", "disparity"]]
-    pairs: Rows = [["column", "first", "second", "distance", "Z", "P", "P_Holm"]]
-    pairs[0] += ["disparity_difference", "disparity_Z", "disparity_P", "disparity_P_Holm"]
-    for column, values in columns.items():
-        labels = np.array(values, dtype=str)
-        kinds, counts = np.unique(labels, return_counts=True)
-        tested = np.isin(labels, kinds[(kinds != "") & (counts >= _LEAST)])
-        disparities: dict[str, float] = {}
-        if len(set(labels[tested])) > 1:
-            disparities, *effects = compare_groups(shapes[tested], labels[tested].tolist())
-            numbers = np.column_stack([n for one in effects for n in (one.values, one.z, one.p, one.holm)])
-            for ends, row in zip(combinations(disparities, 2), numbers.tolist(), strict=True):
-                pairs.append([column, *ends, *row])
-            group, size = (labels[tested, None] == np.array([*disparities])).astype(np.float64), sizes[tested, None]
-            terms = {_SIZE: size, column: group}
-            if group.sum(axis=0).min() >= _LEAST_FOR_SLOPES:
-                terms[f"{_SIZE}:{column}"] = size * group
-            anova += _anova(shapes[tested], {column: group}) + _anova(shapes[tested], terms)
-        for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True):
-            groups.append([column, kind or "(none)", count, disparities.get(kind, "not tested")])
-    slope = (sizes - sizes.mean()) @ shapes  # the regression score: Drake and Klingenberg 2008
+    pairs: Rows = [_PAIRS_TABLE]
+    for name, column in read.items():
+        models, disparities = tester.usual_models(column), dict[str, float]()
+        for model in models:
+            anova += tester.anova(model)
+        if column.numbers is None:
+            if len(column.groups) > 1:
+                disparities, rows = tester.pairs(column)
+                pairs += rows
+            kinds, counts = np.unique(np.array(column.values, dtype=str), return_counts=True)
+            groups += [
+                [name, kind or "(none)", count, disparities.get(kind, "not tested")]
+                for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True)
+            ]
+    if options.model:
+        anova += tester.asked(parse_model(options.model, columns))
+    sentences = [sentence for column in read.values() for sentence in column.sentences]
+    if odd:
+        words = ", ".join(f"{name} ({ratio:.3g} times the median)" for name, ratio in odd.items())
+        sentences.insert(
+            0,
+            f"Size is not tested, because some files are probably in another unit: {words}. Convert them to the unit "
+            "of the others, or leave them out.",
+        )
+    factors = tuple(name for name, column in read.items() if column.numbers is None)
+    tables = {"anova": anova, "groups": groups, "pairs": pairs, "allometry": _allometry(variation, columns, shapes)}
+    return ShapeTests(tables=tables, options=options, factors=factors, sentences=(*sentences, *tester.sentences))
+
+
+class _Tester:
+    """Runs tests of one set of shapes with the same options."""
+
+    def __init__(
+        self,
+        shapes: FloatArray,
+        sizes: FloatArray,
+        names: Sequence[str],
+        columns: Mapping[str, Column],
+        options: ShapeTestOptions,
+        *,
+        with_size: bool,
+    ) -> None:
+        self._shapes, self._sizes, self._names, self._columns = shapes, sizes, names, columns
+        self._options, self._with_size = options, with_size
+        self._how: _How = {"permutations": options.permutations, "seed": options.seed}
+        self.sentences: list[str] = []
+
+    def usual_models(self, column: Column) -> list[list[tuple[str, ...]]]:
+        """Return a column's models: alone, beyond size, and where groups are large enough with their interaction."""
+        if column.numbers is None and len(column.groups) < 2:
+            return []
+        own, size = (column.name,), (SIZE_TERM,)
+        if column.numbers is not None:
+            return [[own], [size, own]]
+        counts = [sum(value == group for value in column.values) for group in column.groups]
+        slopes = [(SIZE_TERM, column.name)] if min(counts) >= _LEAST_FOR_SLOPES else []
+        return [[own], [size, own, *slopes]]
+
+    def anova(self, model: Sequence[tuple[str, ...]]) -> Rows:
+        """Return the rows of one model; none where it has too few shapes, or size, which is not tested."""
+        if not self._with_size and any(SIZE_TERM in term for term in model):
+            return []
+        terms, chosen = model_terms(model, self._columns, self._sizes)
+        if chosen.sum() < 2 + sum(columns.shape[1] for columns in terms.values()):
+            return []
+        return self._rows(terms, self._shapes[chosen])
+
+    def asked(self, model: Sequence[tuple[str, ...]]) -> Rows:
+        """Return the rows of the model that was asked for, whose absent shapes are named."""
+        what = " + ".join(":".join(term) for term in model)
+        if not self._with_size and any(SIZE_TERM in term for term in model):
+            raise InputError(
+                f"model: {what} cannot be tested, because some files are probably in another unit; convert them, or "
+                "leave them out"
+            )
+        terms, chosen = model_terms(model, self._columns, self._sizes)
+        if chosen.sum() < 3:
+            raise InputError(f"model: {int(chosen.sum())} shapes have a value in all columns of {what}")
+        self.sentences += filter(None, [missing_sentence(f"The model {what}", self._names, chosen)])
+        return self._rows(terms, self._shapes[chosen])
+
+    def pairs(self, column: Column) -> tuple[dict[str, float], Rows]:
+        """Return the disparity of every group, and rows for every two of them: as they are, and with size held."""
+        chosen = column.tested
+        labels, shapes = np.array(column.values, dtype=str)[chosen].tolist(), self._shapes[chosen]
+        disparities, *effects = compare_groups(shapes, labels, **self._how)
+        none, ends = [""] * 5, [*combinations(disparities, 2)]
+        numbers = np.column_stack([n for one in effects for n in (one.values, one.z, one.p, one.holm)]).tolist()
+        rows: Rows = [[column.name, *two, "nothing", *row, *none] for two, row in zip(ends, numbers, strict=True)]
+        if self._with_size and len(shapes) > len(disparities) + 1:
+            sizes = self._sizes[chosen]
+            held = compare_held(shapes, labels, sizes[:, None], **self._how)
+            slopes = [none] * len(ends)
+            if min(labels.count(group) for group in disparities) >= _LEAST_FOR_SLOPES:
+                found, angles = compare_slopes(shapes, labels, sizes, **self._how)
+                slopes = np.column_stack([angles, found.values, found.z, found.p, found.holm]).tolist()
+            numbers = np.column_stack([held.values, held.z, held.p, held.holm]).tolist()
+            rows += [
+                [column.name, *two, SIZE, *row, *none[:4], *slope]
+                for two, row, slope in zip(ends, numbers, slopes, strict=True)
+            ]
+        return disparities, rows
+
+    def _rows(self, terms: Mapping[str, FloatArray], shapes: FloatArray) -> Rows:
+        sums = self._options.sums_of_squares
+        found = anova_rows(procrustes_anova(shapes, terms, sums=sums, **self._how))
+        return [[" + ".join(terms), sums, len(shapes), *row] for row in found]
+
+
+def _allometry(variation: SurfaceVariation, columns: Columns, shapes: FloatArray) -> Rows:
+    """Return size and regression score of every shape: Drake and Klingenberg 2008."""
+    sizes = np.log(variation.centroid_sizes)
+    slope = (sizes - sizes.mean()) @ shapes
     scores = shapes @ slope / max(float(np.linalg.norm(slope)), np.finfo(float).tiny)
-    allometry: Rows = [["name", *columns, "log_centroid_size", "regression_score"]]
-    allometry += [
-        [*row] for row in zip(variation.names, *columns.values(), sizes.tolist(), scores.tolist(), strict=True)
-    ]
-    return {"anova": anova, "groups": groups, "pairs": pairs, "allometry": allometry}
-
-
-def _anova(shapes: FloatArray, terms: Mapping[str, FloatArray]) -> Rows:
-    """Return the rows of one model; none where there are too few shapes for it."""
-    if len(shapes) < 2 + sum(columns.shape[1] for columns in terms.values()):
-        return []
-    return [[" + ".join(terms), *row] for row in anova_rows(procrustes_anova(shapes, terms))]
+    rows: Rows = [["name", *columns, "log_centroid_size", "regression_score"]]
+    found = zip(variation.names, *columns.values(), sizes.tolist(), scores.tolist(), strict=True)
+    return rows + [[*row] for row in found]

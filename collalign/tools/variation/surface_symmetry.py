@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED
 from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.surface.closest import SurfacePoints
@@ -20,6 +21,8 @@ def surface_symmetry(
     *,
     mirrored: BoolArray | None = None,
     individuals: Sequence[str] | None = None,
+    permutations: int = NUM_PERMUTATIONS,
+    seed: int = SEED,
 ) -> ObjectSymmetry:
     """Split surfaces into symmetric and asymmetric components, lengths in root mean square radii.
 
@@ -34,6 +37,8 @@ def surface_symmetry(
         Surfaces that were mirrored to fit the others: their sides are exchanged back.
     individuals : sequence of str, length N, optional
         Whom each surface belongs to, where some are replicates.
+    permutations, seed : int
+        As in :func:`collalign.analysis.symmetry.object_symmetry`.
 
     Raises
     ------
@@ -45,7 +50,7 @@ def surface_symmetry(
     both = np.concatenate([vertices, np.stack([counterparts.on(one) for one in vertices])], axis=1)
     if mirrored is not None:
         both[mirrored] = both[mirrored][:, partner] * np.array([-1.0, 1.0, 1.0])
-    found = object_symmetry(both, partner, individuals=individuals)
+    found = object_symmetry(both, partner, individuals=individuals, permutations=permutations, seed=seed)
     unit = float(np.sqrt(2 * num))
     return replace(
         found,

@@ -38,6 +38,8 @@ class SurfaceVariation:
         given.
     components : PrincipalComponents
         Of the shapes.
+    notes : tuple of str
+        What a reader must know of who counts and what was tested, one sentence each.
     """
 
     names: tuple[str, ...]
@@ -46,6 +48,7 @@ class SurfaceVariation:
     shapes: FloatArray
     centroid_sizes: FloatArray
     components: PrincipalComponents
+    notes: tuple[str, ...] = ()
 
 
 @one_blas_thread()

@@ -1,5 +1,7 @@
 """Tests of shape against other formulas (Gower's matrices of distances), on expert landmarks of 62 mouse skulls."""
 
+import shutil
+import subprocess
 from itertools import combinations
 
 import numpy as np
@@ -7,8 +9,15 @@ import pytest
 from scipy.spatial.distance import pdist, squareform
 
 from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes
-from collalign.analysis.shape_tests import NUM_PERMUTATIONS, Effects, compare_groups, procrustes_anova
-from data_tools.errors import InputError
+from collalign.analysis.shape_tests import (
+    NUM_PERMUTATIONS,
+    Effects,
+    compare_groups,
+    compare_held,
+    compare_slopes,
+    procrustes_anova,
+)
+from data_tools.errors import InputError, OptionsError
 
 WILD = ["CAST", "CZECHII", "LEWES", "MOLF", "MOLG", "PERC", "PWD", "PWK", "SF", "SKIVE", "SPRET", "TALLYHO", "WSB"]
 
@@ -150,3 +159,93 @@ def test_too_few_shapes_are_refused():
     for labels in (["a", "a", "a"], ["a", "a", "b"]):
         with pytest.raises(InputError, match="two groups"):
             compare_groups(rng.random((3, 4)), labels)
+
+
+def unbalanced(rng, num=24):
+    """Shapes, sizes, ages and groups of unequal counts that overlap."""
+    sex = np.array(["f"] * 15 + ["m"] * (num - 15))
+    size = rng.standard_normal(num) + (sex == "m")
+    age = rng.standard_normal(num) + 0.5 * size
+    shapes = rng.standard_normal((num, 4)) + np.outer(size, [1, 0, 0.5, 0]) + np.outer(sex == "m", [0, 1, 0, 0])
+    return shapes, size, age, sex
+
+
+def residual_squares(shapes, *columns):
+    """Sum of squares that a linear model with constant leaves, by its normal equations."""
+    design = np.column_stack([np.ones(len(shapes)), *columns])
+    left = shapes - design @ np.linalg.solve(design.T @ design, design.T @ shapes)
+    return float((left**2).sum())
+
+
+def test_sums_of_squares_of_both_types_are_differences_of_models():
+    shapes, size, age, sex = unbalanced(np.random.default_rng(4))
+    male = (sex == "m").astype(float)
+    terms = {"size": size[:, None], "sex": np.column_stack([1 - male, male]), "age": age[:, None]}
+    terms["size:sex"] = size[:, None] * terms["sex"]
+    columns = {"size": size, "sex": male, "age": age, "size:sex": size * male}
+    models = {
+        "I": {"size": [], "sex": ["size"], "age": ["size", "sex"], "size:sex": ["size", "sex", "age"]},
+        "II": {"size": ["sex", "age"], "sex": ["size", "age"], "age": ["size", "sex", "size:sex"]},
+    }
+    models["II"]["size:sex"] = ["size", "sex", "age"]
+    whole = residual_squares(shapes, *columns.values())
+    for sums, before in models.items():
+        rows = procrustes_anova(shapes, terms, sums=sums, permutations=99)
+        for row in rows[:4]:
+            others = [columns[name] for name in before[row.effect]]
+            squares = residual_squares(shapes, *others) - residual_squares(shapes, *others, columns[row.effect])
+            assert row.df == 1
+            np.testing.assert_allclose(row.sum_of_squares, squares, rtol=1e-9)
+            np.testing.assert_allclose(row.f, squares / (whole / 19), rtol=1e-9)
+        np.testing.assert_allclose(rows[4].sum_of_squares, whole, rtol=1e-9)
+    with pytest.raises(OptionsError, match="sums"):
+        procrustes_anova(shapes, terms, sums="III")
+
+
+def test_sums_of_squares_are_those_of_r(tmp_path):
+    if not shutil.which("Rscript"):
+        pytest.skip("Rscript is not installed")
+    shapes, size, age, sex = unbalanced(np.random.default_rng(5))
+    np.savetxt(tmp_path / "shapes.txt", shapes)
+    np.savetxt(tmp_path / "columns.txt", np.column_stack([size, age, sex == "m"]))
+    (tmp_path / "model.R").write_text(
+        "y <- as.matrix(read.table('shapes.txt')); x <- read.table('columns.txt'); x$V3 <- factor(x$V3)\n"
+        "fit <- lm(y ~ V1 + V3 + V2 + V1:V3, data = x)\n"
+        "each <- sapply(summary(aov(fit)), function(one) one[['Sum Sq']])\n"
+        "cat(format(rowSums(each), digits = 15))\n"
+    )
+    script = ["Rscript", "--vanilla", "model.R"]
+    said = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    male = (sex == "m")[:, None].astype(float)
+    terms = {"size": size[:, None], "sex": male, "age": age[:, None], "size:sex": size[:, None] * male}
+    found = [row.sum_of_squares for row in procrustes_anova(shapes, terms, permutations=99)[:-1]]
+    np.testing.assert_allclose(found, [float(number) for number in said.split()], rtol=1e-9)
+
+
+def test_with_size_held_constant_only_what_size_does_not_explain_is_left():
+    rng = np.random.default_rng(6)
+    size = np.concatenate([rng.normal(0, 1, 20), rng.normal(4, 1, 20)])
+    labels = ["small"] * 20 + ["large"] * 20
+    by_size = np.outer(size, [2.0, 1.0, 0.0]) + 0.3 * rng.standard_normal((40, 3))
+    assert compare_groups(by_size, labels)[1].p[0] == 0.001
+    assert compare_held(by_size, labels, size[:, None]).p[0] > 0.05
+    moved = by_size + np.outer([label == "large" for label in labels], [0.0, 0.0, 2.0])
+    held = compare_held(moved, labels, size[:, None], permutations=199)
+    assert held.p[0] < 0.02
+    assert np.isclose(200 * held.p[0] % 1, 0)
+    design = np.column_stack([np.ones(40), [label == "large" for label in labels], size])
+    expected = np.linalg.norm(np.linalg.solve(design.T @ design, design.T @ moved)[1])
+    np.testing.assert_allclose(held.values[0], expected)
+    with pytest.raises(InputError, match="apart"):
+        compare_held(moved, labels, np.ones((40, 1)))
+
+
+def test_slopes_differ_where_they_were_planted():
+    rng = np.random.default_rng(7)
+    size, labels = rng.standard_normal(45), np.repeat([*"abc"], 15).tolist()
+    turned = np.array([label == "c" for label in labels])
+    shapes = np.where(turned[:, None], np.outer(size, [0.0, 1.0]), np.outer(size, [1.0, 0.0]))
+    differences, angles = compare_slopes(shapes + 0.2 * rng.standard_normal((45, 2)), labels, size)
+    assert differences.p[[1, 2]].max() < 0.01 < differences.p[0]
+    np.testing.assert_allclose(angles, [0, 90, 90], atol=15)
+    np.testing.assert_allclose(differences.values[1:], np.sqrt(2), atol=0.3)

@@ -9,7 +9,8 @@ import trimesh
 
 from collalign.output.evidence.members import Members
 from collalign.tools.variation.files import write_variation
-from collalign.tools.variation.shape_statistics import statistics_tables
+from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
+from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
@@ -80,6 +81,12 @@ def test_values_come_back_from_ply(tmp_path):
     np.testing.assert_allclose(np.ravel(values), mean[:, 0], atol=1e-6)
 
 
+def written_to(to, variation, columns, landmarks, **others):
+    """Write the variation with the tests of its columns."""
+    tests = shape_tests(variation, columns)
+    return write_variation(variation, to, columns=columns, tests=tests, landmarks=landmarks, who=ALL, **others)
+
+
 @pytest.fixture(scope="module")
 def written(variation, tmp_path_factory):
     to = tmp_path_factory.mktemp("variation")
@@ -87,9 +94,7 @@ def written(variation, tmp_path_factory):
     mean, faces = sphere_mesh(300)
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], other_side)
-    paths = write_variation(
-        variation, to, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL, symmetry=symmetry
-    )
+    paths = written_to(to, variation, {"form": LABELS}, (("a", "b", "c"), points), symmetry=symmetry)
     assert paths[0].name == "variation.html"
     return to
 
@@ -104,23 +109,72 @@ def test_tables_and_meshes_are_written(written, variation):
     assert len(list((written / "specimens").iterdir())) == 8
 
 
-def test_tests_leave_out_who_has_no_label_or_is_alone(variation):
-    tables = statistics_tables(variation, {"form": LABELS, "one": ("a", "a", "a", *"bcd", "", "")})
+SIZE = "log(centroid size)"
+
+
+def test_tests_leave_out_who_has_no_label_or_is_alone_and_say_so(variation):
+    tests = shape_tests(variation, {"form": LABELS, "one": ("a", "a", "a", *"bcd", "", "")})
+    tables = tests.tables
     groups = [row for row in tables["groups"][1:] if row[0] == "one"]
     assert [row[1:3] for row in groups] == [["(none)", 2], ["a", 3], ["b", 1], ["c", 1], ["d", 1]]
     assert {row[3] for row in groups} == {"not tested"}
-    assert [row[:3] for row in tables["pairs"][1:]] == [["form", "flat", "long"]]
+    assert [row[:4] for row in tables["pairs"][1:]] == [
+        ["form", "flat", "long", "nothing"],
+        ["form", "flat", "long", SIZE],
+    ]
     models = [row[0] for row in tables["anova"][1:]]
-    size = "log(centroid size)"
-    assert list(dict.fromkeys(models)) == [size, "form", f"{size} + form"]
+    assert list(dict.fromkeys(models)) == [SIZE, "form", f"{SIZE} + form"]
     assert np.isclose(variation.centroid_sizes[0], np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)))
     size_and_score = np.array([row[-2:] for row in tables["allometry"][1:]])
     np.testing.assert_allclose(size_and_score[:, 0], np.log(variation.centroid_sizes))
+    alone = [sentence for sentence in tests.sentences if "has one specimen" in sentence]
+    assert [sentence.split(", which")[0] for sentence in alone] == [
+        f"one: the group {kind} has one specimen ({shape})"
+        for kind, shape in zip("bcd", ("s3", "s4", "s5"), strict=True)
+    ]
+
+
+def test_numbers_are_covariates_unless_named_as_factors(variation):
+    age = ("1.5", "2", "3", "4", "5", "6", "7", "")
+    tests = shape_tests(variation, {"age": age, "form": LABELS}, ShapeTestOptions(model="size + form + age"))
+    rows = {(row[0], row[3]): row for row in tests.tables["anova"][1:]}
+    assert [rows[model, "age"][4] for model in ("age", f"{SIZE} + age", f"{SIZE} + form + age")] == [1, 1, 1]
+    assert rows["age", "total"][2] == 7  # the shape without an age does not count
+    assert tests.factors == ("form",)
+    assert not [row for row in tests.tables["pairs"][1:] if row[0] == "age"]
+    assert any("s6, s7" in sentence for sentence in tests.sentences)
+    twos = ("1", "1", "1", "1", "2", "2", "2", "2")
+    named = shape_tests(variation, {"age": twos}, ShapeTestOptions(factors=("age",), permutations=99, seed=3))
+    assert [row[:3] for row in named.tables["pairs"][1:2]] == [["age", "1", "2"]]
+    for wrong in ({"factors": ("sex",)}, {"model": "size + sex"}, {"model": "size +"}, {"model": "a*b*c"}):
+        with pytest.raises(InputError, match=r"factors|model"):
+            shape_tests(variation, {"age": twos}, ShapeTestOptions(**wrong))
+
+
+def test_models_are_read_and_multiplied():
+    assert parse_model("shape ~ size * sex + age", ["sex", "age"]) == (("size",), ("sex",), ("size", "sex"), ("age",))
+    sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"])
+    sizes = np.arange(5.0)
+    terms, chosen = model_terms([("size",), ("sex",), ("size", "sex")], {"sex": sex}, sizes)
+    assert chosen.tolist() == [True] * 4 + [False]
+    np.testing.assert_array_equal(terms[f"{SIZE}:sex"], [[0, 0], [0, 1], [2, 0], [0, 3]])
+
+
+def test_size_is_not_tested_where_a_unit_is_off(variation):
+    shapes, faces = stretched()
+    shapes[3] *= 1000
+    odd = surface_variation(variation.names, faces, shapes)
+    tests = shape_tests(odd, {"form": LABELS})
+    assert {row[0] for row in tests.tables["anova"][1:]} == {"form"}
+    assert {row[3] for row in tests.tables["pairs"][1:]} == {"nothing"}
+    assert tests.sentences[0].startswith("Size is not tested, because some files are probably in another unit: s3 (")
+    with pytest.raises(InputError, match="another unit"):
+        shape_tests(odd, {"form": LABELS}, ShapeTestOptions(model="size + form"))
 
 
 def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
-    write_variation(variation, tmp_path, columns={"form": LABELS}, landmarks=(("a", "b", "c"), points), who=ALL)
+    written_to(tmp_path, variation, {"form": LABELS}, (("a", "b", "c"), points))
     assert not (tmp_path / "symmetry").exists()
     for name in ("scores.csv", "statistics/pairs.csv", "components/PC1-low.ply"):
         assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
@@ -141,7 +195,7 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         page.locator("#symmetry select").select_option("3")
         assert "s2: asymmetry" in page.locator("#symmetry p[aria-live]").text_content()
         assert "log(centroid size) explains" in page.locator("#statistics p").first.text_content()
-        assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 1
+        assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 2
         assert page.locator("#statistics svg .dot").count() == 8
         for ending, words in (("SVG", 'paint-order="stroke'), ("PDF", "principal component")):
             with page.expect_download() as started:
@@ -152,7 +206,7 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         starts = [int(line[:10]) for line in text.split("xref\n")[1].splitlines() if line.endswith("00000 n ")]
         assert [text[at:].split(" 0 obj")[0] for at in starts] == ["1", "2", "3", "4", "5"]
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    write_variation(variation, tmp_path, columns={}, landmarks=((), np.empty((0, 3))), who=ALL)
+    written_to(tmp_path, variation, {}, ((), np.empty((0, 3))))
     with Page(browser, tmp_path / "variation.html") as plain:
         words = plain.page.locator("#specimens p.muted").text_content()
         assert words[-1].isdigit()  # no labels, and nothing before them

@@ -13,8 +13,8 @@ export function shownTable(caption, [head, ...rows]) {
 }
 
 // What a model's only term explains, in words.
-function explains([model, effect, , , , share, , , p]) {
-  return model === effect ? `${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape (p = ${number(p)}).` : "";
+function explains([model, , num, effect, , , , share, , , p]) {
+  return model === effect ? `${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape of ${num} specimens (p = ${number(p)}).` : "";
 }
 
 function allometry(app) {
@@ -40,15 +40,21 @@ function allometry(app) {
   ];
 }
 
+const SUMS = { I: "in sequence (type I): each term counts beyond those before it", II: "marginal (type II): each term counts beyond all others that do not contain it" };
+
+function method({ sumsOfSquares, permutations, seed }) {
+  return `Procrustes ANOVA of whole surfaces at unit centroid size. Sums of squares are ${SUMS[sumsOfSquares]}. p and effect sizes (Z) are by ${permutations} random permutations of residuals (seed ${seed}). Columns of numbers are covariates.`;
+}
+
 export function statisticsSection(app) {
   const { anova, groups, pairs } = app.variation.tables;
   const said = anova.slice(1).map(explains).filter(Boolean);
   return [
     el("p", null, said.join(" ") || "There are too few specimens for tests."),
-    el("p", { class: "muted" }, "Procrustes ANOVA of whole surfaces at unit centroid size: sums of squares in sequence, p and effect sizes (Z) by 999 random permutations of residuals. In a model of several terms each counts beyond those before it."),
+    el("p", { class: "muted" }, method(app.variation.tests)),
     shownTable("Procrustes ANOVA", anova), ...allometry(app),
     pairs.length > 1 ? el("h3", null, "Groups") : el("p", null, "No labels tell groups of two specimens or more apart. Give a table with --labels."),
-    pairs.length > 1 ? shownTable("Means of every two groups, and their disparity", pairs) : "",
+    pairs.length > 1 ? shownTable("Means of every two groups, as they are and with size held constant; their disparity and their slopes", pairs) : "",
     groups.length > 1 ? shownTable("Disparity within groups (Procrustes variance)", groups) : "",
     el("p", { class: "muted" }, "The same tables are in the folder statistics."),
   ];

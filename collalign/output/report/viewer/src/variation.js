@@ -78,7 +78,7 @@ function componentsSection(app) {
 
 function groupsSection(app) {
   const { variation } = app;
-  const columns = Object.keys(variation.columns).filter((column) => kindsOf(variation, column).length > 1);
+  const columns = variation.factors.filter((column) => kindsOf(variation, column).length > 1);
   if (!columns.length) return [el("p", null, "No labels tell groups apart. Give a table with --labels.")];
   let [column, one, other, factor, arrows] = [columns[0], "", "", 1, true];
   let needles = [];

@@ -1,0 +1,179 @@
+"""What shape is tested against: columns of labels as groups or numbers, and models of several of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, SEQUENTIAL, SUMS_OF_SQUARES
+from data_tools.arrays import BoolArray, FloatArray
+from data_tools.checks import check_choice, check_count, check_known
+from data_tools.errors import InputError
+from data_tools.percent import listed
+
+#: What a model calls the logarithm of centroid size, and tables.
+SIZE_TERM, SIZE = "size", "log(centroid size)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeTestOptions:
+    """What shape is tested against, and how.
+
+    Raises
+    ------
+    OptionsError
+        If a value is impossible.
+    """
+
+    factors: tuple[str, ...] = ()
+    """Columns of numbers that are names of groups (1 = female). Any other column of numbers is a covariate."""
+
+    model: str = ""
+    """A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the logarithm
+    of centroid size."""
+
+    sums_of_squares: str = SEQUENTIAL
+    """I: each term beyond those before it. II: each term beyond all others that do not contain it."""
+
+    permutations: int = NUM_PERMUTATIONS
+    """Random permutations of every test; many journals ask for 9999."""
+
+    seed: int = SEED
+    """Of the permutations."""
+
+    def __post_init__(self) -> None:
+        check_choice("sums_of_squares", self.sums_of_squares, SUMS_OF_SQUARES)
+        check_count("permutations", self.permutations, lower=99)
+        check_count("seed", self.seed, lower=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Column:
+    """A column of labels as tests take it.
+
+    Attributes
+    ----------
+    name : str
+    values : tuple of str
+        ``""`` where unknown.
+    numbers : ndarray, shape (N,), or None
+        Of a covariate, NaN where unknown; None for a factor.
+    tested : ndarray of bool, shape (N,)
+        Which shapes count: those with a value, and not alone in their group.
+    sentences : tuple of str
+        Who does not, and why.
+    """
+
+    name: str
+    values: tuple[str, ...]
+    numbers: FloatArray | None
+    tested: BoolArray
+    sentences: tuple[str, ...]
+
+    @property
+    def groups(self) -> list[str]:
+        """The groups that are tested, in alphabetical order."""
+        return sorted({value for value, counts in zip(self.values, self.tested.tolist(), strict=True) if counts})
+
+    def design(self, chosen: BoolArray) -> FloatArray:
+        """Return the columns of the design for some of the shapes."""
+        if self.numbers is not None:
+            return self.numbers[chosen, None]
+        return (np.array(self.values, dtype=str)[chosen, None] == np.array(self.groups)).astype(np.float64)
+
+
+def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool = False) -> Column:
+    """Return a column of labels as covariate, where all its values are numbers, or as factor.
+
+    Parameters
+    ----------
+    name : str
+    values : sequence of str, length N
+    shapes : sequence of str, length N
+        Names, for sentences.
+    as_factor : bool
+        Numbers are names of groups.
+    """
+    known = np.array([value != "" for value in values], dtype=bool)
+    numbers = [_number(value) for value in values]
+    if not as_factor and known.any() and all(math.isfinite(numbers[at]) for at in np.flatnonzero(known)):
+        return Column(name=name, values=tuple(values), numbers=np.array(numbers), tested=known, sentences=())
+    kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
+    single = {*kinds[counts == 1].tolist()} - {""}
+    sentences = tuple(
+        f"{name}: the group {value} has one specimen ({shape}), which is not tested. Name its group as others are "
+        "named, or leave it out."
+        for shape, value in zip(shapes, values, strict=True)
+        if value in single
+    )
+    tested = known & ~np.isin(values, [*single])
+    return Column(name=name, values=tuple(values), numbers=None, tested=tested, sentences=sentences)
+
+
+def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the terms of a model, each the names that it multiplies, in order.
+
+    ``shape ~ size * sex`` is ``size``, ``sex``, ``size:sex``.
+
+    Raises
+    ------
+    InputError
+        If a name is none of the columns, or the model cannot be read.
+    """
+    terms: dict[tuple[str, ...], None] = {}
+    for part in re.sub(r"^\s*\w*\s*~", "", model).split("+"):
+        factors = [[name.strip() for name in product.split(":")] for product in part.split("*")]
+        names = [name for product in factors for name in product]
+        if not all(names):
+            raise InputError(f"model: {model!r} cannot be read; write it as in 'size + sex + age' or 'size * sex'")
+        check_known("model", {*names}, [SIZE_TERM, *columns])
+        if len(factors) > 2:
+            raise InputError(
+                f"model: {part.strip()!r} multiplies more than two terms; write 'a:b:c' for each of them"
+            )
+        terms |= dict.fromkeys(map(tuple, factors))
+        if len(factors) > 1:
+            terms[tuple(names)] = None
+    return tuple(terms)
+
+
+def model_terms(
+    terms: Sequence[tuple[str, ...]], columns: Mapping[str, Column], sizes: FloatArray
+) -> tuple[dict[str, FloatArray], BoolArray]:
+    """Return the design of each term, and the shapes (N,) that have a value in all columns of the model.
+
+    Parameters
+    ----------
+    terms : sequence of tuple of str
+        As :func:`parse_model` returns them.
+    columns : mapping of str to Column
+    sizes : ndarray, shape (N,)
+        Logarithms of centroid sizes.
+    """
+    used = {name for term in terms for name in term} - {SIZE_TERM}
+    chosen = np.all([np.ones(len(sizes), dtype=bool), *(columns[name].tested for name in used)], axis=0)
+    alone = {name: columns[name].design(chosen) for name in used} | {SIZE_TERM: sizes[chosen, None]}
+    designs = {}
+    for term in terms:
+        product = np.ones((int(chosen.sum()), 1))
+        for name in term:
+            product = (product[:, :, None] * alone[name][:, None, :]).reshape(len(product), -1)
+        designs[":".join(SIZE if name == SIZE_TERM else name for name in term)] = product
+    return designs, chosen
+
+
+def missing_sentence(what: str, names: Sequence[str], chosen: BoolArray) -> str:
+    """Return the sentence on the shapes that a model leaves out; empty where it takes all."""
+    absent = [name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts]
+    return f"{what}: {len(absent)} without a value that is tested do not count: {listed(absent)}." if absent else ""
+
+
+def _number(value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        return math.nan
