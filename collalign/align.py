@@ -13,7 +13,6 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.confidence.pose_model import pose_confidence
 from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
@@ -33,6 +32,7 @@ from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
+from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options, meant_option
 from data_tools.embedding.copies import find_copies
@@ -234,7 +234,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
 
 def _by_hand(run: Run, posed: Posed) -> dict[str, float]:
     """Return the shapes that a person posed, each with the confidence that the evidence alone gives to that pose."""
-    known = np.full(len(run.shapes.names), np.nan) if posed.trust is None else pose_confidence(posed.trust)
+    known = confidence_by_evidence(posed.trust, len(run.shapes.names))
     return {run.shapes.names[i]: float(known[i]) for i in sorted(run.constraints.by_hand)}
 
 

@@ -9,6 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.consistent_maps import position_of
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
@@ -34,6 +35,8 @@ class AlignedShape:
     reflected : bool
     confidence : float
         NaN where it is not known.
+    centroid_size : float
+        Of its corresponding points, in the unit of its file.
     part : int
         Shapes of different parts are not aligned with each other.
     alternatives : tuple of Alternative
@@ -45,6 +48,7 @@ class AlignedShape:
     transform: FloatArray
     reflected: bool
     confidence: float
+    centroid_size: float
     part: int
     alternatives: tuple[Alternative, ...]
 
@@ -97,6 +101,7 @@ class PosedShapes:
             transform=self.transforms[at],
             reflected=bool(self.reflected[at]),
             confidence=float(self.confidence[at]),
+            centroid_size=float(self.centroid_sizes[at]),
             part=int(self.part_numbers[at]),
             alternatives=self.alternatives[at],
         )
@@ -109,6 +114,11 @@ class PosedShapes:
     def scales(self) -> FloatArray:
         """Factor of each transform, shape (N,): common-frame length per unit of the file."""
         return scales_of(self.transforms)
+
+    @property
+    def centroid_sizes(self) -> FloatArray:
+        """Centroid size of each shape's landmarks, in the unit of its file, shape (N,); as exports and R have it."""
+        return centroid_sizes(self.landmarks)
 
     @property
     def rotations(self) -> FloatArray:

@@ -208,6 +208,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         collection.transforms,
         collection.reflected,
         collection.confidence,
+        collection.centroid_sizes,
         strict=True,
     )
     return {
@@ -226,11 +227,12 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
                 **_by_hand(collection, name),
+                "centroid_size": _number(size),
                 **_symmetry(collection.made.trust, i),
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),
             }
-            for i, (name, file, transform, reflected, confidence) in enumerate(shapes)
+            for i, (name, file, transform, reflected, confidence, size) in enumerate(shapes)
         ],
         "groups": [
             [collection.names[i] for i in np.flatnonzero(collection.part_numbers == part)]

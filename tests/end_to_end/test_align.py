@@ -380,6 +380,16 @@ def test_added_shapes_are_not_lost_when_the_first_command_runs_again(planted, tm
     assert main(command) == 0, "a shape whose file is gone is meant to go"
 
 
+def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
+    labels = tmp_path / "labels.csv"
+    labels.write_text("name,sex\nchair1,f\nnobody,m\n")
+    assert main(["align", str(folder), "--out", str(out), *FLAGS, "--no-report", "--labels", str(labels)]) == 0
+    notes = json.loads((out / "alignment.json").read_text())["notes"]
+    assert any("no shape is called 'nobody'" in note for note in notes)
+    assert main(["export", str(out), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
+    assert set(notes) <= set((tmp_path / "csv" / "notes.txt").read_text().splitlines())
+
+
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     command = ["align", str(folder), "--out", str(out), *FLAGS]
     shapes = json.loads((out / "alignment.json").read_text())["shapes"]

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign.analysis.procrustes import centroid_sizes
+
 PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
 
 
@@ -26,6 +28,13 @@ def has_r():
 pytestmark = pytest.mark.skipif(not has_r(), reason="Rscript with jsonlite is not installed")
 
 
+def transform(i):
+    """A scale of i + 1 with a reflection of the second shape."""
+    found = np.eye(4)
+    found[:3] = (i + 1) * np.array([[1, 0, 0, 3], [0, 0, -1, 4], [0, 1 - 2 * (i == 1), 0, 5]])
+    return found
+
+
 @pytest.fixture
 def out(tmp_path):
     rng = np.random.default_rng(0)
@@ -39,7 +48,7 @@ def out(tmp_path):
         {
             "name": str(name),
             "file": f"{name}.ply",
-            "transform": (np.arange(16.0).reshape(4, 4) + i).tolist(),
+            "transform": transform(i).tolist(),
             "reflected": i == 1,
             "confidence": [0.99, 0.5, None][i],
         }
@@ -54,14 +63,16 @@ def test_coordinates_are_in_the_order_of_the_labels(out):
     done = run_r(
         f'x <- read_collalign("{out}"); stopifnot(dim(x$coords) == c(5, 3, 3)); '
         f'write.csv(data.frame(as.vector(x$coords)), "{out}/coords.csv", row.names = FALSE); '
-        f'write.csv(data.frame(as.vector(x$transforms)), "{out}/transforms.csv", row.names = FALSE)'
+        f'write.csv(data.frame(as.vector(x$transforms)), "{out}/transforms.csv", row.names = FALSE); '
+        f'write.csv(data.frame(x$shapes$centroid_size), "{out}/sizes.csv", row.names = FALSE)'
     )
     assert done.returncode == 0, done.stderr
     with np.load(out / "correspondences.npz") as archive:
         rows = [p[np.argsort(order)] for p, order in zip(archive["positions"], archive["labels"], strict=True)]
-    expected = np.stack(rows, axis=2)
+    expected = np.stack([row / (i + 1) for i, row in enumerate(rows)], axis=2)  # sizes are those of the files
     assert np.allclose(column(out / "coords.csv"), expected.ravel(order="F"))
-    matrices = np.stack([np.arange(16.0).reshape(4, 4) + i for i in range(3)], axis=2)
+    assert np.allclose(column(out / "sizes.csv"), centroid_sizes(expected.transpose(2, 0, 1)))
+    matrices = np.stack([transform(i) for i in range(3)], axis=2)
     assert np.allclose(column(out / "transforms.csv"), matrices.ravel(order="F"))
 
 
@@ -91,7 +102,7 @@ def test_points_that_incomplete_shapes_lack_are_missing(out):
     assert done.returncode == 0, done.stderr
     expected = np.full((5, 3, 3), np.nan)
     for at, (order, points) in enumerate(zip(arrays["labels"], arrays["positions"], strict=True)):
-        expected[order[order >= 0], :, at] = points[order >= 0]
+        expected[order[order >= 0], :, at] = points[order >= 0] / (at + 1)
     np.testing.assert_allclose(column(out / "coords.csv"), expected.ravel(order="F"))
 
 

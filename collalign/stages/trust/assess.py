@@ -220,6 +220,11 @@ def _costs(
     return [found[i] + RESOLUTION if i in found else np.zeros((0, 0)) for i in range(len(samples))]
 
 
+def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:
+    """Return the confidence that evidence alone gives each of ``num`` poses, whoever set it; NaN where none is."""
+    return np.full(num, np.nan) if trust is None else pose_confidence(trust)
+
+
 def with_trust(
     solution: SynchronizationResult,
     trust: Trust,

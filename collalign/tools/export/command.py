@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from collalign.cli.help import Excluded, Flag
 from collalign.cli.talk import say_files, warn
 from collalign.output.evidence.loading import load
-from collalign.tools.export.run import FORMATS, Space, left_out_sentence
+from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 
 
@@ -19,7 +19,7 @@ def export(
     *,
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")],
     to: Path,
-    space: Space = "aligned",
+    space: Space | None = None,
     sources: Path | None = None,
     exclude: Excluded = (),
     include_doubtful: Flag = False,
@@ -35,7 +35,9 @@ def export(
     to
         Folder for the files.
     space
-        Coordinates: aligned, aligned in the units of the files, those of the files, or Procrustes superimposed.
+        Coordinates: aligned, aligned in the units of the files (unscaled), those of the files (raw), or Procrustes
+        superimposed. By default unscaled for tps, morphologika and csv, so that sides are alike and sizes kept, and
+        aligned for the others.
     sources
         Folder of the original files where they have moved.
     include_doubtful
@@ -44,7 +46,8 @@ def export(
     collection = load(result)
     who: dict[str, Any] = {"exclude": exclude, "include_doubtful": include_doubtful}
     paths = write_export(collection, format, to, space=space, sources=sources, **who)
-    if sentence := left_out_sentence(collection, format, space, **who):
-        warn(sentence)
+    space = usual_space(format) if space is None else space
+    for note in export_notes(collection, format, space, **who):
+        warn(note)
     say_files(paths)
     return 0

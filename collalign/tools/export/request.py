@@ -162,6 +162,39 @@ class ExportRequest:
         return path
 
 
+def coordinates_sentence(collection: Collection, space: Space) -> str:
+    """Say which coordinates a file for statistics has, whether sides are made alike, and what became of size."""
+    turned = f"{int(collection.reflected.sum())} of {len(collection)} specimens"
+    others = {
+        "raw": f"those of the files: {turned} are of the other side and stay so, which statistics would find as "
+        "shape. Leave --space raw away for statistics",
+        "unscaled": f"the common frame, in the unit of each file: {turned} are reflected, and centroid sizes are "
+        "kept. Use --space raw for the coordinates of the files",
+        "aligned": f"the common frame, where sizes are made alike: {turned} are reflected, and centroid sizes are in "
+        "the table of specimens",
+        "procrustes": f"superimposed at unit centroid size: {turned} are reflected, and centroid sizes are in the "
+        "table of specimens",
+    }
+    said = others[space]
+    if space == "raw" and not collection.reflected.any():
+        said = "those of the files"
+    if space == "aligned" and collection.options.scaling == "rigid":
+        said = others["unscaled"]
+    return f"Coordinates: {said}."
+
+
+def specimen_comment(*, space: Space, reflected: bool) -> str:
+    """Say in a few words which coordinates one specimen of a file has."""
+    frames = {
+        "raw": "coordinates of the file",
+        "unscaled": "common frame in the unit of the file",
+        "aligned": "common frame",
+        "procrustes": "superimposed",
+    }
+    side = "not reflected" if space == "raw" or not reflected else "reflected to the side of the others"
+    return f"{frames[space]}, {side}"
+
+
 def complete_labels(collection: Collection) -> BoolArray:
     """Labels that every shape has, shape (k,).
 

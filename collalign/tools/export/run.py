@@ -12,16 +12,16 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.report.shown import some_shapes
 from collalign.tools.export import itk, meshes, morphologika, shapeworks, slicer_json, tables, tps
-from collalign.tools.export.request import ExportRequest, Space
+from collalign.tools.export.request import ExportRequest, Space, coordinates_sentence
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
-from data_tools.io.files import system_reason
+from data_tools.io.files import system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.threads import one_blas_thread
 
-__all__ = ["FORMATS", "Space", "export", "left_out_sentence"]
+__all__ = ["FORMATS", "STATISTICS", "Space", "export", "export_notes", "usual_space"]
 
 #: Writer of each format.
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
@@ -36,6 +36,11 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
     "itk": itk.write,
 }
 
+#: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
+STATISTICS = ("morphologika", "tps", "csv")
+#: What a reader of an export must know, one sentence a line.
+NOTES_FILE = "notes.txt"
+
 
 @one_blas_thread()
 def export(
@@ -43,7 +48,7 @@ def export(
     format: str,
     to: Path | str,
     *,
-    space: Space = "aligned",
+    space: Space | None = None,
     sources: Path | str | None = None,
     semilandmarks: tuple[SemilandmarkRows, ...] = (),
     system: CoordinateSystem = "LPS",
@@ -61,8 +66,9 @@ def export(
     to : path
         Folder for the files, made if it does not exist; files of an earlier export are replaced, others are not.
     space : {"aligned", "unscaled", "raw", "procrustes"}
-        Coordinates of landmarks and meshes; see :class:`~collalign.tools.export.request.ExportRequest`. A
-        ShapeWorks project always holds raw and aligned coordinates.
+        Coordinates of landmarks and meshes; see :class:`~collalign.tools.export.request.ExportRequest`. By default
+        formats for statistics (:data:`STATISTICS`) get "unscaled", reflected and of the files' sizes, the others
+        "aligned". A ShapeWorks project always holds raw and aligned coordinates.
     sources : path, optional
         Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
     semilandmarks : tuple of SemilandmarkRows
@@ -79,6 +85,7 @@ def export(
     -------
     tuple of Path
         The files written; ``left_out.csv`` is among them where anything was computed of several shapes or excluded.
+        Beside them ``notes.txt`` says what a reader must know of the coordinates and of the alignment.
 
     Raises
     ------
@@ -90,6 +97,7 @@ def export(
         command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
+    space = usual_space(format) if space is None else space
     collection = collection if isinstance(collection, Collection) else load(collection)
     who = _who_counts(collection, exclude, include_doubtful)
     if space == "procrustes" and who.too_few(1):
@@ -115,17 +123,29 @@ def export(
             if exclude or _computes(format, space):
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
+            said = export_notes(collection, format, space, exclude=exclude, include_doubtful=include_doubtful)
+            notes = "".join(f"{note}\n" for note in said)
+            write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
             output.publish()
             return tuple(output.published(path) for path in staged)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({system_reason(error)})") from error
 
 
-def left_out_sentence(
-    collection: Collection, format: str, space: Space, *, exclude: Sequence[str] = (), include_doubtful: bool
-) -> str:
-    """Return whom an export leaves out of what it computes of several shapes; empty where that is nobody."""
-    return _who_counts(collection, exclude, include_doubtful).sentence if exclude or _computes(format, space) else ""
+def usual_space(format: str, otherwise: Space = "aligned") -> Space:
+    """Return the coordinates of a format where none are asked for: those that statistics need, or others."""
+    return "unscaled" if format in STATISTICS else otherwise
+
+
+def export_notes(
+    collection: Collection, format: str, space: Space, *, exclude: Sequence[str] = (), include_doubtful: bool = False
+) -> tuple[str, ...]:
+    """Return what a reader of an export must know, one sentence each, what the alignment said included."""
+    told = [coordinates_sentence(collection, space)] if format in STATISTICS else []
+    if exclude or _computes(format, space):
+        who = _who_counts(collection, exclude, include_doubtful)
+        told += [who.sentence] if who.left_out else []
+    return (*told, *collection.notes)
 
 
 def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful: bool) -> Members:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from collalign.analysis.procrustes import centroid_sizes
-from collalign.tools.export.request import ExportRequest, label_columns, member_columns
+from collalign.tools.export.request import ExportRequest, label_columns, member_columns, specimen_comment
 from data_tools.io.csv_cells import csv_text
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
@@ -58,9 +57,12 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "name": list(collection.names),
         "id": written,
         "file": list(collection.files),
-        "centroid_size": centroid_sizes(collection.landmarks).tolist(),
+        "centroid_size": collection.centroid_sizes.tolist(),
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
+        "coordinates": [
+            specimen_comment(space=request.space, reflected=side) for side in collection.reflected.tolist()
+        ],
         "group": collection.part_numbers.tolist(),
         **member_columns(request),
     }

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from collalign.analysis.procrustes import (
-    centroid_sizes,
     generalized_procrustes,
     principal_components,
     procrustes_distances,
@@ -72,7 +71,7 @@ def _shapes(request: ExportRequest) -> Table:
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "group": collection.part_numbers.tolist(),
-        "centroid_size": centroid_sizes(collection.landmarks).tolist(),
+        "centroid_size": collection.centroid_sizes.tolist(),
         "scale": collection.scales.tolist(),
         **member_columns(request),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},

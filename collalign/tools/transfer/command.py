@@ -16,7 +16,7 @@ from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
 from collalign.output.evidence.loading import load
-from collalign.tools.export.run import FORMATS, Space, left_out_sentence
+from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import left_out_summary, write_transfer
 from collalign.tools.transfer.landmarks_page import landmarks_page
@@ -35,8 +35,10 @@ class Written:
     ----------
     to : Path
         Folder for the landmarks of all shapes, transfer.csv with an error radius for each, and landmarks.html.
-    space : {"aligned", "unscaled", "raw", "procrustes"}
-        Coordinates of the files, of the common frame, these in the units of the files, or Procrustes superimposed.
+    space : {"aligned", "unscaled", "raw", "procrustes"}, optional
+        Coordinates of the files (raw), of the common frame (aligned), these in the units of the files (unscaled), or
+        Procrustes superimposed. By default unscaled for tps, morphologika and csv, so that sides are alike and sizes
+        kept, and raw for the others.
     leave_one_out : bool
         Predict every specimen that has landmarks from the others, and write and print how far off that is.
     include_doubtful : bool
@@ -46,7 +48,7 @@ class Written:
     to: Path
     format: Annotated[str, Parameter(help=f"One of {', '.join(FORMATS)}.")] = "slicer-json"
 
-    space: Space = "raw"
+    space: Space | None = None
     leave_one_out: Flag = False
     include_doubtful: Flag = False
 
@@ -89,19 +91,18 @@ def transfer(
         found = transfer_landmarks(result, given, semilandmarks=semilandmarks, run=run)
     page = landmarks_page(collection, found, result, written.to)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
+    space = usual_space(written.format, "raw") if written.space is None else written.space
     paths = write_export(
         collection,
         written.format,
         written.to,
-        space=written.space,
+        space=space,
         semilandmarks=found.semilandmarks,
         system=found.system,
         include_doubtful=written.include_doubtful,
     )
-    if sentence := left_out_sentence(
-        collection, written.format, written.space, include_doubtful=written.include_doubtful
-    ):
-        warn(sentence)
+    for note in export_notes(collection, written.format, space, include_doubtful=written.include_doubtful):
+        warn(note)
     say_files((*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out)))
     return _summarise(found, leave_one_out=written.leave_one_out)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import shlex
 from pathlib import Path
 
@@ -46,5 +47,7 @@ def landmarks_page(collection: Collection, found: TransferredLandmarks, result: 
     named = ", ".join(opener(found.names[at]) for at in doubted[:MAX_NAMED] if found.names[at] in shown.names)
     said = f"{len(found.names) - len(doubted)} of {len(found.names)} specimens have all {len(chosen)} landmarks."
     summary = f'<p class="verdict {"warn" if named else "plain"}">{said}{f" Look at: {named}." if named else ""}</p>'
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in dict.fromkeys((*found.notes, *collection.notes)))
+    summary += f'<ul class="notes">{notes}</ul>' if notes else ""
     version = str(collection.run.versions.get("collalign", ""))
     return render_page("Landmarks", summary, dict(json_types(document)), blobs, version=version)

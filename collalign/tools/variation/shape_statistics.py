@@ -29,8 +29,8 @@ from data_tools.odd_sizes import odd_ratios
 
 #: Fewest shapes of every group whose allometries are compared.
 _LEAST_FOR_SLOPES = 4
-_ANOVA_TABLE = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
-_PAIRS_TABLE = [
+_ANOVA_TABLE: list[object] = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
+_PAIRS_TABLE: list[object] = [
     *("column", "first", "second", "held_constant", "distance", "Z", "P", "P_Holm"),
     *("disparity_difference", "disparity_Z", "disparity_P", "disparity_P_Holm"),
     *("slope_angle_deg", "slope_difference", "slope_Z", "slope_P", "slope_P_Holm"),

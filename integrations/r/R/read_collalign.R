@@ -10,12 +10,14 @@ NAME_COLUMNS <- c("name", "shape", "specimen", "id", "file")
 #' @param labels Optional path of a CSV file with a column of the shapes' names, or their files', and further columns.
 #'   It is called \code{name}, \code{shape}, \code{specimen}, \code{id} or \code{file}, or is the first.
 #' @return A list of class \code{collalign}:
-#'   \item{coords}{p x 3 x n array of corresponding points in the common frame, as geomorph and Morpho take it;
+#'   \item{coords}{p x 3 x n array of corresponding points as geomorph and Morpho take it: turned, and where
+#'     \code{reflected} mirrored, to the common frame, in the unit of each file, so that size is kept;
 #'     points are named by their label, specimens by name; NA where an incomplete shape has no such point.}
-#'   \item{shapes}{data frame: \code{name}, \code{file}, \code{confidence}, \code{doubt}, \code{reflected}, \code{group}
+#'   \item{shapes}{data frame: \code{name}, \code{file}, \code{confidence}, \code{doubt}, \code{reflected}, \code{centroid_size}
+#'     (of \code{coords}, in the unit of each file, as in collalign's tables), \code{group}
 #'     (poses are comparable within a group), \code{incomplete}, and the columns of \code{labels}.}
 #'   \item{transforms}{4 x 4 x n array: file coordinates to the common frame.}
-#'   \item{consensus}{p x 3 mean points.}
+#'   \item{consensus}{p x 3 mean points in the common frame, where sizes are made alike.}
 #'   \item{notes}{What must be known before the poses are trusted.}
 #'   \item{excluded}{What was left out, and why.}
 #' @examples
@@ -32,12 +34,15 @@ read_collalign <- function(folder, labels = NULL) {
   if (!identical(shapes$name, arrays$names)) {
     stop(folder, ": alignment.json and correspondences.npz are of different runs", call. = FALSE)
   }
+  transforms <- transforms_of(record)
+  coords <- in_file_units(label_order(arrays$positions, arrays$labels, shapes$name), transforms)
+  shapes$centroid_size <- centroid_sizes(coords)
   if (!is.null(labels)) shapes <- with_labels(shapes, labels)
   structure(
     list(
-      coords = label_order(arrays$positions, arrays$labels, shapes$name),
+      coords = coords,
       shapes = shapes,
-      transforms = transforms_of(record),
+      transforms = transforms,
       consensus = arrays$consensus,
       notes = as.character(unlist(record$notes)),
       excluded = record$excluded
@@ -117,4 +122,18 @@ label_order <- function(positions, labels, names) {
     coords[labels[i, known] + 1, , i] <- positions[i, known, ]
   }
   coords
+}
+
+# The common frame may be scaled: each specimen's factor is taken out again, its rotation and reflection stay.
+in_file_units <- function(coords, transforms) {
+  scale <- apply(transforms[1:3, 1:3, , drop = FALSE], 3, function(linear) abs(det(linear))^(1 / 3))
+  sweep(coords, 3, scale, "/")
+}
+
+# Square root of the summed squared distances of a specimen's points from their centroid.
+centroid_sizes <- function(coords) {
+  unname(apply(coords, 3, function(points) {
+    known <- points[stats::complete.cases(points), , drop = FALSE]
+    sqrt(sum(sweep(known, 2, colMeans(known))^2))
+  }))
 }

@@ -12,7 +12,7 @@ import trimesh
 
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.incomplete import Incomplete
-from collalign.tools.export.run import FORMATS, export, left_out_sentence
+from collalign.tools.export.run import FORMATS, export, export_notes
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
 from data_tools.landmarks.landmark_tables import read_specimens
@@ -79,7 +79,7 @@ def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_t
 def test_morphologika(view, tmp_path):
     found = read_morphologika(export(view, "morphologika", tmp_path)[0])
     assert found.names == view.names
-    np.testing.assert_array_equal(found.points, view.aligned_landmarks)
+    np.testing.assert_allclose(found.points, view.aligned_landmarks / view.scales[:, None, None], atol=1e-12)
     assert found.labels == ("taxon", "side")
     assert found.label_values[1] == ("taxon_B", "left")
 
@@ -97,14 +97,47 @@ def test_morphologika_survives_specimens_called_like_its_sections(view, tmp_path
 def test_tables_of_landmarks_are_read_again(view, tmp_path, format):
     found = read_specimens(export(view, format, tmp_path)[0])
     assert tuple(found) == view.names
-    np.testing.assert_array_equal([marks.points for marks in found.values()], view.aligned_landmarks)
+    sized = view.aligned_landmarks / view.scales[:, None, None]
+    np.testing.assert_allclose([marks.points for marks in found.values()], sized, atol=1e-12)
+
+
+def test_formats_for_statistics_are_reflected_keep_size_and_say_so(view, tmp_path):
+    assert 0 < view.reflected.sum() < 6
+    found = [marks.points for marks in read_specimens(export(view, "tps", tmp_path / "tps")[0]).values()]
+    np.testing.assert_allclose(centroid_sizes(np.array(found)), view.centroid_sizes, rtol=1e-12)
+    assert [handedness(*pair) < 0 for pair in zip(view.landmarks, found, strict=True)] == view.reflected.tolist()
+    comments = [line for line in (tmp_path / "tps" / "landmarks.tps").read_text().splitlines() if "COMMENT" in line]
+    assert ["not" not in line for line in comments] == view.reflected.tolist()
+    table = rows(tmp_path / "tps" / "specimens.csv")
+    assert [row["coordinates"] for row in table] == [line.removeprefix("COMMENT=") for line in comments]
+    assert [float(row["centroid_size"]) for row in table] == view.centroid_sizes.tolist()
+    noted = (tmp_path / "tps" / "notes.txt").read_text()
+    assert f"{int(view.reflected.sum())} of 6 specimens are reflected, and centroid sizes are kept" in noted
+    raw = read_specimens(export(view, "tps", tmp_path / "raw", space="raw")[0])
+    np.testing.assert_array_equal([marks.points for marks in raw.values()], view.landmarks)
+    assert "which statistics would find as shape" in (tmp_path / "raw" / "notes.txt").read_text()
+
+
+def handedness(points, moved):
+    """Sign of the linear map that takes points to where they were moved."""
+    known = np.isfinite(points).all(axis=1)
+    points, moved = (one[known] - one[known].mean(axis=0) for one in (points, moved))
+    return np.linalg.det(np.linalg.lstsq(points, moved, rcond=None)[0])
+
+
+def test_what_the_alignment_said_is_repeated(view, tmp_path):
+    noted = dataclasses.replace(view, notes=("Much larger than the median shape, perhaps in another unit: b.",))
+    for format in ("csv", "itk"):
+        export(noted, format, tmp_path / format)
+        assert noted.notes[0] in (tmp_path / format / "notes.txt").read_text()
 
 
 def test_tps_by_ktch(view, tmp_path):
     ktch_io = pytest.importorskip("ktch.io", reason="ktch is not installed")
     found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
     assert [specimen.specimen_name for specimen in found] == list(view.names)
-    np.testing.assert_array_equal([specimen.to_numpy() for specimen in found], view.aligned_landmarks)
+    sized = view.aligned_landmarks / view.scales[:, None, None]
+    np.testing.assert_allclose([specimen.to_numpy() for specimen in found], sized, atol=1e-12)
 
 
 def test_slicer_json(view, tmp_path):
@@ -237,7 +270,7 @@ def test_csv_tables(view, tmp_path):
     consensus = rows(files["consensus.csv"])
     sure = [0, 2, 3, 4, 5]
     assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.landmarks[sure, :, 0])).sum(axis=0).tolist()
-    mean = np.nanmean(view.aligned_landmarks[sure, 2], axis=0)
+    mean = np.nanmean(view.aligned_landmarks[sure, 2] / view.scales[sure, None], axis=0)
     np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
     coordinates = rows(files["procrustes_coordinates.csv"])
     assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), "the fourth is missing on the doubtful shape"
@@ -262,7 +295,9 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
         export(moved, "csv", tmp_path / to)
         export(moved, "tps", tmp_path / to / "superimposed", space="procrustes")
         tables[to] = {path.name: path.read_text() for path in (tmp_path / to).rglob("[!m]*.*") if path.is_file()}
-    assert {name for name in tables["a"] if tables["a"][name] != tables["b"][name]} == {"shapes.csv", "landmarks.csv"}
+    assert {name for name in tables["a"] if tables["a"][name] != tables["b"][name]} == {
+        *("shapes.csv", "landmarks.csv", "notes.txt")  # which says how many are reflected
+    }
     for name in ("procrustes_distances.csv", "landmarks.tps", "principal_components.csv"):
         assert [view.names[at] for at in range(6) if view.names[at] not in tables["a"][name]] == [
             view.names[at] for at in out
@@ -306,8 +341,8 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
         export(view, format, tmp_path / format, exclude=[out])
         assert [row["name"] for row in csv.DictReader((tmp_path / format / table).open())] == others
         assert f"{out},excluded by name" in (tmp_path / format / "left_out.csv").read_text().splitlines()
-    assert out in left_out_sentence(view, "tps", "raw", exclude=[out], include_doubtful=False)
-    assert not left_out_sentence(view, "tps", "raw", include_doubtful=False)
+    assert any(out in note for note in export_notes(view, "tps", "raw", exclude=[out]))
+    assert not any(out in note for note in export_notes(view, "tps", "raw"))
     with pytest.raises(InputError, match="nobody"):
         export(view, "tps", tmp_path, exclude=["nobody"])
 
