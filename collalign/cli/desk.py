@@ -21,6 +21,7 @@ from collalign.output.again import option_words, shape_words
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
+from collalign.output.moved_files import missing_files
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
 from data_tools.checks import check_known
@@ -39,12 +40,13 @@ _GIVEN, _TEMPLATES = "given", "templates"
 #: The command, in the manifest of that folder.
 _WRITER = "open"
 _DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
+_SOURCES_FILE = "sources.txt"
 
 
 class Desk:
     """A result, or a folder of shapes that will have one beside it; nothing else is read or written."""
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, sources: Path | None = None) -> None:
         self._shapes, self.out = resolved(place), resolved(place)
         if not (place / ALIGNMENT_FILE).is_file():
             read_folder(place)
@@ -52,6 +54,8 @@ class Desk:
         self._process: Popen[str] | None = None
         self._starting, self._keeping = Lock(), Lock()
         self._command, self._lines = "", deque[str](maxlen=500)
+        if sources is not None:
+            self.put(_SOURCES_FILE, str(resolved(sources)).encode("utf-8", "surrogateescape"))
 
     def state(self) -> dict[str, Any]:
         """Return shapes, pages, formats and files that were given; JSON types only."""
@@ -65,13 +69,13 @@ class Desk:
         }
         if not (self.out / ALIGNMENT_FILE).is_file():
             return state
-        collection = load(self.out)
-        left_out, incomplete = shape_words(collection)[1], _incomplete(collection)
+        collection = self._load()
+        left_out, incomplete = _left_out(collection), _incomplete(collection)
         shapes = [
             {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
             for name in (*collection.names, *left_out)
         ]
-        return state | {"shapes": shapes, "byHand": [*collection.by_hand]}
+        return state | {"shapes": shapes, "byHand": [*collection.by_hand], "missing": missing_files(collection.files)}
 
     def page(self, name: str) -> Path | None:
         """Return the file of a page, None if it is none of ours or leads out of the result."""
@@ -81,15 +85,24 @@ class Desk:
         return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
 
     def put(self, name: str, content: bytes) -> None:
-        """Keep decisions, labels, or landmarks, which become templates; an ``InputError`` says what is wrong."""
-        names = load(self.out).names
-        folders = [] if name in (_DECISIONS_FILE, _LABELS_FILE) else [_TEMPLATES]
+        """Keep decisions, labels, where the files are now, or landmarks, which become templates.
+
+        Raises
+        ------
+        InputError
+            Saying what is wrong with the content.
+        """
+        collection = load(self.out)
+        names = collection.names
+        folders = [] if name in (_DECISIONS_FILE, _LABELS_FILE, _SOURCES_FILE) else [_TEMPLATES]
 
         def check(staged: Path) -> None:
             if name == _DECISIONS_FILE:
                 fixed_by([read_corrections(staged)], names)
             elif name == _LABELS_FILE:
                 read_labels(staged)
+            elif name == _SOURCES_FILE:
+                collection.with_sources(_folder_in(content))
             elif others := sorted({*read_templates([staged], names)} - {*names}):
                 raise InputError(f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape")
 
@@ -100,9 +113,8 @@ class Desk:
         out = str(self.out)
         if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
             return ["align", str(self._shapes), f"--out={out}"]
-        collection = load(self.out)
-        places, left_out = shape_words(collection)
-        names = {*collection.names, *left_out}
+        collection = self._load()
+        names = {*collection.names, *_left_out(collection)}
         for key in ("exclude", "incomplete"):
             check_known(key, asked.get(key) or (), names)
         exclude = asked.get("exclude") or ()
@@ -113,16 +125,24 @@ class Desk:
             is_usual = usual in (ALL, AUTO, NEVER) and told == _incomplete(collection)
             incomplete = usual if is_usual else ",".join(sorted(told)) or NEVER
             options = option_words(replace(collection.options, incomplete=incomplete))
-            words = [*places, f"--out={out}", *options, *self._labels(collection)]
+            words = [*shape_words(collection)[0], f"--out={out}", *options, *self._labels(collection)]
             words += [f"--corrections={decisions}"] if decisions.is_file() else []
             return ["align", *words, *(f"--exclude={name}" for name in exclude)]
         if task == "variation":
-            return ["variation", out, *self._labels(collection), *counted]
+            return ["variation", out, *self._labels(collection), *counted, *self._sources()]
         if task == "transfer":
-            return ["transfer", out, "--landmarks", *self._templates(collection), f"--to={out}/landmarks"]
+            return [
+                "transfer",
+                out,
+                "--landmarks",
+                *self._templates(collection),
+                f"--to={out}/landmarks",
+                *self._sources(),
+            ]
         if task != "export" or asked.get("format") not in FORMATS:
             raise InputError(f"{task}: there is no such command or format here")
-        return ["export", out, f"--format={asked['format']}", f"--to={out}/export-{asked['format']}", *counted]
+        to = f"--to={out}/export-{asked['format']}"
+        return ["export", out, f"--format={asked['format']}", to, *counted, *self._sources()]
 
     def start(self, task: str, asked: Mapping[str, Any]) -> None:
         """Run the command of :meth:`words` in a process of its own, one at a time."""
@@ -162,6 +182,16 @@ class Desk:
                 check(staged)
             given.publish()
 
+    def _load(self) -> Collection:
+        """Return the result, its files where they are now."""
+        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
+        return load(self.out, sources=_folder_in(given.read_bytes()) if given.is_file() else None)
+
+    def _sources(self) -> list[str]:
+        """Return the option that says where the files are now, if that was said."""
+        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
+        return [f"--sources={_folder_in(given.read_bytes())}"] if given.is_file() else []
+
     def _labels(self, collection: Collection) -> list[str]:
         """Return the option of labels that were given in the browser or with an earlier command."""
         path = output_path(self.out, _GIVEN, _LABELS_FILE)
@@ -181,6 +211,19 @@ class Desk:
         if not chosen:
             raise InputError(f"give landmarks of a specimen first ({READABLE}), called like its file")
         return [str(file) for file in chosen]
+
+
+def _folder_in(content: bytes) -> Path:
+    """Return the folder that a page, or an earlier page, gave."""
+    return Path(content.decode("utf-8", "surrogateescape").strip()).expanduser()
+
+
+def _left_out(collection: Collection) -> list[str]:
+    """Return the names of the shapes beside the others that were left out; none where the files are not known."""
+    try:
+        return shape_words(collection)[1]
+    except InputError:
+        return []
 
 
 def _incomplete(collection: Collection) -> set[str]:

@@ -22,7 +22,7 @@ _PAGE_POLICY = f"{_INLINE}; connect-src 'self'; frame-src 'self'; frame-ancestor
 _RESULT_POLICY = f"{_INLINE}; sandbox allow-scripts allow-downloads; frame-ancestors 'self'; form-action 'none'"
 
 
-def open_app(place: Path) -> int:
+def open_app(place: Path, *, sources: Path | None = None) -> int:
     """Open a result in the browser: correct poses and landmarks, run again, transfer, compare, export.
 
     Every button runs a command of this command line and shows it. Needs the extra ``app``; Ctrl-C ends.
@@ -31,8 +31,10 @@ def open_app(place: Path) -> int:
     ----------
     place
         Folder that ``collalign align`` wrote, or a folder of shapes, which the page offers to align.
+    sources
+        Folder of the original files where they have moved; the page asks for it as well.
     """
-    desk = Desk(place)
+    desk = Desk(place, sources)
     with served(desk) as server:
         say(f"{server.address}\nThis machine alone can open it. Ctrl-C ends.")
         webbrowser.open(server.address)

@@ -10,13 +10,13 @@ from typing import Any, overload
 import numpy as np
 
 from collalign.analysis.procrustes import centroid_sizes
+from collalign.output.moved_files import is_there
 from collalign.products.consistent_maps import position_of
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed
-from data_tools.io.listing import parts_of
 from data_tools.io.source import inputs_of
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
@@ -154,11 +154,16 @@ class PosedShapes:
         Raises
         ------
         InputError
-            If the shape came from memory.
+            If the shape came from memory, or its file is not there any more.
         """
         if not self.files[at]:
             raise InputError(
                 f"{self.names[at]}: came from memory, not from a file; save the shapes as files and align these"
+            )
+        if not is_there(self.files[at]):
+            raise UnavailableError(
+                f"{self.files[at]}: a shape of the collection is not there any more. If the files have moved, say "
+                "where they are now (--sources FOLDER)"
             )
         return Path(self.files[at])
 
@@ -180,13 +185,7 @@ class PosedShapes:
                 f"{self.folder}: was aligned with {' and '.join(sorted(given))} of the caller's own, which a "
                 "result does not keep; align all shapes again, with them"
             )
-        files = tuple(self.file(at) for at in range(len(self)))
-        for file in files:
-            if not (file.is_file() or parts_of(file)):
-                raise InputError(
-                    f"{file}: a shape of the collection is not there any more; put it back and try again"
-                )
-        return files
+        return tuple(self.file(at) for at in range(len(self)))
 
 
 def trimesh_of(shape: Shape) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +15,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from collalign.output.aligned_shape import PosedShapes, trimesh_of
 from collalign.output.contact_sheet import contact_sheet, tile_of
+from collalign.output.moved_files import find_files
 from collalign.output.vertex_maps import load_vertex_maps
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.deformation import VertexMaps
@@ -161,6 +162,16 @@ class Collection(PosedShapes):
         from collalign.output.notebook import open_report  # which takes a collection
 
         return open_report(self)
+
+    def with_sources(self, folder: str | Path) -> Collection:
+        """Return the same result with the original files in another folder, where they are looked for by name.
+
+        Raises
+        ------
+        InputError
+            If the folder holds none of them, or one file would stand for two shapes.
+        """
+        return replace(self, files=find_files(self.names, self.files, folder))
 
     @cached_property
     def vertex_maps(self) -> VertexMaps:

@@ -40,12 +40,14 @@ from data_tools.threads import one_blas_thread
 
 
 @one_blas_thread()
-def load(folder: Path | str) -> Collection:
+def load(folder: Path | str, *, sources: Path | str | None = None) -> Collection:
     """Read the result that ``collalign align`` or :meth:`Collection.save` wrote.
 
     Parameters
     ----------
     folder : str or Path
+    sources : str or Path, optional
+        Folder that holds the original files now, where they have moved.
 
     Returns
     -------
@@ -54,7 +56,7 @@ def load(folder: Path | str) -> Collection:
     Raises
     ------
     InputError
-        If the folder holds no result, or one that is damaged or of another version.
+        If the folder holds no result, or one that is damaged or of another version, or ``sources`` none of its files.
 
     Examples
     --------
@@ -73,17 +75,18 @@ def load(folder: Path | str) -> Collection:
         )
     with _told(path):
         data = load_arrays(read_source(path).content, path.name)
-        found = int(data["version"])
-    if found != EVIDENCE_VERSION:
+        format = int(data["version"])
+    if format != EVIDENCE_VERSION:
         raise InputError(
-            f"{path}: written in format {found}, but this version reads {EVIDENCE_VERSION}; "
+            f"{path}: written in format {format}, but this version reads {EVIDENCE_VERSION}; "
             "run `collalign align` again"
         )
     with _told(beside):
         content = load_arrays(read_source(beside).content, beside.name)
         correspondences = _correspondences(content, tuple(json.loads(data["text"].tobytes())["names"]))
     with _told(path):
-        return _collection(data, correspondences, Path(folder))
+        found = _collection(data, correspondences, Path(folder))
+    return found if sources is None else found.with_sources(sources)
 
 
 @contextmanager

@@ -35,6 +35,7 @@ def dense_correspondence(
     result: str | Path,
     *,
     leave_out: Iterable[str] = (),
+    sources: str | Path | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> DenseCorrespondence:
@@ -52,6 +53,8 @@ def dense_correspondence(
         other, only the largest is registered.
     leave_out : collection of str
         Names of shapes that neither count in the mean nor are registered.
+    sources : path, optional
+        Folder that holds the original files now, where they have moved.
     run : RunOptions, optional
         With a store, finished registrations are kept.
     progress : bool or callable
@@ -77,7 +80,7 @@ def dense_correspondence(
     >>> dense.vertices.shape == (3, *dense.mean.shape)
     True
     """
-    collection = load(result)
+    collection = load(result, sources=sources)
     members = [at for at in main_part(collection).tolist() if collection.names[at] not in leave_out]
     files = [
         PosedFile(

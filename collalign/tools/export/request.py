@@ -17,8 +17,6 @@ from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
-from data_tools.io.files import composed
-from data_tools.io.listing import READERS, parts_of
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import SemilandmarkRows
@@ -43,8 +41,6 @@ class ExportRequest:
     space : {"aligned", "unscaled", "raw", "procrustes"}
         Coordinates of landmarks and meshes: the common frame; the common frame with every shape in its file's unit;
         the file's own; superimposed on the generalised Procrustes mean (landmarks only).
-    sources : Path or None
-        Folder in which the original files are looked for by name, where they have moved.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves and patches; Procrustes coordinates, which leave out some, know none.
     system : {"LPS", "RAS"}
@@ -55,7 +51,6 @@ class ExportRequest:
     folder: Path
     who: Members
     space: Space = "aligned"
-    sources: Path | None = None
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
     system: CoordinateSystem = "LPS"
 
@@ -130,23 +125,7 @@ class ExportRequest:
         InputError
             If it is no longer there.
         """
-        name, listed = self.collection.names[at], self.collection.files[at]
-        if self.sources is None:
-            path = self.collection.file(at)
-        elif listed:
-            path = self.sources / Path(listed).name
-        else:  # a shape that came from memory, saved under its name
-            found = [
-                file
-                for file in self.sources.glob("*")
-                if composed(file.stem) == name and file.suffix.lower() in READERS
-            ]
-            path = found[0] if found else self.sources / f"{name}.ply"
-        if not (path.is_file() or parts_of(path)):
-            raise InputError(
-                f"{path}: this file was aligned but is no longer there. "
-                "Put it back, or name the folder that holds the original files now"
-            )
+        path = self.collection.file(at)
         return read_shape(path, CleaningOptions(largest_component=False), name=self.collection.names[at])
 
     def path(self, name: str) -> Path:

@@ -99,22 +99,21 @@ def export(
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
     collection = collection if isinstance(collection, Collection) else load(collection)
+    collection = collection if sources is None else collection.with_sources(sources)
     who = _who_counts(collection, exclude, include_doubtful)
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
     left_out = {collection.index(name) for name in exclude}
     written = [at for at in range(len(collection)) if at not in left_out]
-    read = {*collection.inputs, *([Path(sources)] if sources else [])}
     try:
-        with OutputFolder.open(folder, writer=f"export {format}", inputs=read) as output:
+        with OutputFolder.open(folder, writer=f"export {format}", inputs=collection.inputs) as output:
             request = ExportRequest(
                 system=system,
                 collection=some_shapes(collection, np.array(written, dtype=np.int64)) if exclude else collection,
                 folder=output.staging,
                 who=who,
                 space=space,
-                sources=Path(sources) if sources else None,
                 semilandmarks=semilandmarks if space != "procrustes" else (),
             )
             if space == "procrustes":

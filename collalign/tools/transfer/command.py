@@ -70,6 +70,7 @@ def transfer(
     semilandmarks: Annotated[
         SemilandmarkRequest, Parameter(name="*", consume_multiple=True, negative=())
     ] = SemilandmarkRequest(),  # noqa: B008
+    sources: Path | None = None,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Carry landmarks from the specimens that have them to all others.
@@ -78,8 +79,10 @@ def transfer(
     ----------
     result
         Folder that ``collalign align`` wrote.
+    sources
+        Folder of the original files where they have moved.
     """
-    collection = load(result)
+    collection = load(result, sources=sources)
     beside = (*semilandmarks.curves, *semilandmarks.patches)
     refuse_overlap(written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))})
     given = read_templates(landmarks, collection.names)
@@ -88,7 +91,7 @@ def transfer(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )
     with resumable(run, result) as run:
-        found = transfer_landmarks(result, given, semilandmarks=semilandmarks, run=run)
+        found = transfer_landmarks(result, given, semilandmarks=semilandmarks, sources=sources, run=run)
     page = landmarks_page(collection, found, result, written.to)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     space = usual_space(written.format, "raw") if written.space is None else written.space

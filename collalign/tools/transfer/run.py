@@ -64,6 +64,7 @@ def transfer_landmarks(
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
     *,
     semilandmarks: SemilandmarkRequest | Mapping[str, Any] | None = None,
+    sources: str | Path | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
     **keywords: Unpack[SemilandmarkKeywords],
@@ -80,6 +81,8 @@ def transfer_landmarks(
         specimens.
         Markups of the type Curve and ClosedCurve are curves of semilandmarks.
     semilandmarks : SemilandmarkRequest or mapping, optional
+    sources : path, optional
+        Folder that holds the original files now, where they have moved.
     run : RunOptions, optional
     progress : bool or callable
         As in :func:`collalign.align_collection`.
@@ -110,7 +113,7 @@ def transfer_landmarks(
     ...     collalign.transfer_landmarks(folder + "/result", marks, progress=False).status[1]
     ('carried over',)
     """
-    collection = load(result)
+    collection = load(result, sources=sources)
     wanted = as_options("semilandmarks", semilandmarks, SemilandmarkRequest, keywords)
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
     given = {composed(name): marks for name, marks in with_semilandmarks(given, wanted, collection.names).items()}
@@ -119,7 +122,7 @@ def transfer_landmarks(
     placed, notes, system = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
-    dense = dense_correspondence(result, run=run, progress=progress)
+    dense = dense_correspondence(result, sources=sources, run=run, progress=progress)
     found = _Transfer(collection, dense, table).run(wanted.surface_points)
     return replace(found, notes=(*notes, *table.notes), system=system)
 

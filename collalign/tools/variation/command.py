@@ -39,6 +39,7 @@ def variation(
     tests: Annotated[ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())] = ShapeTestOptions(),  # noqa: B008
     exclude: Excluded = (),
     include_doubtful: Flag = False,
+    sources: Path | None = None,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Show how the surfaces of a result vary: principal components, groups, every specimen against the mean.
@@ -59,6 +60,8 @@ def variation(
         Column of the labels that says whom each shape belongs to, where individuals were measured several times.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
+    sources
+        Folder of the original files where they have moved.
     """
     collection = load(result)
     columns = None if labels is None else read_labels(labels).columns_for(collection.names)
@@ -78,6 +81,7 @@ def variation(
             individuals=owners,
             exclude=exclude,
             include_doubtful=include_doubtful,
+            sources=sources,
             run=run,
         )
     for note in found.notes:

@@ -53,6 +53,7 @@ def write_surface_variation(
     individuals: Sequence[str] | None = None,
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
+    sources: str | Path | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
 ) -> SurfaceVariation:
@@ -80,6 +81,8 @@ def write_surface_variation(
         Names of shapes that do not count.
     include_doubtful : bool
         Let shapes whose pose is in doubt count as well. Incomplete ones cannot: not all their places are known.
+    sources : path, optional
+        Folder that holds the original files now, where they have moved.
     run : RunOptions, optional
         With a store, finished registrations are kept.
     progress : bool or callable
@@ -110,7 +113,7 @@ def write_surface_variation(
     >>> found.components.scores.shape
     (3, 2)
     """
-    collection, asked = load(result), as_options("tests", tests, ShapeTestOptions)
+    collection, asked = load(result, sources=sources), as_options("tests", tests, ShapeTestOptions)
     labelled, dropped = _labelled(collection, labels)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
@@ -118,7 +121,7 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    dense = dense_correspondence(result, leave_out=names, run=run, progress=progress)
+    dense = dense_correspondence(result, leave_out=names, sources=sources, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
     found = surface_variation(dense.names, dense.faces, vertices)

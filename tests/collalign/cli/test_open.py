@@ -205,6 +205,28 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
     assert list(out.glob("export-*/*"))
 
 
+def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
+    out = finished_run(tmp_path, chairs(3), collalign.AlignOptions(refine=False), report=True)
+    now = (tmp_path / "shapes").rename(tmp_path / "now")
+    with shown(browser, out) as (opened, frame):
+        page = opened.page
+        page.locator("#lost", has_text="3 of 3 files are not where they were").wait_for()
+        assert page.locator("#again").is_disabled()
+        frame("align").locator(".tile").first.wait_for()
+        page.locator("#where").fill(str(tmp_path))
+        page.get_by_role("button", name="They are here").click()
+        page.locator("#said", has_text="holds none of the files").wait_for()
+        page.locator("#where").fill(str(now))
+        page.get_by_role("button", name="They are here").click()
+        page.locator("#said", has_text="All files are found").wait_for()
+        assert page.locator("#moved").is_hidden()
+        assert page.locator("#again").is_enabled()
+    desk = Desk(out)
+    assert desk.words("align", {})[1] == str(now)
+    assert f"--sources={now}" in desk.words("export", {"format": "ply"})
+    assert Desk(out, sources=now).state()["missing"] == []
+
+
 def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path):
     write_collection(tmp_path / "shapes", chairs(5))
     with shown(browser, tmp_path / "shapes") as (opened, _):

@@ -1,0 +1,55 @@
+"""Original files that are not where they were aligned are found by their names, or asked for."""
+
+import dataclasses
+import shutil
+
+import pytest
+
+import collalign
+from collalign.cli import main
+from collalign.output.moved_files import find_files, missing_files
+from data_tools.errors import InputError, UnavailableError
+from tests.finished_runs import chairs, finished_run
+
+
+def touched(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("0 0 0\n")
+    return folder
+
+
+def test_files_are_found_by_name_and_by_their_own_folders(tmp_path):
+    now = touched(tmp_path / "now", "left/a.xyz", "right/a.xyz", "b.xyz", "saved.ply")
+    names, files = ("l", "r", "b", "saved"), ("/old/left/a.xyz", r"C:\old\right\a.xyz", "/old/b.xyz", "")
+    found = find_files(names, files, now)
+    assert found == tuple(str(now / one) for one in ("left/a.xyz", "right/a.xyz", "b.xyz", "saved.ply"))
+    assert missing_files(files) == list(files[:3])
+    assert missing_files(found) == []
+
+
+def test_a_folder_without_the_files_or_with_one_for_two_is_refused(tmp_path):
+    now = touched(tmp_path / "now", "a.xyz")
+    with pytest.raises(InputError, match=r"holds none of the files that were aligned \(c.xyz\)"):
+        find_files(("c",), ("/old/c.xyz",), now)
+    with pytest.raises(InputError, match="would stand for several shapes"):
+        find_files(("l", "r"), ("/old/left/a.xyz", "/old/right/a.xyz"), now)
+    assert find_files(("a", "c"), ("/old/a.xyz", "/old/c.xyz"), now) == (str(now / "a.xyz"), "/old/c.xyz")
+
+
+def test_commands_go_on_with_the_files_where_they_are_now(tmp_path, capsys):
+    out = finished_run(tmp_path, chairs(3), collalign.AlignOptions(refine=False))
+    shutil.move(tmp_path / "shapes", tmp_path / "now")
+    assert main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0  # needs no original
+    words = ["export", str(out), "--format", "ply", "--to", str(tmp_path / "ply")]
+    assert main(words) == 2
+    assert "say where they are now (--sources FOLDER)" in "".join(capsys.readouterr())
+    assert main([*words, "--sources", str(tmp_path / "now")]) == 0
+    assert main(["variation", str(out), "--sources", str(tmp_path / "now"), "--jobs", "1"]) == 0
+    with pytest.raises(UnavailableError, match="not there any more"):
+        collalign.dense_correspondence(out, progress=False)
+    with pytest.raises(InputError, match="holds none"):
+        collalign.load(out, sources=tmp_path / "tps")
+    moved = collalign.load(out, sources=tmp_path / "now")
+    assert moved.source_files() == tuple(tmp_path / "now" / f"{name}.ply" for name in moved.names)
+    assert dataclasses.replace(moved, files=("",) * 3).with_sources(tmp_path / "now").files == moved.files
