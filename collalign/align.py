@@ -13,6 +13,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from collalign.engine.command_line import COMMAND, now
 from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.layout import FINISHED
@@ -218,6 +219,8 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
             num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, posed.pairs),
             skipped=skipped,
+            command=COMMAND.get(),
+            date=now(),
         ),
         cycle_errors_deg=read_only(cycle_errors_deg(posed.pairs, len(samples))),
         fresh=Made(

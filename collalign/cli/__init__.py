@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
 from collalign.cli.talk import end, speak, talking, tell
+from collalign.engine.command_line import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable
 from data_tools.io.files import system_reason
@@ -87,7 +89,11 @@ def _launch(
     """
     speak(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
-    return app(tokens, exit_on_error=False)
+    running = COMMAND.set(shlex.join(["collalign", *tokens]))
+    try:
+        return app(tokens, exit_on_error=False)
+    finally:
+        COMMAND.reset(running)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from collalign.cli.help import Flag
 from collalign.cli.interruption import INCOMPLETE, UNFINISHED
 from collalign.cli.talk import say, tell
 from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
+from collalign.output.evidence.loading import load
+from collalign.output.methods import methods_paragraph
 from data_tools.errors import StoreError, printable
 
 
-def status(result: Path) -> int:
+def status(result: Path, *, cite: Flag = False) -> int:
     """Say how much of a run is done, failed and left; exit with 0 finished, 3 with something left out, 5 unfinished.
 
     Parameters
     ----------
     result
         The output folder of the run, or its store file where ``--store`` named another.
+    cite
+        Print instead a paragraph for the methods section, with figures and references.
     """
+    if cite:
+        paragraph = methods_paragraph(load(result))
+        say(paragraph)
+        tell(methods=paragraph)
+        return 0
     store = _store_of(result)
     with Store.open(store, read_only=True) as opened:
         counts, notes = opened.status(), opened.notes()

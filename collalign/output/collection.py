@@ -238,6 +238,12 @@ class Collection(PosedShapes):
             num_jobs = 1 if run is None else run.num_workers
             return save_collection(self, output, report=report, labels=labels, num_jobs=num_jobs)
 
+    def methods(self) -> str:
+        """Return a paragraph for the methods section of a paper, with figures of this result, and its references."""
+        from collalign.output.methods import methods_paragraph  # which takes a collection
+
+        return methods_paragraph(self)
+
     def posed_file(self, at: int) -> PosedFile:
         """Return what a worker needs to read a shape of this run."""
         return PosedFile(

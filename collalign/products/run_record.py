@@ -31,6 +31,10 @@ class RunRecord:
     known : tuple of str
         Files that were to be added and whose content the collection has already, each with the shape that has it;
         none where the result was loaded.
+    command : str
+        The command line; empty where Python called.
+    date : str
+        When it ended, in UTC.
     """
 
     times_s: dict[str, float] = field(default_factory=dict)
@@ -38,6 +42,8 @@ class RunRecord:
     num_reused: int = 0
     skipped: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
+    command: str = ""
+    date: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

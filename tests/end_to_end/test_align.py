@@ -387,7 +387,7 @@ def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
     notes = json.loads((out / "alignment.json").read_text())["notes"]
     assert any("no shape is called 'nobody'" in note for note in notes)
     assert main(["export", str(out), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
-    assert set(notes) <= set((tmp_path / "csv" / "notes.txt").read_text().splitlines())
+    assert set(notes) <= set((tmp_path / "csv" / "notes-csv.txt").read_text().splitlines())
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):

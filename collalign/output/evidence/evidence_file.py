@@ -49,6 +49,8 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
         "options": options,
         "versions": collection.run.versions,
         "timings_s": collection.run.times_s,
+        "command": collection.run.command,
+        "date": collection.run.date,
         "notes": collection.notes,
         "by_hand": collection.by_hand,
     }

@@ -12,6 +12,7 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps, options_record
 from collalign.output.evidence.members import main_part, statistics_members
+from collalign.output.methods import methods_paragraph
 from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
@@ -65,6 +66,9 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
         "options": options_record(collection),
         "versions": collection.run.versions,
         "timings": collection.run.times_s,
+        "command": collection.run.command,
+        "date": collection.run.date,
+        "methods": methods_paragraph(collection),
     }
     return json_types(document), blobs
 

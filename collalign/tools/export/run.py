@@ -11,6 +11,7 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.report.shown import some_shapes
+from collalign.output.tool_record import write_tool_record
 from collalign.tools.export import itk, meshes, morphologika, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space, coordinates_sentence
 from data_tools.checks import check_choice
@@ -38,8 +39,6 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
 
 #: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
 STATISTICS = ("morphologika", "tps", "csv")
-#: What a reader of an export must know, one sentence a line.
-NOTES_FILE = "notes.txt"
 
 
 @one_blas_thread()
@@ -85,7 +84,8 @@ def export(
     -------
     tuple of Path
         The files written; ``left_out.csv`` is among them where anything was computed of several shapes or excluded.
-        Beside them ``notes.txt`` says what a reader must know of the coordinates and of the alignment.
+        Beside them ``notes-FORMAT.txt`` says what a reader must know of the coordinates and of the alignment, and
+        ``run-export-FORMAT.json`` is the record of command, version, date and options.
 
     Raises
     ------
@@ -98,6 +98,7 @@ def export(
     """
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
+    result = collection.folder if isinstance(collection, Collection) else collection
     collection = collection if isinstance(collection, Collection) else load(collection)
     collection = collection if sources is None else collection.with_sources(sources)
     who = _who_counts(collection, exclude, include_doubtful)
@@ -124,7 +125,14 @@ def export(
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             said = export_notes(collection, format, space, exclude=exclude, include_doubtful=include_doubtful)
             notes = "".join(f"{note}\n" for note in said)
-            write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
+            write_atomic(output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace"))
+            decided = {
+                "result": "" if result is None else str(result),
+                "space": space,
+                "exclude": exclude,
+                "include_doubtful": include_doubtful,
+            }
+            write_tool_record(output, f"export {format}", decided)
             output.publish()
             return tuple(output.published(path) for path in staged)
     except OSError as error:

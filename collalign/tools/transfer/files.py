@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.confidence.radius_model import COVERAGE
 from collalign.landmarks.curves import slider_rows
+from collalign.output.tool_record import write_tool_record
 from collalign.tools.transfer.landmarks_page import PAGE_FILE
 from collalign.tools.transfer.result import TransferredLandmarks
 from data_tools.io.csv_cells import csv_text
@@ -47,6 +48,13 @@ def write_transfer(
             staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
         if leave_one_out:
             staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
+        decided = {
+            "templates": transferred.templates,
+            "num_landmarks": len(transferred.labels),
+            "num_shapes": len(transferred.names),
+            "leave_one_out": leave_one_out,
+        }
+        write_tool_record(output, _WRITER, decided)
         output.publish()
         return tuple(output.published(path) for path in staged)
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
+from collalign.output.tool_record import write_tool_record
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.shape_statistics import ShapeTests
@@ -37,6 +41,7 @@ def write_variation(
     symmetry: ObjectSymmetry | None = None,
     version: str = "",
     who: Members,
+    record: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[Path, ...]:
     """Write everything into a folder and return the paths, the page first.
 
@@ -56,6 +61,8 @@ def write_variation(
         Of the toolkit, for the page's last line.
     who : Members
         Who counts; ``left_out.csv`` names the others.
+    record : mapping of str to Any
+        What decided the files, for the record.
 
     Raises
     ------
@@ -70,6 +77,7 @@ def write_variation(
         notes = "".join(f"{note}\n" for note in variation.notes)
         write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
+        write_tool_record(output, _WRITER, record)
         _write_meshes(variation, {name: columns[name] for name in tests.factors}, output)
         if symmetry is not None:
             write_symmetry_tables(variation.names, symmetry, columns, output)

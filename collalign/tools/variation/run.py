@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -153,6 +153,17 @@ def write_surface_variation(
         symmetry=components,
         version=version,
         who=who,
+        record={
+            "result": str(result),
+            "tests": asdict(asked),
+            "symmetry": None if symmetry is None else str(symmetry),
+            "templates": sorted(map(str, landmarks)),
+            "exclude": exclude,
+            "include_doubtful": include_doubtful,
+            "labels": list(columns),
+            "num_shapes": len(found.names),
+            "num_vertices": len(found.mean),
+        },
     )
     return found
 

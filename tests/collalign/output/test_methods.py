@@ -1,0 +1,53 @@
+"""The paragraph for a paper says what the result is, and records say how every folder was made."""
+
+import dataclasses
+import json
+
+import numpy as np
+
+from collalign.cli import main
+from collalign.output.methods import methods_paragraph
+from collalign.tools.export.run import export
+from tests.view_problems import view_of, write_result
+
+
+def test_figures_are_those_of_the_result():
+    view = view_of(6)
+    said = methods_paragraph(view)
+    num_sure = int((view.confidence >= 0.95).sum())
+    assert said.startswith("We aligned 6 surfaces with collalign ")
+    assert f"confidence was at least 95 % for {num_sure} of 6 poses." in said
+    assert f"{len(view.pairs)} pairs of surfaces were matched" in said
+    assert "(2016) Point registration via efficient convex relaxation" in said.split("References")[1]
+    assert "by hand" not in said
+    assert "incomplete" not in said
+    by_hand = methods_paragraph(dataclasses.replace(view, by_hand={view.names[0]: 0.1}))
+    assert "1 of 6 poses was set by hand" in by_hand
+    unknown = methods_paragraph(dataclasses.replace(view, confidence=np.full(6, np.nan)))
+    assert "confidence" not in unknown
+
+
+def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, capsys):
+    view = view_of(6)
+    write_result(view, tmp_path)
+    assert main(["export", str(tmp_path), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
+    record = json.loads((tmp_path / "csv" / "run-export-csv.json").read_text())
+    assert record["command"].startswith("collalign export ")
+    assert record["options"]["space"] == "unscaled"
+    assert {"version", "date"} <= record.keys()
+    tests = {"model": "size + sex", "sums_of_squares": "II", "permutations": 9999, "seed": 4}
+    made = {"tool": "variation", "options": {"tests": tests, "num_shapes": 5, "num_vertices": 800}}
+    (tmp_path / "variation").mkdir()
+    (tmp_path / "variation" / "run-variation.json").write_text(json.dumps(made))
+    capsys.readouterr()
+    assert main(["status", str(tmp_path), "--cite"]) == 0
+    said = capsys.readouterr().out
+    assert "5 surfaces were brought into dense correspondence (800 vertices)" in said
+    assert "(type II) and 9999 random permutations" in said
+    assert "shape ~ size + sex" in said
+    assert "RRPP" in said
+
+
+def test_a_call_from_python_has_no_command(tmp_path):
+    export(view_of(6), "csv", tmp_path)
+    assert json.loads((tmp_path / "run-export-csv.json").read_text())["command"] == ""
