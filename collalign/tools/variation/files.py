@@ -15,8 +15,10 @@ from collalign.output.tool_record import write_tool_record
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.shape_statistics import ShapeTests
+from collalign.tools.variation.surface_quality import QUALITY_HEADING
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
 from data_tools.arrays import FloatArray
+from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import file_stems, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_ply
@@ -26,6 +28,7 @@ PAGE_FILE = "variation.html"
 DEFAULT_FOLDER = "variation"
 #: What a reader of the tables must know, one sentence a line.
 NOTES_FILE = "notes.txt"
+QUALITY_FILE = "quality.csv"
 #: Of the surfaces drawn along a component.
 DEVIATIONS = 2.0
 _WRITER = "variation"
@@ -77,6 +80,9 @@ def write_variation(
         notes = "".join(f"{note}\n" for note in variation.notes)
         write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
+        if variation.quality is not None:
+            rows = csv_text([QUALITY_HEADING, *variation.quality.rows])
+            write_atomic(output.stage(QUALITY_FILE), rows.encode("utf-8", "backslashreplace"))
         write_tool_record(output, _WRITER, record)
         _write_meshes(variation, {name: columns[name] for name in tests.factors}, output)
         if symmetry is not None:

@@ -14,6 +14,7 @@ from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
 from collalign.tools.variation.r_tables import ANOVA_HEADING, anova_rows, procrustes_scores
 from collalign.tools.variation.shape_statistics import ShapeTests
+from collalign.tools.variation.surface_quality import QUALITY_HEADING
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.surface.closest import SurfaceLocator
@@ -72,6 +73,9 @@ def build_variation(
             "symmetricMean": places.on(symmetry.mean),
             "asymmetric": np.stack([places.on(part) for part in parts]),
         }
+    if variation.quality is not None:
+        relative = variation.quality.distances / variation.quality.radii[:, None]
+        surfaces["distances"] = relative[:, places.nearest]
     steps = {name: float(np.abs(values).max()) / _LARGEST or 1.0 for name, values in surfaces.items()}
     arrays: dict[str, NDArray[Any]] = {
         **{name: np.round(values / steps[name]).astype(np.int16) for name, values in surfaces.items()},
@@ -100,6 +104,7 @@ def build_variation(
         "deviations": deviations,
         "scores": procrustes_scores(variation.components)[:, :count],
         "landmarks": _shown(variation, *landmarks),
+        "quality": None if variation.quality is None else [QUALITY_HEADING, *variation.quality.rows],
         "symmetry": None if symmetry is None else _asymmetries(symmetry),
     }
     return dict(json_types(document)), {"variation": text}

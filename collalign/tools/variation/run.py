@@ -26,6 +26,7 @@ from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import mirror_map
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.tools.variation.shape_statistics import shape_tests
+from collalign.tools.variation.surface_quality import surface_quality
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
@@ -93,7 +94,7 @@ def write_surface_variation(
     SurfaceVariation
         Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
         Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them. ``notes`` says what a reader
-        of the tables must know, what the alignment said included.
+        of the tables must know, what the alignment said included; ``quality`` how well each specimen is represented.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def write_surface_variation(
     before = [note for note in collection.notes if note not in copies]
     said = [*([who.sentence] if who.left_out else []), *(one.sentence for one in who.copies)]
     said += [*tested.sentences, *dropped, *notes, *before]
-    found = replace(found, notes=tuple(dict.fromkeys(said)))
+    found = replace(found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense))
     components = None
     if symmetry is not None:
         components = surface_symmetry(

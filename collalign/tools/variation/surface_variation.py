@@ -13,6 +13,7 @@ from collalign.analysis.procrustes import (
     generalized_procrustes,
     principal_components,
 )
+from collalign.tools.variation.surface_quality import SurfaceQuality
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.surface.normals import vertex_normals
 from data_tools.threads import one_blas_thread
@@ -38,6 +39,8 @@ class SurfaceVariation:
         given.
     components : PrincipalComponents
         Of the shapes.
+    quality : SurfaceQuality or None
+        How well each specimen is represented; None where only surfaces in correspondence were given.
     notes : tuple of str
         What a reader must know of who counts and what was tested, one sentence each.
     """
@@ -48,6 +51,7 @@ class SurfaceVariation:
     shapes: FloatArray
     centroid_sizes: FloatArray
     components: PrincipalComponents
+    quality: SurfaceQuality | None = None
     notes: tuple[str, ...] = ()
 
 

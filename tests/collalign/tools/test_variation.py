@@ -1,6 +1,7 @@
 """The variation of surfaces: what is computed, what the files say, and the page in a headless browser."""
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 import trimesh
 
 from collalign.output.evidence.members import Members
+from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
 from collalign.tools.variation.shape_statistics import shape_tests
+from collalign.tools.variation.surface_quality import SurfaceQuality, surface_quality
 from collalign.tools.variation.surface_symmetry import surface_symmetry
 from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
@@ -19,6 +22,7 @@ from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
+from tests.view_problems import view_of
 
 ALL = Members(chosen=np.arange(8), left_out=())
 LABELS = ("long", "long", "long", "flat", "flat", "flat", "", "")
@@ -38,7 +42,13 @@ def stretched(num=8):
 @pytest.fixture(scope="module")
 def variation():
     shapes, faces = stretched()
-    return surface_variation([f"s{at}" for at in range(len(shapes))], faces, shapes)
+    found = surface_variation([f"s{at}" for at in range(len(shapes))], faces, shapes)
+    distances = np.linspace(0.1, 0.8, 8)[:, None] * np.ones((8, shapes.shape[1]))
+    each = np.percentile(distances, [50, 95, 99], axis=1).T
+    quality = SurfaceQuality(
+        names=found.names, to_mean=each, to_specimen=each / 2, radii=np.ones(8), distances=distances
+    )
+    return dataclasses.replace(found, quality=quality)
 
 
 def test_one_way_to_differ_is_one_component(variation):
@@ -105,6 +115,9 @@ def test_tables_and_meshes_are_written(written, variation):
         [float(row["PC1"]) for row in scores], variation.components.scores[:, 0] / np.sqrt(len(variation.mean))
     )
     assert [row["form"] for row in scores] == list(LABELS)
+    ranked = list(csv.DictReader((written / "quality.csv").open()))
+    assert [row["name"] for row in ranked] == [f"s{at}" for at in range(7, -1, -1)]
+    assert np.isclose(float(ranked[0]["specimen_to_mean_p95"]), 0.8)
     assert {path.name for path in (written / "groups").iterdir()} == {"form-flat.ply", "form-long.ply"}
     assert len(list((written / "specimens").iterdir())) == 8
 
@@ -172,6 +185,38 @@ def test_size_is_not_tested_where_a_unit_is_off(variation):
         shape_tests(odd, {"form": LABELS}, ShapeTestOptions(model="size + form"))
 
 
+def test_specimens_are_ranked_by_how_well_they_are_represented(tmp_path):
+    mean, faces = sphere_mesh(300)
+    dent = np.where(mean[:, :1] > 0.8, 0.8, 1.0)
+    surfaces = {"whole": 1.1 * mean, "dented": 1.1 * dent * mean}
+    for name, vertices in surfaces.items():
+        write_ply(tmp_path / f"{name}.ply", 10 * vertices, faces)
+    names, fitted = tuple(surfaces), np.stack([1.1 * mean, 1.1 * mean])
+    apart = [np.linalg.norm(vertices - 1.1 * mean, axis=1) for vertices in surfaces.values()]
+    dense = DenseCorrespondence(
+        names=names,
+        faces=faces,
+        mean=fitted[0],
+        vertices=fitted,
+        completed=fitted,
+        residual=np.array(apart),
+        quality=np.ones((2, len(mean))),
+    )
+    view = dataclasses.replace(
+        view_of(2),
+        names=names,
+        files=tuple(str(tmp_path / f"{name}.ply") for name in names),
+        transforms=np.tile(np.diag([0.1, 0.1, 0.1, 1.0]), (2, 1, 1)),
+    )
+    found = surface_quality(view, dense)
+    assert [row[:2] for row in found.rows] == [[1, "dented"], [2, "whole"]]
+    np.testing.assert_allclose(found.to_mean[0], 0, atol=1e-9)
+    np.testing.assert_allclose(found.to_mean[1, 2], 10 * 0.22, rtol=0.02)  # in the unit of the file
+    np.testing.assert_allclose(found.to_specimen[1], 10 * np.percentile(apart[1], [50, 95, 99]))
+    np.testing.assert_allclose(found.radii, 11, rtol=1e-3)
+    np.testing.assert_allclose(found.share, np.maximum(found.to_mean, found.to_specimen)[:, 1] / found.radii)
+
+
 def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
     points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
     written_to(tmp_path, variation, {"form": LABELS}, (("a", "b", "c"), points))
@@ -194,6 +239,9 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         assert page.locator("#symmetry tbody tr").count() == 4 + 8
         page.locator("#symmetry select").select_option("3")
         assert "s2: asymmetry" in page.locator("#symmetry p[aria-live]").text_content()
+        assert "s7, number 1 of 8" in page.locator("#quality p[aria-live]").text_content()
+        page.locator("#quality").get_by_role("button", name="s2", exact=True).click()
+        assert "s2, number 6 of 8" in page.locator("#quality p[aria-live]").text_content()
         assert "log(centroid size) explains" in page.locator("#statistics p").first.text_content()
         assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 2
         assert page.locator("#statistics svg .dot").count() == 8

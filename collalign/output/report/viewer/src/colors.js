@@ -32,4 +32,7 @@ export const VIRIDIS_CSS = `linear-gradient(90deg, ${VIRIDIS.join(", ")})`;
 
 // From blue (0) over white (one half) to red (1).
 export const diverging = ramp(DIVERGING);
-export const DIVERGING_CSS = `linear-gradient(90deg, ${DIVERGING.join(", ")})`;
+const gradient = (colors) => `linear-gradient(90deg, ${colors.join(", ")})`;
+export const DIVERGING_CSS = gradient(DIVERGING);
+// The half from white (0) to red.
+export const RISING_CSS = gradient(DIVERGING.slice((DIVERGING.length - 1) / 2));

@@ -1,7 +1,7 @@
 // The page of shape variation: components, morphospace, group means, specimens against the mean, correspondence, landmarks.
 
 import { Vector3 } from "three";
-import { DIVERGING_CSS, categorical } from "./colors.js";
+import { DIVERGING_CSS, RISING_CSS, categorical } from "./colors.js";
 import { button, el, number, select, table } from "./dom.js";
 import { savePly, savePng } from "./downloads.js";
 import { morphospaceSection } from "./morphospace.js";
@@ -16,6 +16,7 @@ export const VARIATION_SECTIONS = [
   ["statistics", "Statistics", statisticsSection],
   ["groups", "Group means", groupsSection],
   ["specimens", "Each specimen against the mean", specimensSection],
+  ["quality", "How well each specimen is represented", qualitySection],
   ["symmetry", "Symmetry", symmetrySection],
   ["correspondence", "Correspondence", correspondenceSection],
   ["landmarks", "Landmarks", landmarksSection],
@@ -28,12 +29,14 @@ function slider(label, low, high, step, value, oninput) {
   return { field: el("label", { class: "field slider" }, el("span", null, label), box, text), set };
 }
 
-function scale(largest) {
+const AGAINST = { low: (value) => `${number(-value)} (inside)`, high: (value) => `${number(value)} (outside)` };
+
+function scale(largest, { words = AGAINST, ramp = DIVERGING_CSS } = {}) {
   const low = el("span");
   const high = el("span");
-  const set = (value) => { [low.textContent, high.textContent] = [`${number(-value)} (inside)`, `${number(value)} (outside)`]; };
+  const set = (value) => { [low.textContent, high.textContent] = [words.low(value), words.high(value)]; };
   set(largest);
-  return { box: el("div", { class: "legend" }, low, el("span", { class: "ramp", style: `background:${DIVERGING_CSS}` }), high, el("span", { class: "muted" }, "in root mean square radii")), set };
+  return { box: el("div", { class: "legend" }, low, el("span", { class: "ramp", style: `background:${ramp}` }), high, el("span", { class: "muted" }, "in root mean square radii")), set };
 }
 
 // A large canvas with one surface that changes, and buttons that save it.
@@ -143,6 +146,31 @@ function specimensSection(app) {
   };
   draw(0);
   return [el("div", { class: "row tools" }, box), words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons)];
+}
+
+// Distances of each specimen to the mean surface fitted to it, and back, the worst first.
+function qualitySection(app) {
+  const { variation } = app;
+  if (!variation.quality) return [el("p", null, "Not measured.")];
+  const [head, ...rows] = variation.quality;
+  const view = display(app, "Represented");
+  const words = el("p", { class: "muted", "aria-live": "polite" });
+  const bar = scale(0, { words: { low: () => "0", high: number }, ramp: RISING_CSS });
+  const draw = (row) => {
+    const at = variation.names.indexOf(row[1]);
+    const distances = variation.distances(at);
+    const largest = largestOf(distances);
+    bar.set(largest);
+    words.textContent = `${row[1]}, number ${row[0]} of ${rows.length}: 95 % of its surface are within ${number(row[2])} % of its radius.`;
+    view.show(variation.shape(at), distances, largest, true);
+  };
+  const cells = rows.map((row) => row.map((value, column) => (column === 1 ? button(value, () => draw(row), { class: "link" }) : number(value))));
+  draw(rows[0]);
+  return [
+    el("p", { class: "muted" }, "Distances of the specimen's surface to the mean surface fitted to it, and back, in the unit of its file: median, 95th and 99th percentile. Ranked by the larger 95th percentile in percent of the specimen's radius, the worst first. A name shows where it does not fit."),
+    words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
+    table("Specimens by how well they are represented", head.map((word) => word.replaceAll("_", " ")), cells, { class: "numbers" }),
+  ];
 }
 
 function symmetrySection(app) {

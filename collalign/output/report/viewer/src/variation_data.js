@@ -13,9 +13,9 @@ export async function loadVariation(content) {
 }
 
 class Variation {
-  constructor(content, { mean, axes, shapes, faces, colors, symmetricMean, asymmetric }) {
+  constructor(content, { mean, axes, shapes, faces, colors, symmetricMean, asymmetric, distances }) {
     Object.assign(this, content, { faces, size: mean.length });
-    this.packed = { axes, shapes, asymmetric };
+    this.packed = { axes, shapes, asymmetric, distances };
     const radius = mean.reduce((most, value) => Math.max(most, Math.abs(value)), 1) * content.steps.mean;
     this.unit = 1 / radius;
     this.mean = Float32Array.from(mean, (value) => value * content.steps.mean);
@@ -43,6 +43,12 @@ class Variation {
   // The mean moved by so many standard deviations along every component.
   along(deviations) {
     return deviations.reduce((surface, factor, at) => (factor ? this.add(surface, "axes", at, factor) : surface), this.mean.slice());
+  }
+
+  // Distances of a fitted surface to its specimen at every vertex, in radii.
+  distances(at) {
+    const num = this.size / 3;
+    return Float32Array.from(this.packed.distances.subarray(at * num, (at + 1) * num), (value) => value * this.steps.distances);
   }
 
   groupMean(members) {
