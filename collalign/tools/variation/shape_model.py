@@ -83,7 +83,14 @@ class Column:
         """Return the columns of the design for some of the shapes."""
         if self.numbers is not None:
             return self.numbers[chosen, None]
-        return (np.array(self.values, dtype=str)[chosen, None] == np.array(self.groups)).astype(np.float64)
+        values = np.array(self.values, dtype=str)[chosen]
+        return (values[:, None] == np.unique(values)).astype(np.float64)
+
+    def alone(self, chosen: BoolArray) -> BoolArray:
+        """Return which of some shapes are alone in their group among these, shape (N,); none of a covariate."""
+        values = np.array(self.values, dtype=str)
+        kinds, counts = np.unique(values[chosen], return_counts=True)
+        return chosen & np.isin(values, kinds[counts == 1]) & (self.numbers is None)
 
 
 def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool = False) -> Column:
@@ -144,7 +151,7 @@ def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], 
 def model_terms(
     terms: Sequence[tuple[str, ...]], columns: Mapping[str, Column], sizes: FloatArray
 ) -> tuple[dict[str, FloatArray], BoolArray]:
-    """Return the design of each term, and the shapes (N,) that have a value in all columns of the model.
+    """Return the design of each term, and the shapes (N,) that have a value in all columns and share their groups.
 
     Parameters
     ----------
@@ -155,13 +162,17 @@ def model_terms(
         Logarithms of centroid sizes.
     """
     used = {name for term in terms for name in term} - {SIZE_TERM}
-    chosen = np.all([np.ones(len(sizes), dtype=bool), *(columns[name].tested for name in used)], axis=0)
-    alone = {name: columns[name].design(chosen) for name in used} | {SIZE_TERM: sizes[chosen, None]}
+    in_model = [columns[name] for name in sorted(used)]
+    none = np.zeros(len(sizes), dtype=bool)
+    chosen = np.all([~none, *(column.tested for column in in_model)], axis=0)
+    while (alone := np.any([none, *(column.alone(chosen) for column in in_model)], axis=0)).any():
+        chosen = chosen & ~alone
+    parts = {name: columns[name].design(chosen) for name in used} | {SIZE_TERM: sizes[chosen, None]}
     designs = {}
     for term in terms:
         product = np.ones((int(chosen.sum()), 1))
         for name in term:
-            product = (product[:, :, None] * alone[name][:, None, :]).reshape(len(product), -1)
+            product = (product[:, :, None] * parts[name][:, None, :]).reshape(len(product), -1)
         designs[":".join(SIZE if name == SIZE_TERM else name for name in term)] = product
     return designs, chosen
 
@@ -169,7 +180,9 @@ def model_terms(
 def missing_sentence(what: str, names: Sequence[str], chosen: BoolArray) -> str:
     """Return the sentence on the shapes that a model leaves out; empty where it takes all."""
     absent = [name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts]
-    return f"{what}: {len(absent)} without a value that is tested do not count: {listed(absent)}." if absent else ""
+    if not absent:
+        return ""
+    return f"{what} leaves out {len(absent)} without a value, or alone in their group: {listed(absent)}."
 
 
 def _number(value: str) -> float:

@@ -175,6 +175,9 @@ class _Tester:
         terms, chosen = model_terms(model, self._columns, self._sizes)
         if chosen.sum() < 3:
             raise InputError(f"model: {int(chosen.sum())} shapes have a value in all columns of {what}")
+        for name, columns in terms.items():
+            if columns.shape[1] < 2 and name in self._columns and self._columns[name].numbers is None:
+                raise InputError(f"model: {name} has fewer than two groups of two specimens in {what}")
         self.sentences += filter(None, [missing_sentence(f"The model {what}", self._names, chosen)])
         return self._rows(terms, self._shapes[chosen])
 

@@ -161,7 +161,7 @@ function qualitySection(app) {
     const distances = variation.distances(at);
     const largest = largestOf(distances);
     bar.set(largest);
-    words.textContent = `${row[1]}, number ${row[0]} of ${rows.length}: 95 % of its surface are within ${number(row[2])} % of its radius.`;
+    words.textContent = `${row[1]}, number ${row[0]} of ${rows.length}: 95 % of its surface is within ${number(row[2])} % of its radius.`;
     view.show(variation.shape(at), distances, largest, true);
   };
   const cells = rows.map((row) => row.map((value, column) => (column === 1 ? button(value, () => draw(row), { class: "link" }) : number(value))));
