@@ -62,7 +62,7 @@ class AnovaRow:
     """A row of a Procrustes ANOVA, at unit centroid size.
 
     F is the mean square over that of the effect it is tested against; effect size and P are by permutation. NaN where
-    the effect is not tested so.
+    the effect is not tested so. ``plain_df`` counts configurations where ``df`` counts their coordinates.
     """
 
     effect: str
@@ -71,6 +71,7 @@ class AnovaRow:
     f: float = float("nan")
     z: float = float("nan")
     p: float = float("nan")
+    plain_df: int | None = None
 
 
 @one_blas_thread()

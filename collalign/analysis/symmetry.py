@@ -41,7 +41,7 @@ class ObjectSymmetry:
     anova : tuple of AnovaRow
         ``individual``, ``side`` (directional asymmetry), ``individual:side`` (fluctuating asymmetry), with replicates
         ``residual``, and ``total``, over all configurations and their mirror images. Degrees of freedom are those of
-        landmarks; semilandmarks have fewer.
+        landmarks, ``plain_df`` those of configurations; semilandmarks have fewer.
     """
 
     mean: FloatArray
@@ -202,6 +202,7 @@ def _anova(
             df=(num - 1) * df_symmetric,
             sum_of_squares=across[0],
             f=_ratio(across[0], (num - 1) * df_symmetric, interaction),
+            plain_df=num - 1,
         ),
         AnovaRow(
             effect="side",
@@ -210,18 +211,22 @@ def _anova(
             f=_ratio(side, df_asymmetric, interaction),
             z=float(exchanged.z[0]),
             p=float(exchanged.p[0]),
+            plain_df=1,
         ),
         AnovaRow(
             effect="individual:side",
             df=(num - 1) * df_asymmetric,
             sum_of_squares=across[1],
             f=_ratio(across[1], (num - 1) * df_asymmetric, error),
+            plain_df=num - 1,
         ),
     ]
     if has_replicates:
-        table.append(AnovaRow(effect="residual", df=df_residual, sum_of_squares=sum(within)))
+        plain = 2 * (num_shapes - num)
+        table.append(AnovaRow(effect="residual", df=df_residual, sum_of_squares=sum(within), plain_df=plain))
     total = sum(row.sum_of_squares for row in table)
-    return (*table, AnovaRow(effect="total", df=sum(row.df for row in table), sum_of_squares=total))
+    df, plain = sum(row.df for row in table), 2 * num_shapes - 1
+    return (*table, AnovaRow(effect="total", df=df, sum_of_squares=total, plain_df=plain))
 
 
 def _group_means(values: FloatArray, rows: IntArray, counts: IntArray) -> FloatArray:

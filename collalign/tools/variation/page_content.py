@@ -12,7 +12,7 @@ from collalign.output.evidence.camera import camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
-from collalign.tools.variation.r_tables import ANOVA_HEADING, anova_rows, procrustes_scores
+from collalign.tools.variation.r_tables import procrustes_scores, symmetry_rows
 from collalign.tools.variation.shape_statistics import ShapeTests
 from collalign.tools.variation.surface_quality import QUALITY_HEADING
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
@@ -114,7 +114,7 @@ def _asymmetries(symmetry: ObjectSymmetry) -> dict[str, Any]:
     return {
         "asymmetry": symmetry.asymmetry,
         "fluctuating": symmetry.fluctuating,
-        "anova": [ANOVA_HEADING, *anova_rows(symmetry.anova)],
+        "anova": symmetry_rows(symmetry.anova),
     }
 
 

@@ -40,7 +40,7 @@ def write_symmetry_tables(
     asymmetric = score_rows(names, columns, principal_components(symmetry.asymmetric), numbers)
     _csv(output, [SYMMETRY_FOLDER, "symmetric.csv"], symmetric)
     _csv(output, [SYMMETRY_FOLDER, "asymmetric.csv"], asymmetric)
-    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], [[*ANOVA_HEADING], *anova_rows(symmetry.anova)])
+    _csv(output, [SYMMETRY_FOLDER, "procrustes_anova.csv"], symmetry_rows(symmetry.anova))
 
 
 def score_rows(
@@ -69,6 +69,16 @@ def anova_rows(anova: Sequence[AnovaRow]) -> Rows:
         mean_square = row.sum_of_squares / row.df if row.df > 0 else float("nan")
         rows.append([row.effect, row.df, row.sum_of_squares, mean_square, share, row.f, row.z, row.p])
     return rows
+
+
+def symmetry_rows(anova: Sequence[AnovaRow]) -> Rows:
+    """Return the ANOVA of asymmetry with its heading: degrees of freedom of configurations, and of coordinates.
+
+    Mean squares and F are by those of coordinates (Klingenberg, Barluenga and Meyer 2002).
+    """
+    heading: list[object] = ["effect", "Df", "Df_coordinates", *ANOVA_HEADING[2:]]
+    rows = zip(anova, anova_rows(anova), strict=True)
+    return [heading, *([one.effect, one.plain_df, *row[1:]] for one, row in rows)]
 
 
 def _csv(output: OutputFolder, path: Sequence[str], rows: Rows) -> None:

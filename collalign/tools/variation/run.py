@@ -27,7 +27,7 @@ from collalign.tools.variation.mirror import mirror_map
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import surface_quality
-from collalign.tools.variation.surface_symmetry import surface_symmetry
+from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_sentence, surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
@@ -136,14 +136,17 @@ def write_surface_variation(
     found = replace(found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense))
     components = None
     if symmetry is not None:
+        counterparts = _counterparts(found, symmetry, marked)
         components = surface_symmetry(
             vertices,
-            _counterparts(found, symmetry, marked),
+            counterparts,
             mirrored=collection.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
             permutations=asked.permutations,
             seed=asked.seed,
         )
+        if warning := shared_error_sentence(components, mirror_error(found.mean, counterparts)):
+            found = replace(found, notes=(warning, *found.notes))
     version = str(collection.run.versions.get("collalign", ""))
     write_variation(
         found,

@@ -14,6 +14,34 @@ from data_tools.surface.closest import SurfacePoints
 from data_tools.threads import one_blas_thread
 
 
+def mirror_error(mean: FloatArray, counterparts: SurfacePoints) -> float:
+    """Return how far the counterpart of a counterpart is from where it should be, root mean square over vertices.
+
+    Every specimen has this error at the same places, so it looks like directional asymmetry.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (v, 3)
+        Lengths in root mean square radii.
+    counterparts : SurfacePoints
+        Of every vertex.
+    """
+    back = counterparts.on(counterparts.on(mean))
+    return float(np.sqrt(((back - mean) ** 2).sum(axis=1).mean()))
+
+
+def shared_error_sentence(found: ObjectSymmetry, error: float) -> str:
+    """Return the warning that the directional asymmetry may be an error of registration; empty where it is larger."""
+    directional = float(np.sqrt((found.directional**2).sum(axis=1).mean()))
+    if directional > error:
+        return ""
+    return (
+        f"Directional asymmetry ({directional:.2g} radii) is not larger than the error of finding the other side "
+        f"({error:.2g} radii), which all specimens share. Do not report it as asymmetry unless landmarks show it as "
+        "well."
+    )
+
+
 @one_blas_thread()
 def surface_symmetry(
     vertices: FloatArray,

@@ -72,6 +72,7 @@ def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images():
         whole = found.symmetric + found.asymmetric
         both = np.concatenate([whole, mirror_image(whole, PARTNER)])
         assert np.isclose(row(found, "total"), ((both - both.mean(axis=0)) ** 2).sum())
+        assert found.anova[-1].plain_df == 2 * len(found.asymmetry) - 1 == sum(r.plain_df for r in found.anova[:-1])
         assert found.anova[-1].df == 11 * (6 * 10 + 3 * 4 - 7) + 3 * 10 + 4 - 3
         assert [one.effect for one in found.anova][3] == ("total" if individuals is None else "residual")
 

@@ -14,7 +14,7 @@ from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import SurfaceQuality, surface_quality
-from collalign.tools.variation.surface_symmetry import surface_symmetry
+from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_sentence, surface_symmetry
 from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
@@ -221,6 +221,21 @@ def test_specimens_are_ranked_by_how_well_they_are_represented(tmp_path):
     np.testing.assert_allclose(found.to_specimen[1], 10 * np.percentile(apart[1], [50, 95, 99]))
     np.testing.assert_allclose(found.radii, 11, rtol=1e-3)
     np.testing.assert_allclose(found.share, np.maximum(found.to_mean, found.to_specimen)[:, 1] / found.radii)
+
+
+def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
+    shapes, faces = stretched()
+    mean, _ = sphere_mesh(300)
+    exact = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
+    turned = np.eye(3)
+    turned[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    crooked = SurfaceLocator(mean, faces).closest(mean @ turned.T * [-1, 1, 1] + [0, 0.1, 0.1])
+    assert mirror_error(mean, exact) < 0.02 < mirror_error(mean, crooked)
+    found = surface_symmetry(shapes, crooked)
+    directional = np.sqrt((found.directional**2).sum(axis=1).mean())
+    warning = shared_error_sentence(found, 1.01 * directional)
+    assert "which all specimens share" in warning
+    assert shared_error_sentence(found, 0.99 * directional) == ""
 
 
 def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):

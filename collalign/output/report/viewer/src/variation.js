@@ -195,6 +195,7 @@ function symmetrySection(app) {
       select("Asymmetry of", [["0", "all (directional)"], ...variation.names.map((name, shape) => [String(shape + 1), name])], (value) => { at = Number(value); draw(); }, "0"),
       slider("Times", 0, 20, 1, factor, (value) => { factor = value; draw(); }).field),
     words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
+    el("p", { class: "muted" }, "An error of registration that all specimens share, in finding the other side, looks like directional asymmetry: where the first lines of this page warn, do not report it."),
     shownTable("Procrustes ANOVA of asymmetry", symmetry.anova),
     table("Asymmetry of every specimen, in radii", ["specimen", "asymmetry", "without the directional part"], order.map((shape) => [variation.names[shape], number(symmetry.asymmetry[shape]), number(symmetry.fluctuating[shape])])),
   ];
