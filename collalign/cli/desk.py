@@ -66,6 +66,7 @@ class Desk:
             "formats": list(FORMATS),
             "shapes": None,
             "byHand": [],
+            "missing": [],
         }
         if not (self.out / ALIGNMENT_FILE).is_file():
             return state

@@ -189,7 +189,7 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
         frame("align").locator(".tile").nth(1).click()
         frame("align").get_by_role("button", name="This pose is right").click()
         press(page, "Apply 1 decision and run again", "--corrections")
-        frame("align").locator(".chips button").click()
+        frame("align").locator(".decisions .chips button").click()
         press(page, "Take back 1 decision and run again", "--corrections")
         assert frame("align").locator(".tag.good").count() == 0
         frame("align").locator(".tile").nth(1).click()
@@ -216,6 +216,8 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
         page.locator("#where").fill(str(tmp_path))
         page.get_by_role("button", name="They are here").click()
         page.locator("#said", has_text="holds none of the files").wait_for()
+        assert ["400" in problem for problem in opened.problems] == [True]  # which the browser's console notes
+        opened.problems.clear()
         page.locator("#where").fill(str(now))
         page.get_by_role("button", name="They are here").click()
         page.locator("#said", has_text="All files are found").wait_for()
