@@ -91,6 +91,8 @@ from .tools.stability.run import check_stability as check_stability
 from .tools.transfer.result import TransferredLandmarks as TransferredLandmarks
 from .tools.transfer.run import transfer_landmarks as transfer_landmarks
 from .tools.variation.run import write_surface_variation as write_surface_variation
+from .tools.variation.shape_model import ShapeTestOptions as ShapeTestOptions
+from .tools.variation.surface_quality import SurfaceQuality as SurfaceQuality
 from .tools.variation.surface_variation import SurfaceVariation as SurfaceVariation
 from .version import __version__ as __version__
 

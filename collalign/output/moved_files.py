@@ -11,9 +11,6 @@ from data_tools.io.files import composed
 from data_tools.io.listing import READERS, parts_of
 from data_tools.percent import listed
 
-#: Folders above a file that may tell files of one name apart.
-_MOST_FOLDERS = 8
-
 
 def is_there(file: str) -> bool:
     """Whether a shape's file, or the files of its parts, can be found; not so for a shape from memory."""
@@ -70,5 +67,5 @@ def _found(name: str, file: str, folder: Path) -> str:
         saved = sorted(one for one in called if one.suffix.lower() in READERS)
         return str(saved[0]) if saved else ""
     parts = [part for part in re.split(r"[\\/]", file) if part not in ("", "..")]
-    places = [folder.joinpath(*parts[-num:]) for num in range(min(len(parts), _MOST_FOLDERS), 0, -1)]
+    places = [folder.joinpath(*parts[-num:]) for num in range(len(parts), 0, -1)]
     return next((str(place) for place in places if is_there(str(place))), "")

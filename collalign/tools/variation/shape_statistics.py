@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypedDict
@@ -27,8 +27,6 @@ from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.odd_sizes import odd_ratios
 
-#: Fewest shapes of every group whose allometries are compared.
-_LEAST_FOR_SLOPES = 4
 _ANOVA_TABLE: list[object] = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
 _PAIRS_TABLE: list[object] = [
     *("column", "first", "second", "held_constant", "distance", "Z", "P", "P_Holm"),
@@ -152,7 +150,7 @@ class _Tester:
         if column.numbers is not None:
             return [[own], [size, own]]
         counts = [sum(value == group for value in column.values) for group in column.groups]
-        slopes = [(SIZE_TERM, column.name)] if min(counts) >= _LEAST_FOR_SLOPES else []
+        slopes = [(SIZE_TERM, column.name)] if _tell_slopes(counts) else []
         return [[own], [size, own, *slopes]]
 
     def anova(self, model: Sequence[tuple[str, ...]]) -> Rows:
@@ -193,7 +191,7 @@ class _Tester:
             sizes = self._sizes[chosen]
             held = compare_held(shapes, labels, sizes[:, None], **self._how)
             slopes = [none] * len(ends)
-            if min(labels.count(group) for group in disparities) >= _LEAST_FOR_SLOPES:
+            if _tell_slopes(labels.count(group) for group in disparities):
                 found, angles = compare_slopes(shapes, labels, sizes, **self._how)
                 slopes = np.column_stack([angles, found.values, found.z, found.p, found.holm]).tolist()
             numbers = np.column_stack([held.values, held.z, held.p, held.holm]).tolist()
@@ -207,6 +205,11 @@ class _Tester:
         sums = self._options.sums_of_squares
         found = anova_rows(procrustes_anova(shapes, terms, sums=sums, **self._how))
         return [[" + ".join(terms), sums, len(shapes), *row] for row in found]
+
+
+def _tell_slopes(counts: Iterable[int]) -> bool:
+    """Whether groups of so many shapes are large enough for their allometries to be compared."""
+    return min(counts) >= 4
 
 
 def _allometry(variation: SurfaceVariation, columns: Columns, shapes: FloatArray) -> Rows:

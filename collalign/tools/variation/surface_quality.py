@@ -14,10 +14,6 @@ from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.threads import one_blas_thread
 
-#: What is said of the distances of a specimen.
-PERCENTILES = (50.0, 95.0, 99.0)
-#: Most points of a specimen whose distance to the fitted mean is measured, evenly spaced in the order of its file.
-MOST_POINTS = 20_000
 QUALITY_HEADING = (
     *("rank", "name", "percent_of_radius"),
     *(f"{way}_{what}" for way in ("specimen_to_mean", "mean_to_specimen") for what in ("median", "p95", "p99")),
@@ -67,7 +63,9 @@ class SurfaceQuality:
 
 
 @one_blas_thread()
-def surface_quality(collection: Collection, dense: DenseCorrespondence) -> SurfaceQuality:
+def surface_quality(
+    collection: Collection, dense: DenseCorrespondence, *, max_points: int = 20_000
+) -> SurfaceQuality:
     """Measure how far each specimen and the mean surface fitted to it are from each other.
 
     Parameters
@@ -76,6 +74,8 @@ def surface_quality(collection: Collection, dense: DenseCorrespondence) -> Surfa
         Whose original files can be read.
     dense : DenseCorrespondence
         Of complete shapes.
+    max_points : int
+        Of a specimen whose distances are measured, evenly spaced in the order of its file.
 
     Raises
     ------
@@ -84,18 +84,18 @@ def surface_quality(collection: Collection, dense: DenseCorrespondence) -> Surfa
     """
     rows = [collection.index(name) for name in dense.names]
     scales = collection.scales[rows]
-    to_mean = []
+    to_mean, percentiles = [], (50.0, 95.0, 99.0)
     for at, fitted in zip(rows, dense.vertices, strict=True):
         shape = read_shape(collection.file(at), collection.options.cleaning, name=collection.names[at])
-        points = moved_by(collection.transforms[at], shape.vertices[:: -(-len(shape.vertices) // MOST_POINTS)])
+        points = moved_by(collection.transforms[at], shape.vertices[:: -(-len(shape.vertices) // max_points)])
         places = SurfaceLocator(fitted, dense.faces).closest(points).on(fitted)
-        to_mean.append(np.percentile(np.linalg.norm(points - places, axis=1), PERCENTILES))
+        to_mean.append(np.percentile(np.linalg.norm(points - places, axis=1), percentiles))
     centred = dense.vertices - dense.vertices.mean(axis=1, keepdims=True)
     distances = dense.residual / scales[:, None]
     return SurfaceQuality(
         names=dense.names,
         to_mean=read_only(np.array(to_mean) / scales[:, None]),
-        to_specimen=read_only(np.percentile(distances, PERCENTILES, axis=1).T),
+        to_specimen=read_only(np.percentile(distances, percentiles, axis=1).T),
         radii=read_only(np.sqrt((centred**2).sum(axis=2).mean(axis=1)) / scales),
         distances=read_only(distances),
     )
