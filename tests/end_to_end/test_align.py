@@ -133,7 +133,9 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     record = json.loads((out / "alignment.json").read_text())
     assert [s["name"] for s in record["shapes"]] == list(aligned.names)
     assert np.array_equal([s["transform"] for s in record["shapes"]], aligned.transforms)
-    assert set(record["shapes"][0]) == {"name", "file", "transform", "reflected", "confidence", "evidence"}
+    assert set(record["shapes"][0]) == {
+        *("name", "file", "transform", "reflected", "confidence", "centroid_size", "evidence"),
+    }
     with np.load(out / "correspondences.npz") as arrays:
         assert np.array_equal(arrays["labels"], aligned.maps.labels)
         assert np.array_equal(arrays["vertex_indices"], aligned.samples)
