@@ -23,6 +23,20 @@ SIZE_TERM, SIZE = "size", "log(centroid size)"
 class ShapeTestOptions:
     """What shape is tested against, and how.
 
+    Parameters
+    ----------
+    factors : tuple of str
+        Columns of numbers that are names of groups (1 = female). Any other column of numbers is a covariate.
+    model : str
+        A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the logarithm
+        of centroid size.
+    sums_of_squares : str
+        I: each term beyond those before it. II: each term beyond all others that do not contain it.
+    permutations : int
+        Random permutations of every test; many journals ask for 9999.
+    seed : int
+        Of the permutations.
+
     Raises
     ------
     OptionsError
@@ -30,20 +44,10 @@ class ShapeTestOptions:
     """
 
     factors: tuple[str, ...] = ()
-    """Columns of numbers that are names of groups (1 = female). Any other column of numbers is a covariate."""
-
     model: str = ""
-    """A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the logarithm
-    of centroid size."""
-
     sums_of_squares: str = SEQUENTIAL
-    """I: each term beyond those before it. II: each term beyond all others that do not contain it."""
-
     permutations: int = NUM_PERMUTATIONS
-    """Random permutations of every test; many journals ask for 9999."""
-
     seed: int = SEED
-    """Of the permutations."""
 
     def __post_init__(self) -> None:
         check_choice("sums_of_squares", self.sums_of_squares, SUMS_OF_SQUARES)
