@@ -1,7 +1,12 @@
-"""What :mod:`pairwise` takes of prepared shapes: the problem of two of them, and dense points of one."""
+"""What :mod:`pairwise` takes of prepared shapes: the problem of two of them, their match at a pose, dense points."""
 
 from __future__ import annotations
 
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
 from pairwise.problem.problem import Problem
@@ -25,3 +30,17 @@ def dense_points(samples: Samples, *, invariants: bool = True) -> DensePoints:
         samples.dense_normals if len(samples.dense_normals) else None,
         samples.dense_invariants if invariants else None,
     )
+
+
+def matching_costs(target: Samples, source: Samples, rotation: FloatArray) -> FloatArray:
+    """Return the costs of all matches at a rotation of space (3, 3), shape (k, k): source points are rows."""
+    costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
+    costs += cdist(source.invariants, target.invariants, "sqeuclidean")
+    return np.asarray(costs)
+
+
+def match_at_rotation(target: Samples, source: Samples, rotation: FloatArray) -> tuple[IntArray, float]:
+    """Return the best one-to-one match at a rotation of space, shape (k,), and its energy."""
+    costs = matching_costs(target, source, rotation)
+    rows, columns = linear_sum_assignment(costs)
+    return columns.astype(np.int64), float(costs[rows, columns].sum())

@@ -12,8 +12,12 @@ from data_tools.arrays import FloatArray, IntArray, one_line, read_only
 from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
 
-#: Differences of gaps below this say little, in squared radii.
-SMALLEST_GAP = 0.003
+#: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit of
+#: which candidate is right gives 5.15 and 15.5 to the logarithms of both (16 classes of SHREC07, CAPOD, SCAPE and
+#: molars, 40 pairs each, equal weight a class); 12 is what it gave to the logarithm of the costs used before. With
+#: both .841 of the pairs choose the right candidate, with energies alone .798, no class less; the mean squared
+#: distance of closest dense points, used before, adds nothing.
+ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -38,9 +42,9 @@ class Pair:
         The samples matched at each candidate; -1 where unmatched.
     energies : ndarray, shape (m,)
         Sum of squared distances of the normalised samples, invariants included; 0 where the two are copies.
-    gaps : ndarray, shape (m,)
-        Mean squared distance of closest dense points, normals included, at each candidate, in squared radii; NaN
-        where it is not known, empty where it is not for any.
+    mismatches : ndarray, shape (m,)
+        Mean distance of the descriptors of neighbourhoods at closest points of each candidate, as a share of the
+        median distance of any two; NaN where it is not known, empty where it is not for any.
     log_odds : ndarray, shape (m,)
         How plausible each candidate is by all evidence, up to a constant of the pair; minus infinity for those that
         another one stands for (rigid poses, where maps were asked). Empty where energies alone decide.
@@ -80,7 +84,7 @@ class Pair:
     rotations: FloatArray
     maps: IntArray
     energies: FloatArray
-    gaps: FloatArray = field(default_factory=_nothing(0))
+    mismatches: FloatArray = field(default_factory=_nothing(0))
     log_odds: FloatArray = field(default_factory=_nothing(0))
     evidence: FloatArray = field(default_factory=_nothing(0, 0))
     lower_bound: float = float("nan")
@@ -106,15 +110,26 @@ class Pair:
 
     @property
     def costs(self) -> FloatArray:
-        """What speaks against each candidate, shape (m,): the geometric mean of its energy and its gap.
+        """What speaks against each candidate, shape (m,): see :func:`candidate_costs`."""
+        return candidate_costs(self.energies, self.mismatches)
 
-        In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a gap is not
-        known, the energies alone.
-        """
-        if len(self.gaps) != len(self.energies) or np.isnan(self.gaps).any() or not self.energies.min() > 0:
-            return self.energies
-        best, gaps = int(np.argmin(self.energies)), self.gaps + SMALLEST_GAP
-        return read_only(np.sqrt(self.energies * self.energies[best] * gaps / gaps[best]))
+
+def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
+    """Return what speaks against each candidate of a pair by its energy and its neighbourhoods, shape (m,).
+
+    In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a mismatch is not
+    known, the energies alone.
+
+    Parameters
+    ----------
+    energies, mismatches : ndarray, shape (m,)
+        As :class:`Pair` has them.
+    """
+    if len(mismatches) != len(energies) or np.isnan(mismatches).any() or not energies.min() > 0:
+        return energies
+    best = int(np.argmin(energies))
+    ratios = (mismatches + LEAST_MISMATCH) / (mismatches[best] + LEAST_MISMATCH)
+    return read_only(energies[best] * (energies / energies[best]) ** ENERGY_POWER * ratios**MISMATCH_POWER)
 
 
 def are_weighed(pairs: Iterable[Pair]) -> bool:

@@ -164,11 +164,11 @@ def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constrain
         pair = pairs[e]
         if rotation_angles(pair.rotations, pose["rotations"][0]).min() > SAME_POSE_RAD:
             order = np.argsort(np.append(pair.energies, pose["energies"]), kind="stable")
-            rotations, maps, energies, gaps = (
+            rotations, maps, energies, mismatches = (
                 read_only(np.concatenate([getattr(pair, name), pose[name]])[order])
-                for name in ("rotations", "maps", "energies", "gaps")
+                for name in ("rotations", "maps", "energies", "mismatches")
             )
-            pairs[e] = replace(pair, rotations=rotations, maps=maps, energies=energies, gaps=gaps)
+            pairs[e] = replace(pair, rotations=rotations, maps=maps, energies=energies, mismatches=mismatches)
     return pairs
 
 

@@ -11,9 +11,9 @@ from collalign.products.pair import are_weighed
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_whole
-from collalign.stages.incomplete.grow import IN_DOUBT, align_scans, are_scans
+from collalign.stages.incomplete.scans import align_scans, may_be_scans
+from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.steps import Matched, Posed, Run, with_group
-from collalign.stages.trust.remedies import MOST_TRIED, may_be_scans
 from data_tools.errors import CollectionError, InputError
 
 #: The run of the shapes that are posed, its group decided; their pairs; their poses.
@@ -27,30 +27,44 @@ def looks_for_incomplete(options: AlignOptions) -> bool:
 
 def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
-    if len(missing) == len(run.shapes.names):
-        decided, matched, posed = _pose(run)
-        posed = align_scans(with_group(run, matched.group), _judged(decided, matched, posed), missing)
-        return replace(matched, notes=()), posed  # they speak of other poses
-    matched, posed = _pose_on_complete(run, missing)
+    all_told = len(missing) == len(run.shapes.names)
+    known = steps.match(run) if all_told or _tries_scans(run, missing) else None
+    if known and (all_told or may_be_scans(run.shapes, known[1].pairs)):
+        decided, matched = known
+        scans = align_scans(decided, matched, missing if all_told else {})
+        if scans is not None:
+            return replace(matched, notes=()), scans  # they speak of whole shapes
+    matched, posed = _pose_on_complete(run, missing, known)
     whole = turned_out_whole(posed.incomplete)
     if whole:
         matched, posed = _pose_on_complete(run, {i: why for i, why in missing.items() if i not in whole})
     return matched, posed
 
 
-def _pose_on_complete(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
-    """Pose complete shapes and judge that, then the others on them, or all on each other."""
-    session, names = run.session, run.shapes.names
-    decided, matched, posed = _pose_others(run, missing)
-    if {*missing.values()} <= {OPEN} and looks_for_incomplete(session.options):
+def _tries_scans(run: Run, missing: Mapping[int, str]) -> bool:
+    """Whether shapes may be scans of which none is complete: nobody said otherwise, and options allow it."""
+    options = run.session.options
+    return (
+        not missing
+        and looks_for_incomplete(options)
+        and options.synchronization == "robust"
+        and not options.deformable
+        and not run.constraints.fixed
+        and 3 <= len(run.shapes.names) <= MAX_ALL_PAIRS
+        and any(item.rim != "closed" for item in run.shapes.samples)
+    )
+
+
+def _pose_on_complete(
+    run: Run, missing: Mapping[int, str], known: tuple[Run, Matched] | None = None
+) -> tuple[Matched, Posed]:
+    """Pose complete shapes and judge that, then the others on them; ``known`` are the pairs of all where matched."""
+    decided, matched, posed = _pose_others(run, missing) if known is None else _pose(run, known)
+    if {*missing.values()} <= {OPEN} and looks_for_incomplete(run.session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
     posed = _judged(decided, matched, posed)
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)
-    elif _asks_for_scans(decided, posed):
-        scans = align_scans(with_group(run, matched.group), posed, dict.fromkeys(range(len(names)), IN_DOUBT))
-        if are_scans(scans):
-            posed, matched = scans, replace(matched, notes=())
     return matched, posed
 
 
@@ -74,19 +88,6 @@ def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tup
     return missing, answer
 
 
-def _asks_for_scans(run: Run, posed: Posed) -> bool:
-    """Whether shapes are tried as scans of which none is complete: nobody said otherwise, and most are in doubt."""
-    options = run.session.options
-    return (
-        looks_for_incomplete(options)
-        and options.synchronization == "robust"
-        and not options.deformable
-        and not run.constraints.fixed
-        and len(run.shapes.names) <= MOST_TRIED
-        and may_be_scans(run.shapes, posed.confidence_but_for_sides)
-    )
-
-
 def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:
     """Pose the shapes that are not incomplete."""
     if not missing:
@@ -102,9 +103,9 @@ def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:
     return _pose(run.some(kept))
 
 
-def _pose(run: Run) -> _Answer:
-    """Pose complete shapes; the steps are those of section 6.3 of Maron et al. (2016)."""
-    decided, matched = steps.match(run)
+def _pose(run: Run, known: tuple[Run, Matched] | None = None) -> _Answer:
+    """Pose complete shapes, from their pairs if these are known; section 6.3 of Maron et al. (2016)."""
+    decided, matched = steps.match(run) if known is None else known
     matched = steps.prove(decided, matched)
     matched = steps.weigh(decided, matched)
     return decided, matched, steps.pose(decided, matched)

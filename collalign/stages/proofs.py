@@ -21,11 +21,11 @@ from collalign.options import AlignOptions, AlignSession
 from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
+from collalign.stages.local_evidence import local_evidence
 from collalign.stages.pairs.match import pair_key
 from collalign.stages.poses.agreement import SAME_POSE_RAD
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.shape_stage import SAMPLING
-from collalign.stages.surface_gap import surface_gaps
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
@@ -62,13 +62,13 @@ class PairProof:
     energy: float
     rotation: Annotated[FloatArray, Holds(shape="d d", rotations=True)]
     map: Annotated[IntArray, Holds(shape="k")]
-    gap: Annotated[float, Holds(nan=True)]
+    mismatch: Annotated[float, Holds(nan=True)]
     chirality_proven: bool
     certificate: Certificate | None
     listed_energies: Annotated[FloatArray, Holds(shape="m")]
     listed_rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     listed_maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
-    listed_gaps: Annotated[FloatArray, Holds(shape="m")]
+    listed_mismatches: Annotated[FloatArray, Holds(shape="m")]
     complete_within: Annotated[float, Holds(nan=True)]
     regions: Annotated[FloatArray, Holds(shape="r d d", rotations=True)]
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")]
@@ -98,10 +98,10 @@ def prove_pair(
     """Prove the best pose of one pair and list its rivals as far as the time allows; runs inside a worker."""
     problem = pair_problem(target, source, group)
     poses = list_poses(problem, rotations, within=LISTED_WITHIN, tol=gap_tol, time_limit_s=time_limit_s, record=True)
-    return pair_proof(poses, lambda rotations: surface_gaps(target, source, rotations))
+    return pair_proof(poses, lambda rotations: local_evidence(target, source, rotations)[0])
 
 
-def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> PairProof:
+def pair_proof(poses: PoseList, mismatches_at: Callable[[FloatArray], FloatArray]) -> PairProof:
     """Return what was proven of a pair: at most :data:`MOST_LISTED` poses, with balls if the list is complete."""
     proof = poses.proof
     pose, certificate = proof.candidate, proof.certificate
@@ -116,13 +116,13 @@ def pair_proof(poses: PoseList, gaps_at: Callable[[FloatArray], FloatArray]) -> 
         energy=float(pose.energy),
         rotation=pose.R_target_source,
         map=pose.map_target_source.astype(np.int32),
-        gap=float(gaps_at(pose.R_target_source[None])[0]),
+        mismatch=float(mismatches_at(pose.R_target_source[None])[0]),
         chirality_proven=bool(proof.is_chirality_proven),
         certificate=certificate,
         listed_energies=np.array([one.energy for one in nearly], dtype=np.float64),
         listed_rotations=rotations,
         listed_maps=np.array([one.map_target_source for one in nearly]).reshape(-1, size).astype(np.int32),
-        listed_gaps=gaps_at(rotations),
+        listed_mismatches=mismatches_at(rotations),
         complete_within=LISTED_WITHIN if is_complete else float("nan"),
         regions=np.array([centre for centre, _ in balls]).reshape(-1, *shape),
         region_radii_rad=np.array([radius for _, radius in balls], dtype=np.float64),
@@ -210,18 +210,18 @@ def with_proof(pair: Pair, proof: PairProof) -> Pair:
     rotations = np.concatenate([proof.rotation[None], proof.listed_rotations])
     maps = np.concatenate([proof.map[None], proof.listed_maps])
     energies = np.concatenate([[proof.energy], proof.listed_energies])
-    gaps = np.concatenate([[proof.gap], proof.listed_gaps])
+    mismatches = np.concatenate([[proof.mismatch], proof.listed_mismatches])
     for pose in np.argsort(energies, kind="stable"):
         near = rotation_angles(pair.rotations, rotations[pose]) <= SAME_POSE_RAD
         if near.any() and energies[pose] >= pair.energies[near].min() * (1 - 1e-6):
             continue
-        rank = int(np.searchsorted(pair.energies, energies[pose]))
+        rank, known = int(np.searchsorted(pair.energies, energies[pose])), pair.mismatches
         pair = replace(
             pair,
             rotations=np.insert(pair.rotations, rank, rotations[pose], axis=0),
             maps=np.insert(pair.maps, rank, maps[pose], axis=0),
             energies=np.insert(pair.energies, rank, energies[pose]),
-            gaps=np.insert(pair.gaps, rank, gaps[pose]) if len(pair.gaps) else pair.gaps,
+            mismatches=np.insert(known, rank, mismatches[pose]) if len(known) else known,
         )
     return pair
 

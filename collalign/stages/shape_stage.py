@@ -25,7 +25,7 @@ from data_tools.odd_sizes import odd_ratios
 SMALLEST_SHARE = 0.5
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-12", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-13", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 
 #: Dense points of each shape that are compared, of one shape the even and of the other the odd ones: otherwise copies
@@ -14,19 +14,6 @@ from data_tools.embedding.embedding import Samples
 NUM_POINTS = 250
 #: Weight of unit normals beside positions of root mean square radius 1.
 NORMAL_WEIGHT = 0.3
-
-
-def surface_gaps(target: Samples, source: Samples, rotations: FloatArray) -> FloatArray:
-    """Return the gap of two shapes at each of some poses, shape (m,), in squared radii; see :func:`surface_gap`.
-
-    Parameters
-    ----------
-    target, source : Samples
-    rotations : ndarray, shape (m, d, d)
-        ``R_target_source`` in the embedding; space comes first.
-    """
-    of_target, of_source = surface_points(target, first=0, every=1), surface_points(source, first=1, every=1)
-    return read_only(surface_gap(of_target, of_source, rotations[:, :3, :3]))
 
 
 def surface_gap(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -12,8 +12,10 @@ from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.own_points import OwnPoints
+from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
+from data_tools.local_surface import LocalSurface
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
@@ -27,6 +29,8 @@ BOUNDARY_WEIGHT = 0.2
 #: Factor of the invariants' weights on open surfaces and point clouds (``python -m experiments invariants`` compares
 #: samples with and without invariants at these weights).
 OPEN_FACTOR = 0.25
+#: Distance of the points whose neighbourhoods are described, in root mean square radii.
+CELL = 0.12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +67,9 @@ class Samples:
         See :func:`data_tools.embedding.copies.shape_signature`.
     rim : str
         ``open`` or ``closed``, as surfaces are (small holes do not count), or ``unknown``, of point clouds.
+    local : LocalSurface or None
+        Points one cell apart with descriptors of their neighbourhoods, about the centroid of the surface and in its
+        root mean square radii; None where there are too few.
     notes : tuple of str
         What a user should know: decimated, which operators.
     """
@@ -81,6 +88,7 @@ class Samples:
     dense_invariants: Annotated[FloatArray, Holds(shape="l m")]
     signature: Annotated[FloatArray, Holds(shape="18")]
     rim: str
+    local: LocalSurface | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -161,8 +169,18 @@ def sample_shape(
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         signature=shape_signature(shape),
         rim=surface.rim,
+        local=_local_surface(surface.shape),
         notes=shape.notes + surface.notes,
     )
+
+
+def _local_surface(shape: Shape) -> LocalSurface | None:
+    """Return the surface one cell apart about its centroid, in root mean square radii."""
+    centre, radius = centre_and_radius(shape)
+    found = surface_cells(shape, CELL * radius) if radius > 0 else None
+    if found is None:
+        return None
+    return replace(found, points=read_only((found.points - centre) / radius), cell=CELL)
 
 
 def _choose_samples(surface: WorkingSurface, options: SamplingOptions, *, is_whole: bool) -> IntArray:

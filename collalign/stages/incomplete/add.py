@@ -181,14 +181,14 @@ def incomplete_pairs(
                 choice=0 if agrees else -1,
                 inlier=agrees,
                 disagreement_deg=float(angles[0]),
-                map_target_source=read_only(_label_map(labels[first], labels[second])),
+                map_target_source=read_only(label_map(labels[first], labels[second])),
                 energy=float(energies[0]),
             )
         )
     return pairs
 
 
-def _label_map(target: IntArray, source: IntArray) -> IntArray:
+def label_map(target: IntArray, source: IntArray) -> IntArray:
     """Return the sample of the target with the label of each of the source's, -1 where there is none."""
     inverse = np.full(int(max(target.max(), source.max())) + 2, -1, dtype=np.int64)
     inverse[target[target >= 0]] = np.flatnonzero(target >= 0)

@@ -11,11 +11,11 @@ import numpy as np
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.store.keys import pair_seed
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.matching_input import pair_problem
-from collalign.products.pair import Pair
+from collalign.products.matching_input import match_at_rotation, pair_problem
+from collalign.products.pair import Pair, candidate_costs
 from collalign.products.shapes import Excluded, Shapes
+from collalign.stages.local_evidence import CONVINCING, local_evidence, proposed_rotations
 from collalign.stages.shape_stage import SAMPLING
-from collalign.stages.surface_gap import surface_gaps
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, InputError, SolveFailed
@@ -32,7 +32,7 @@ class PairPoses:
     rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
     energies: Annotated[FloatArray, Holds(shape="m")]
-    gaps: Annotated[FloatArray, Holds(shape="m")]
+    mismatches: Annotated[FloatArray, Holds(shape="m")]
     lower_bound: Annotated[float, Holds(nan=True)]
     status: Status
 
@@ -58,19 +58,31 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
     if not result.candidates:
         raise SolveFailed(result.status.value, result)
     rotations = np.array([pose.R_target_source for pose in result.candidates])
+    maps = np.array([pose.map_target_source for pose in result.candidates])
     energies = np.array([pose.energy for pose in result.candidates])
+    mismatches, overlaps = local_evidence(target, source, rotations)
+    best = int(np.argmin(candidate_costs(energies, mismatches)))
+    if problem.dim == 3 and overlaps[best] < CONVINCING:
+        proposed = proposed_rotations(target, source, group, rotations)
+        matched = [match_at_rotation(target, source, rotation) for rotation in proposed]
+        rotations = np.concatenate([rotations, proposed])
+        maps = np.concatenate([maps, *(one[None] for one, _ in matched)])
+        energies = np.append(energies, [energy for _, energy in matched])
+        order = np.argsort(energies, kind="stable")
+        rotations, maps, energies = rotations[order], maps[order], energies[order]
+        mismatches, _ = local_evidence(target, source, rotations)
     return PairPoses(
         rotations=rotations,
-        maps=np.array([pose.map_target_source for pose in result.candidates], dtype=np.int32),
+        maps=maps.astype(np.int32),
         energies=np.where(energies <= problem.rounding_energy, 0.0, energies),
-        gaps=surface_gaps(target, source, rotations),
+        mismatches=mismatches,
         lower_bound=float(result.lower_bound),
         status=result.status,
     )
 
 
 #: Matches a pair. The version changes whenever the same two shapes and options would give other poses.
-MATCHING = Job(kind="pairs", version="pair-6", run=match_pair, reader=PairPoses)
+MATCHING = Job(kind="pairs", version="pair-7", run=match_pair, reader=PairPoses)
 
 
 def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:

@@ -7,16 +7,14 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
 from collalign.engine.jobs.job import Shared
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
-from collalign.products.matching_input import pair_problem
+from collalign.products.matching_input import match_at_rotation, pair_problem
 from collalign.products.pair import Pair
-from collalign.stages.surface_gap import surface_gaps
+from collalign.stages.local_evidence import local_evidence
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -35,15 +33,15 @@ def resolve_pair(target: Samples, source: Samples, group: str, start: FloatArray
     Returns
     -------
     dict
-        ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,), ``gaps`` (1,).
+        ``rotations`` (1, d, d), ``maps`` (1, k), ``energies`` (1,), ``mismatches`` (1,).
     """
     problem = pair_problem(target, source, group)
     if problem.dim > 3:
         # The eigenfunctions' block follows in closed form from the map that positions and invariants give.
-        start = problem.procrustes(linear_sum_assignment(_costs(target, source, start))[1])
+        start = problem.procrustes(match_at_rotation(target, source, start)[0])
     pose = minimise(problem, start[None])
-    gaps = surface_gaps(target, source, pose.rotations)
-    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "gaps": gaps}
+    mismatches, _ = local_evidence(target, source, pose.rotations)
+    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "mismatches": mismatches}
 
 
 def solve_again(
@@ -100,14 +98,5 @@ def with_common_match(
 
 def match_at(samples: Sequence[Samples], pair: Pair, rotations: FloatArray) -> tuple[IntArray, float]:
     """Return the best map of a pair at the common poses, and its energy."""
-    target, source = samples[pair.target], samples[pair.source]
-    costs = _costs(target, source, rotations[pair.target].T @ rotations[pair.source])
-    rows, columns = linear_sum_assignment(costs)
-    return columns.astype(np.int64), float(costs[rows, columns].sum())
-
-
-def _costs(target: Samples, source: Samples, rotation: FloatArray) -> FloatArray:
-    """Return the costs of all matches at a rotation of space, shape (k, k): source points are rows."""
-    costs = cdist(source.positions @ rotation.T, target.positions, "sqeuclidean")
-    costs += cdist(source.invariants, target.invariants, "sqeuclidean")
-    return costs
+    common = rotations[pair.target].T @ rotations[pair.source]
+    return match_at_rotation(samples[pair.target], samples[pair.source], common)

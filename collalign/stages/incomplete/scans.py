@@ -1,0 +1,224 @@
+"""Aligns shapes none of which is complete, such as range scans: each on what it shares with its neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from collalign.confidence.overlap_model import overlap_chances
+from collalign.products.incomplete import Incomplete
+from collalign.products.pair import Alternative, Pair
+from collalign.products.shapes import Shapes
+from collalign.products.trust import DOUBT
+from collalign.stages.incomplete.add import incomplete_note, label_map
+from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overlaps, join_scans
+from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pairs
+from collalign.stages.incomplete.place import nearest_labels
+from collalign.stages.pairs.choose import MAX_ALL_PAIRS
+from collalign.stages.poses.placement import common_positions
+from collalign.stages.steps import Matched, Posed, Run
+from collalign.synchronization import SynchronizationResult
+from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import CollectionError, InputError
+from data_tools.poses import AGREE_DEG, scales_of, turn_deg
+from pairwise.features.overlap import LocalPoses
+from pairwise.status import Status
+
+#: Shapes with open borders may be scans where the median pair matches so badly as whole shapes: its neighbourhoods
+#: differ by this share of what any two do. Bunny scans and generated views have .84 to .88; molars, planes and chairs
+#: .50 to .54, people .70.
+BADLY_MATCHED = 0.75
+#: Shapes that nobody called scans are scans where so many of them are sure when they are joined by overlaps.
+MOST_SURE = 0.5
+#: Why shapes count as incomplete that nobody called so.
+OVERLAPPING = "they share only parts with each other"
+
+
+def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
+    """Whether most shapes have open borders, and match badly as whole shapes."""
+    opened = np.mean([item.rim != "closed" for item in shapes.samples])
+    mismatches = [float(pair.mismatches.min()) for pair in pairs if len(pair.mismatches)]
+    return bool(
+        3 <= len(shapes.names) <= MAX_ALL_PAIRS
+        and opened > 0.5
+        and len(mismatches) == len(pairs)
+        and float(np.median(mismatches)) >= BADLY_MATCHED
+    )
+
+
+def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed | None:
+    """Return the poses of shapes none of which is complete; None where nobody said so, and they are no scans.
+
+    Sizes are those of the files.
+
+    Parameters
+    ----------
+    run : Run
+        Its group is decided.
+    matched : Matched
+        The shapes as if they were complete.
+    reasons : mapping of int to str
+        Why each counts as incomplete; empty where nobody said so.
+
+    Raises
+    ------
+    InputError
+        If there are too many shapes, or poses are fixed.
+    CollectionError
+        If nothing can be read of a shape's surface.
+    """
+    session, shapes, constraints = run.session, run.shapes, run.constraints
+    num = len(shapes.names)
+    if num > MAX_ALL_PAIRS or constraints.fixed:
+        raise InputError(
+            "incomplete: poses of shapes none of which is complete are found together, for at most "
+            f"{MAX_ALL_PAIRS} shapes and without fixed poses"
+        )
+    with run.stage("incomplete shapes"):
+        surfaces = describe_surfaces(session, shapes, range(num))
+        if surfaces.failures:
+            if not reasons:
+                return None
+            raise CollectionError("; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items()))
+        overlaps = overlap_pairs(session, shapes, surfaces)
+        joined = join_scans([surfaces[i] for i in range(num)], overlaps, session.options.group)
+    if not reasons and not _are_scans(joined):
+        return None
+    return _posed(run, matched, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
+
+
+def _are_scans(joined: JoinedScans) -> bool:
+    """Whether overlaps join most shapes, and surely."""
+    return bool((joined.confidence[joined.parts[0]] >= DOUBT).sum() >= MOST_SURE * len(joined.confidence))
+
+
+def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
+    """Return the poses with all samples centred, and of the root's normalised size unless sizes stay."""
+    framed = transforms.copy()
+    if scaling == "similarity":
+        framed[:, :3] /= shapes.samples[root].scale
+    framed[:, :3, 3] -= common_positions(shapes.samples, framed).mean(axis=(0, 1))
+    return framed
+
+
+def common_points(positions: FloatArray) -> FloatArray:
+    """Return points that stand for all samples (N, k, 3): those farther from all before than samples lie apart."""
+    every = positions.reshape(-1, 3)
+    gaps = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)
+    gaps[:, np.arange(gaps.shape[1]), np.arange(gaps.shape[1])] = np.inf
+    spacing, kept = float(np.median(gaps.min(axis=2))), [0]
+    for n in range(1, len(every)):
+        if np.linalg.norm(every[kept] - every[n], axis=1).min() > spacing:
+            kept.append(n)
+    return every[kept]
+
+
+def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, reasons: Mapping[int, str]) -> Posed:
+    """Return what follows from the poses of joined scans."""
+    shapes, reference = run.shapes, run.constraints.reference
+    num = len(shapes.names)
+    turned = np.linalg.inv(joined.transforms[reference]) @ joined.transforms
+    transforms = _framed(shapes, turned, run.session.options.scaling, reference)
+    rotations = np.ascontiguousarray(turned[:, :3, :3])
+    positions = common_positions(shapes.samples, transforms)
+    universe = common_points(positions)
+    labels = np.stack([nearest_labels(points, universe) for points in positions])
+    incomplete = tuple(_incomplete(i, joined.kept, reasons[i]) for i in range(num))
+    pairs = [
+        _pair(pair, poses, joined, rotations, labels)
+        for pair, poses in overlaps.items()
+        if pair in joined.kept or overlap_chances(poses).max() >= JOINING_CHANCE
+    ]
+    solution = SynchronizationResult(
+        rotations=read_only(rotations),
+        confidence=read_only(joined.confidence),
+        edge_inlier=read_only(np.array([pair.inlier for pair in pairs], dtype=np.bool_)),
+        edge_choice=read_only(np.array([pair.choice for pair in pairs], dtype=np.int64)),
+        parts=tuple(joined.parts),
+        components=tuple(joined.parts),
+        alternatives=_alternatives(joined, transforms),
+        warnings=_unjoined(shapes.names, joined),
+    )
+    return Posed(
+        pairs=pairs,
+        matched=matched.pairs,
+        solution=solution,
+        rotations=rotations,
+        transforms=transforms,
+        labels=labels,
+        consensus=universe,
+        notes=(incomplete_note(shapes.names, incomplete),),
+        may_be_mirrored=(),
+        incomplete=incomplete,
+    )
+
+
+def _unjoined(names: Sequence[str], joined: JoinedScans) -> tuple[str, ...]:
+    """Return the sentence that names the parts that no overlap joins, if there are several."""
+    if len(joined.parts) < 2:
+        return ()
+    groups = "; ".join(", ".join(names[i] for i in part.tolist()) for part in joined.parts)
+    return (f"No overlap joins all shapes. Poses can be compared within these groups only: {groups}.",)
+
+
+def _incomplete(i: int, kept: Overlaps, reason: str) -> Incomplete:
+    """Return what is known of a scan: the shapes that it overlaps with, and by how much."""
+    partners, shares = [], []
+    for (a, b), poses in kept.items():
+        if i in (a, b):
+            partners.append(b if i == a else a)
+            shares.append(poses.overlaps[0] if i == b else poses.overlaps[0][::-1])
+    return Incomplete(
+        shape=i,
+        reason=reason,
+        partners=read_only(np.array(partners, dtype=np.int64)),
+        overlaps=read_only(np.array(shares, dtype=np.float64).reshape(-1, 2)),
+    )
+
+
+def _pair(
+    ends: tuple[int, int],
+    poses: LocalPoses,
+    joined: JoinedScans,
+    rotations: FloatArray,
+    labels: IntArray,
+) -> Pair:
+    """Return a pair with its poses, the most probable first, and the map of its samples at the common ones."""
+    i, j = ends
+    order = np.argsort(-overlap_chances(poses), kind="stable")
+    chosen = poses[order]
+    angles = turn_deg(chosen.rotations, rotations[i].T @ rotations[j])
+    nearest = int(np.argmin(angles))
+    agrees = ends in joined.kept and bool(angles[nearest] <= AGREE_DEG)
+    return Pair(
+        target=i,
+        source=j,
+        rotations=read_only(chosen.rotations),
+        maps=read_only(np.full((len(chosen), labels.shape[1]), -1)),
+        energies=read_only(1.0 - chosen.overlap),
+        status=Status.LOCAL_OPTIMUM.name,
+        choice=nearest if agrees else -1,
+        inlier=agrees,
+        disagreement_deg=float(angles[0]),
+        map_target_source=read_only(label_map(labels[i], labels[j])),
+        energy=1.0 - float(joined.kept[ends].overlap[0] if agrees else chosen.overlap[nearest]),
+    )
+
+
+def _alternatives(joined: JoinedScans, transforms: FloatArray) -> tuple[tuple[Alternative, ...], ...]:
+    """Return for each shape the other places that pairs ask for, of itself or of a block with others."""
+    found: list[list[Alternative]] = [[] for _ in transforms]
+    inverse = np.linalg.inv(joined.transforms)
+    for cut in joined.cuts:
+        for i in cut.members.tolist() if cut.against > 0 else ():
+            moved = transforms[i] @ inverse[i] @ cut.move @ joined.transforms[i]
+            found[i].append(
+                Alternative(
+                    rotation=read_only(moved[:3, :3] / scales_of(moved)),
+                    log_odds=cut.held - cut.against,
+                    origin="overlaps",
+                    transform=read_only(moved),
+                )
+            )
+    return tuple(tuple(own) for own in found)

@@ -1,0 +1,54 @@
+"""What neighbourhoods of two whole shapes say of poses of their pair: descriptors at closest points, and overlap."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_tools.arrays import FloatArray, read_only
+from data_tools.embedding.embedding import Samples
+from data_tools.poses import SAME_DEG, keep_apart
+from pairwise.features.overlap import closeness, match_overlapping
+
+#: Points of either surface that are compared at a pose.
+NUM_COMPARED = 250
+#: Where the likeliest pose overlaps less than this, poses are looked for on which neighbourhoods agree.
+CONVINCING = 0.5
+#: Poses that such a search proposes.
+NUM_PROPOSED = 4
+
+
+def local_evidence(target: Samples, source: Samples, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the mismatch and the overlap of two shapes at each of some poses, each (m,); NaN where unknown.
+
+    The shapes lie with their centroids and sizes on each other.
+
+    Parameters
+    ----------
+    target, source : Samples
+    rotations : ndarray, shape (m, d, d)
+        ``R_target_source`` in the embedding; space comes first.
+    """
+    unknown = np.full(len(rotations), np.nan)
+    if target.local is None or source.local is None:
+        return read_only(unknown), read_only(unknown)
+    mismatch, overlap = unknown.copy(), unknown.copy()
+    space = rotations[:, :3, :3]
+    are_proper = np.linalg.det(space) > 0
+    for proper, other, flip in ((True, source.local, np.ones(3)), (False, None, np.array([-1.0, 1.0, 1.0]))):
+        chosen = are_proper == proper
+        if chosen.any():
+            of = source.local.mirrored() if other is None else other
+            turns = space[chosen] * flip
+            shares, costs = closeness(target.local, of, turns, np.zeros((len(turns), 3)), num_points=NUM_COMPARED)
+            mismatch[chosen], overlap[chosen] = costs, np.sqrt(shares.prod(axis=1))
+    return read_only(mismatch), read_only(overlap)
+
+
+def proposed_rotations(target: Samples, source: Samples, group: str, known: FloatArray) -> FloatArray:
+    """Return rotations (p, 3, 3) on which neighbourhoods agree, apart from those that are known (m, d, d)."""
+    if target.local is None or source.local is None:
+        return np.empty((0, 3, 3))
+    found = match_overlapping(target.local, source.local, group=group, num_candidates=NUM_PROPOSED).rotations
+    every = np.concatenate([known[:, :3, :3], found])
+    kept = keep_apart(every, SAME_DEG)
+    return every[[k for k in kept if k >= len(known)]]

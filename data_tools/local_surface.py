@@ -1,0 +1,149 @@
+"""A surface as points one cell apart, each with its normal and a descriptor of its neighbourhood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_matrix
+from scipy.spatial import cKDTree
+
+from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
+from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
+
+#: Neighbours of a point are those within so many cells.
+RADIUS_CELLS = 5.0
+#: Bins of each of the three angles.
+NUM_BINS = 11
+#: Points of a surface that are compared with another one at a pose: an even choice of at most so many.
+MOST_COMPARED = 600
+#: A surface needs so many points for its neighbourhoods to say anything.
+FEWEST_POINTS = 30
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalSurface:
+    """A surface whose points lie about one cell apart; build it with :meth:`from_user`.
+
+    Attributes
+    ----------
+    points : ndarray, shape (l, 3)
+    normals : ndarray, shape (l, 3)
+        Unit normals, all on the same side of the surface.
+    histograms : ndarray of uint8, shape (l, 33)
+        Square roots of the fast point feature histograms (Rusu, Blodow and Beetz, ICRA 2009) in units of 1/255.
+    cell : float
+        Distance of the points, in their own units.
+    """
+
+    points: Annotated[FloatArray, Holds(shape="l 3")]
+    normals: Annotated[FloatArray, Holds(shape="l 3")]
+    histograms: Annotated[NDArray[np.uint8], Holds(shape="l 33")]
+    cell: Annotated[float, Holds(positive=True)]
+
+    @classmethod
+    @one_blas_thread()
+    def from_user(cls, points: ArrayLike, normals: ArrayLike, cell: float) -> LocalSurface:
+        """Check the arrays and describe every neighbourhood.
+
+        Parameters
+        ----------
+        points : array_like, shape (l, 3)
+        normals : array_like, shape (l, 3)
+            Of unit length.
+        cell : float
+            Distance of the points, in their own units.
+
+        Raises
+        ------
+        InputError
+            If the arrays are not finite or of different lengths, or the cell is not positive.
+        """
+        checked = as_points(points, "points", min_points=4, dim=3)
+        directions = as_floats(normals, "normals", shape=checked.shape)
+        if not (cell > 0 and np.isfinite(cell)):
+            raise InputError(f"cell: expected a positive length, got {cell!r}")
+        roots = np.sqrt(fast_point_features(checked, directions, RADIUS_CELLS * cell))
+        histograms = np.rint(255.0 * roots).astype(np.uint8)
+        return cls(
+            points=read_only(checked),
+            normals=read_only(directions),
+            histograms=read_only(histograms),
+            cell=float(cell),
+        )
+
+    @cached_property
+    def features(self) -> NDArray[np.float32]:
+        """Unit vectors (l, 33) whose distances are Hellinger's distances of the histograms."""
+        roots = self.histograms.astype(np.float32)
+        return np.asarray(roots / np.maximum(np.linalg.norm(roots, axis=1, keepdims=True), 1.0))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The points, for look-ups of nearest neighbours."""
+        return cKDTree(self.points)
+
+    @property
+    def compared(self) -> slice:
+        """An even choice of at most :data:`MOST_COMPARED` points."""
+        return slice(None, None, -(-len(self.points) // MOST_COMPARED))
+
+    def mirrored(self) -> LocalSurface:
+        """Return the mirror image in the plane x = 0.
+
+        Mirroring negates the first of the three angles of a histogram, which reverses its bins.
+        """
+        flip = np.array([-1.0, 1.0, 1.0])
+        histograms = self.histograms.copy()
+        histograms[:, :NUM_BINS] = histograms[:, NUM_BINS - 1 :: -1]
+        return replace(
+            self,
+            points=read_only(self.points * flip),
+            normals=read_only(self.normals * flip),
+            histograms=read_only(histograms),
+        )
+
+
+def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:
+    """Return the fast point feature histogram of every point, shape (l, 33); each sums to 1.
+
+    Three angles of a Darboux frame between a point and each neighbour within the radius, in 11 bins each, and the
+    neighbours' histograms weighted by inverse distance (Rusu, Blodow and Beetz, ICRA 2009, equations 1 to 3).
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (l, 3)
+        The normals are of unit length.
+    radius : float
+        In the units of the points.
+    """
+    num = len(points)
+    near = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    at, other = np.concatenate([near, near[:, ::-1]]).T
+    arms = points[other] - points[at]
+    lengths = np.sqrt(np.einsum("pa,pa->p", arms, arms))
+    apart = lengths > 0.0
+    at, other, lengths = at[apart], other[apart], lengths[apart]
+    arms = arms[apart] / lengths[:, None]
+    own, theirs = normals[at], normals[other]
+    across = np.cross(arms, own)
+    across /= np.maximum(np.sqrt(np.einsum("pa,pa->p", across, across)), 1e-9)[:, None]
+    third = np.cross(own, across)
+    angles = (
+        np.einsum("pa,pa->p", across, theirs),
+        np.einsum("pa,pa->p", own, arms),
+        np.arctan2(np.einsum("pa,pa->p", third, theirs), np.einsum("pa,pa->p", own, theirs)) / np.pi,
+    )
+    simple = np.empty((num, 3 * NUM_BINS))
+    for number, values in enumerate(angles):
+        bins = np.clip(((values + 1.0) * (NUM_BINS / 2.0)).astype(np.int64), 0, NUM_BINS - 1)
+        counts = np.bincount(at * NUM_BINS + bins, minlength=num * NUM_BINS)
+        simple[:, number * NUM_BINS : (number + 1) * NUM_BINS] = counts.reshape(num, NUM_BINS)
+    simple /= np.maximum(3.0 * np.bincount(at, minlength=num), 1.0)[:, None]
+    weights = coo_matrix((1.0 / lengths, (at, other)), shape=(num, num)).tocsr()
+    total = np.maximum(np.asarray(weights.sum(axis=1)), np.finfo(float).tiny)
+    return np.asarray(0.5 * (simple + weights @ simple / total))

@@ -1,0 +1,217 @@
+"""How much two surfaces explain of each other at a pose: overlap, mismatch of descriptors, share of matches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.checks import check_choice
+from data_tools.local_surface import MOST_COMPARED, LocalSurface
+from data_tools.threads import one_blas_thread
+from pairwise.features.poses import (
+    SAME_CELLS,
+    consensus_poses,
+    distinct_poses,
+    feature_distances,
+    match_features,
+    refine_poses,
+)
+
+#: A point has a partner if a point of the other surface is within so many cells, ...
+PARTNER_CELLS = 1.2
+#: ... and the cosine between both normals is above this.
+PARTNER_COSINE = 0.7
+#: Descriptors are compared at closest points that are within so many cells, twice the reach of a partner.
+COMPARED_CELLS = 2.4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalPoses:
+    """Rigid poses of a source on a target and the local evidence of each.
+
+    Attributes
+    ----------
+    rotations : ndarray, shape (p, 3, 3)
+        ``R_target_source``, orthogonal.
+    shifts : ndarray, shape (p, 3)
+        ``x -> rotation x + shift`` takes the source to the target.
+    overlaps : ndarray, shape (p, 2)
+        Share of the target's and of the source's points with a partner: a point of the other surface within 1.2
+        cells whose normal agrees.
+    mismatch : ndarray, shape (p,)
+        Mean distance of the descriptors at closest points, as a share of the median distance of any two; points
+        without a closest point count as 1.
+    consensus : ndarray, shape (p,)
+        Share of the matched descriptors that lie within 1.5 cells of each other.
+    """
+
+    rotations: Annotated[FloatArray, Holds(shape="p 3 3", rotations=True)]
+    shifts: Annotated[FloatArray, Holds(shape="p 3")]
+    overlaps: Annotated[FloatArray, Holds(shape="p 2")]
+    mismatch: Annotated[FloatArray, Holds(shape="p")]
+    consensus: Annotated[FloatArray, Holds(shape="p")]
+
+    @property
+    def overlap(self) -> FloatArray:
+        """Geometric mean of both overlaps, shape (p,)."""
+        return np.asarray(np.sqrt(self.overlaps.prod(axis=1)))
+
+    def __len__(self) -> int:
+        return len(self.shifts)
+
+    def __getitem__(self, which: IntArray | list[int] | slice) -> LocalPoses:
+        """Return some of the poses."""
+        return LocalPoses(
+            rotations=self.rotations[which],
+            shifts=self.shifts[which],
+            overlaps=self.overlaps[which],
+            mismatch=self.mismatch[which],
+            consensus=self.consensus[which],
+        )
+
+
+@one_blas_thread()
+def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray) -> LocalPoses:
+    """Return what descriptors and overlap say of rigid poses, rotations (p, 3, 3) of either determinant.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+        In one unit of length.
+    rotations : ndarray, shape (p, 3, 3)
+    shifts : ndarray, shape (p, 3)
+    """
+    distances = feature_distances(target, source)
+    proper = np.linalg.det(rotations) > 0
+    evidence = np.empty((len(rotations), 4))
+    for is_proper in (True, False):
+        chosen = np.flatnonzero(proper == is_proper)
+        if len(chosen):
+            flip = np.eye(3) if is_proper else np.diag([-1.0, 1.0, 1.0])
+            other = source if is_proper else source.mirrored()
+            if not is_proper:
+                distances = feature_distances(target, other)
+            evidence[chosen] = _evidence(target, other, rotations[chosen] @ flip, shifts[chosen], distances)
+    return LocalPoses(
+        rotations=read_only(rotations),
+        shifts=read_only(shifts),
+        overlaps=read_only(evidence[:, :2]),
+        mismatch=read_only(evidence[:, 2]),
+        consensus=read_only(evidence[:, 3]),
+    )
+
+
+@one_blas_thread()
+def match_overlapping(
+    target: LocalSurface, source: LocalSurface, *, group: str = "SO", num_candidates: int = 8
+) -> LocalPoses:
+    """Return distinct rigid poses on which neighbourhoods of two surfaces agree, the most overlap first.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+        In one unit of length, with cells of about the same size.
+    group : {"SO", "O"}
+        O looks among mirror images as well.
+    num_candidates : int
+        At most so many poses.
+
+    Returns
+    -------
+    LocalPoses
+
+    Raises
+    ------
+    OptionsError
+        If the group is unknown.
+    """
+    check_choice("group", group, ("SO", "O"))
+    cell = max(target.cell, source.cell)
+    rotations, shifts = [], []
+    for flip in (1.0,) if group == "SO" else (1.0, -1.0):
+        other = source if flip > 0 else source.mirrored()
+        matches = match_features(feature_distances(target, other))
+        poses = refine_poses(target, other, *consensus_poses(target, other, matches, num_candidates))
+        rotations.append(poses[0] * [flip, 1.0, 1.0])
+        shifts.append(poses[1])
+    found = judge_poses(target, source, np.concatenate(rotations), np.concatenate(shifts))
+    score = found.overlap * found.consensus
+    return found[distinct_poses(found.rotations, found.shifts, score, source, cell, num_candidates)]
+
+
+def _evidence(
+    target: LocalSurface,
+    source: LocalSurface,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    distances: NDArray[np.float32],
+) -> FloatArray:
+    """Return both overlaps, mismatch and consensus of rotations of determinant 1, shape (p, 4)."""
+    cell = max(target.cell, source.cell)
+    to, of = match_features(distances)
+    overlaps, mismatch = closeness(target, source, rotations, shifts)
+    gaps = source.points[of] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target.points[to]
+    consensus = ((gaps * gaps).sum(axis=2) < (SAME_CELLS * cell) ** 2).mean(axis=1)
+    return np.column_stack([overlaps, mismatch, consensus])
+
+
+@one_blas_thread()
+def closeness(
+    target: LocalSurface,
+    source: LocalSurface,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    *,
+    num_points: int = MOST_COMPARED,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the overlaps (p, 2) and the mismatch (p,) of poses of determinant 1, as :class:`LocalPoses` has them.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+        In one unit of length.
+    rotations : ndarray, shape (p, 3, 3)
+    shifts : ndarray, shape (p, 3)
+    num_points : int
+        Points of either surface that are compared, at most.
+    """
+    cell = max(target.cell, source.cell)
+    on_target, on_source = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
+    distances = feature_distances(target, source)
+    usual = max(float(np.median(distances[on_target, on_source])), float(np.finfo(np.float32).tiny))
+    overlaps, mismatch = np.empty((len(rotations), 2)), np.empty(len(rotations))
+    for p, (rotation, shift) in enumerate(zip(rotations, shifts, strict=True)):
+        placed, normals = source.points @ rotation.T + shift, source.normals @ rotation.T
+        sides = (
+            ((placed, normals), (target.points[on_target], target.normals[on_target]), distances[on_target]),
+            ((target.points, target.normals), (placed[on_source], normals[on_source]), distances[:, on_source].T),
+        )
+        costs = []
+        for side, (others, own, table) in enumerate(sides):
+            squares, nearest = _partners(others, own)
+            overlaps[p, side] = np.mean(squares < (PARTNER_CELLS * cell) ** 2)
+            reached = table[np.arange(len(nearest)), nearest] / usual
+            costs.append(np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean())
+        mismatch[p] = 0.5 * (costs[0] + costs[1])
+    return overlaps, mismatch
+
+
+def _partners(
+    others: tuple[FloatArray, FloatArray], own: tuple[FloatArray, FloatArray]
+) -> tuple[NDArray[np.float32], IntArray]:
+    """Return squared distance and index of each own point's nearest other one whose normal agrees, each (l,).
+
+    Of a thin wall both sides are near: the nearest point alone would be of the wrong one.
+    """
+    centre = others[0].mean(axis=0)
+    theirs, mine = ((points - centre).astype(np.float32) for points in (others[0], own[0]))
+    squares = -2.0 * mine @ theirs.T
+    squares += (theirs * theirs).sum(axis=1)
+    squares[own[1].astype(np.float32) @ others[1].astype(np.float32).T <= PARTNER_COSINE] = np.inf
+    nearest = squares.argmin(axis=1)
+    least = squares[np.arange(len(nearest)), nearest] + (mine * mine).sum(axis=1)
+    return np.maximum(least, 0.0), nearest

@@ -1,0 +1,242 @@
+"""Poses on which matches of descriptors agree, refined point to plane.
+
+No centroid, size or whole shape enters: what two surfaces share decides, however little that is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.local_surface import LocalSurface
+from data_tools.poses import turn_deg
+from data_tools.rotations import nearest_orthogonal
+
+_Floats: TypeAlias = NDArray[np.floating[Any]]
+
+#: Descriptors that each point is matched with, and matches that are looked at, the most telling ones.
+NUM_NEAREST, MOST_MATCHES = 2, 1000
+#: Two matches are compatible if the distance of their points agrees within so many cells, ...
+SAME_CELLS = 1.5
+#: ... if they are at least so many cells apart, ...
+APART_CELLS = 2.0
+#: ... if the cosines between their two normals agree within this, ...
+SAME_COSINE = 0.4
+#: ... and if those between normals and connection do within this (and half a cell).
+SAME_SLOPE = 0.35
+#: Rounds of so many seeds; matches that a round explains seed no later one.
+NUM_ROUNDS, NUM_SEEDS = 3, 60
+#: Matches that a seed's pose is computed from: those that share most compatible matches with it.
+NUM_SUPPORT = 24
+#: A match counts for a pose if its normals agree up to this cosine.
+MATCH_COSINE = 0.6
+#: Poses nearer than this, in degrees and in cells, are one.
+SAME_POSE_DEG, SAME_POSE_CELLS = 15.0, 5.0
+#: Cutoffs of the refinement's steps, in cells; cosine of normals from which two points count.
+STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0, 1.2, 1.2, 1.2), 0.5
+#: Most that a step of the refinement rotates, in radians, and points that a step needs.
+LONGEST_STEP_RAD, FEWEST_POINTS = 0.3, 12
+
+
+def feature_distances(target: LocalSurface, source: LocalSurface) -> NDArray[np.float32]:
+    """Return the squared Hellinger distances of all descriptors, shape (l, m), between 0 and 2."""
+    return np.asarray(2.0 - 2.0 * (target.features @ source.features.T))
+
+
+def match_features(distances: NDArray[np.float32]) -> tuple[IntArray, IntArray]:
+    """Return the nearest descriptors of each point, both ways, as indices on the target and on the source, each (m,).
+
+    Of many the most telling ones: those whose distance is small compared with the mean one of either point.
+
+    Parameters
+    ----------
+    distances : ndarray, shape (l, m)
+        As :func:`feature_distances` returns them.
+    """
+    num_source = distances.shape[1]
+    there = [rows * num_source + columns for rows, columns in _nearest(distances)]
+    back = [rows * num_source + columns for columns, rows in _nearest(distances.T)]
+    to, of = np.divmod(np.unique(np.concatenate([*there, *back])), num_source)
+    if len(to) > MOST_MATCHES:
+        usual = np.minimum(distances.mean(axis=1)[to], distances.mean(axis=0)[of])
+        kept = np.sort(np.argsort(distances[to, of] / usual, kind="stable")[:MOST_MATCHES])
+        to, of = to[kept], of[kept]
+    return to, of
+
+
+def consensus_poses(
+    target: LocalSurface, source: LocalSurface, matches: tuple[IntArray, IntArray], num: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return distinct rigid poses on which most matches agree, rotations (p, 3, 3) and shifts (p, 3).
+
+    Matches vote for each other where a rigid motion can hold both; what counts for a seed are the compatible matches
+    that two compatible matches share (second order spatial compatibility: Chen, Sun, Yang and Tao, CVPR 2022).
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+        Of one unit of length.
+    matches : pair of ndarray of int, each (m,)
+    num : int
+        At most so many poses, those of most matches.
+    """
+    cell = max(target.cell, source.cell)
+    to, of = target.points[matches[0]], source.points[matches[1]]
+    normals_to, normals_of = target.normals[matches[0]], source.normals[matches[1]]
+    compatible = _compatible((to, normals_to), (of, normals_of), cell)
+    degrees = compatible.sum(axis=1)
+    free = np.ones(len(to), dtype=np.bool_)
+    found_rotations, found_shifts, found_support = [], [], []
+    for _ in range(NUM_ROUNDS):
+        seeds = np.argsort(-np.where(free, degrees, -1.0), kind="stable")[:NUM_SEEDS]
+        seeds = seeds[free[seeds] & (degrees[seeds] > 2)]
+        if not len(seeds):
+            break
+        shared = (compatible[seeds] @ compatible) * compatible[seeds]
+        support = np.argpartition(-shared, min(NUM_SUPPORT, shared.shape[1]) - 1, axis=1)[:, :NUM_SUPPORT]
+        weights = np.zeros(shared.shape)
+        np.put_along_axis(weights, support, np.take_along_axis(shared, support, axis=1), axis=1)
+        weights[np.arange(len(seeds)), seeds] = weights.max(axis=1)
+        agree = weights
+        for _ in range(2):
+            rotations, shifts = _procrustes(to, of, agree)
+            agree = _explained((to, normals_to), (of, normals_of), rotations, shifts, SAME_CELLS * cell)
+        held = np.asarray(agree.sum(axis=1), dtype=np.float64)
+        kept = distinct_poses(rotations, shifts, held, source, cell, num)
+        found_rotations.append(rotations[kept])
+        found_shifts.append(shifts[kept])
+        found_support.append(held[kept])
+        free &= ~agree[kept].any(axis=0)
+    if not found_rotations:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    rotations, shifts, support = (np.concatenate(each) for each in (found_rotations, found_shifts, found_support))
+    kept = distinct_poses(rotations, shifts, support, source, cell, num)
+    return rotations[kept], shifts[kept]
+
+
+def refine_poses(
+    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Refine rigid poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+    rotations : ndarray, shape (p, 3, 3)
+        Of determinant 1.
+    shifts : ndarray, shape (p, 3)
+        Source coordinates to those of the target, with the rotations.
+    """
+    cell = max(target.cell, source.cell)
+    points, normals = source.points[source.compared], source.normals[source.compared]
+    for cutoff in STEPS:
+        placed = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
+        distances, nearest = target.tree.query(placed.reshape(-1, 3), distance_upper_bound=cutoff * cell)
+        is_near = np.isfinite(distances).reshape(placed.shape[:2])
+        nearest = np.where(is_near, nearest.reshape(placed.shape[:2]), 0)
+        planes = target.normals[nearest]
+        cosines = (planes * (normals @ np.swapaxes(rotations, 1, 2))).sum(axis=2)
+        weights = (is_near & (cosines > STEP_COSINE)).astype(np.float64)
+        counts = weights.sum(axis=1)
+        means = (weights[:, None] @ placed)[:, 0] / np.maximum(counts, 1.0)[:, None]
+        gaps = ((target.points[nearest] - placed) * planes).sum(axis=2)
+        rows = np.concatenate([np.cross(placed - means[:, None], planes), planes], axis=2)
+        weighted = np.swapaxes(rows * weights[:, :, None], 1, 2)
+        moments = weighted @ rows
+        # What no plane holds (a sphere rotates in itself) stays.
+        damping = 1e-6 * np.trace(moments, axis1=1, axis2=2) + np.finfo(float).tiny
+        moments += damping[:, None, None] * np.eye(6)
+        steps = np.linalg.solve(moments, weighted @ gaps[:, :, None])[:, :, 0]
+        steps[counts < FEWEST_POINTS] = 0.0
+        lengths = np.linalg.norm(steps[:, :3], axis=1, keepdims=True)
+        steps[:, :3] *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, LONGEST_STEP_RAD))
+        turns = rotations_by(steps[:, :3])
+        shifts = (turns @ (shifts - means)[:, :, None])[:, :, 0] + means + steps[:, 3:]
+        rotations = turns @ rotations
+    return rotations, shifts
+
+
+def distinct_poses(
+    rotations: FloatArray, shifts: FloatArray, scores: FloatArray, source: LocalSurface, cell: float, num: int
+) -> list[int]:
+    """Return at most ``num`` poses that differ in rotation or in place, the highest score first."""
+    places = rotations @ source.points.mean(axis=0) + shifts
+    kept: list[int] = []
+    for p in np.argsort(-np.asarray(scores), kind="stable").tolist():
+        rotated = turn_deg(rotations[kept], rotations[p]) > SAME_POSE_DEG
+        moved = np.linalg.norm(places[kept] - places[p], axis=1) > SAME_POSE_CELLS * cell
+        if (rotated | moved).all():
+            kept.append(p)
+        if len(kept) == num:
+            break
+    return kept
+
+
+def _nearest(distances: NDArray[np.float32]) -> list[tuple[IntArray, IntArray]]:
+    """Return each row with the columns of its least entries, the least one first."""
+    left, rows = np.array(distances, order="C"), np.arange(len(distances))
+    found = []
+    for _ in range(min(NUM_NEAREST, distances.shape[1])):
+        columns = left.argmin(axis=1)
+        found.append((rows, columns))
+        left[rows, columns] = np.inf
+    return found
+
+
+def _compatible(
+    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], cell: float
+) -> NDArray[np.float32]:
+    """Return 1 where a rigid motion can hold two matches, else 0, shape (m, m)."""
+    lengths, slopes, cosines = zip(*(_relations(*side) for side in (target, source)), strict=True)
+    shortest = np.minimum(*lengths)
+    agree = np.abs(lengths[0] - lengths[1]) < SAME_CELLS * cell
+    agree &= shortest > APART_CELLS * cell
+    agree &= np.abs(cosines[0] - cosines[1]) < SAME_COSINE
+    agree &= np.abs(slopes[0] - slopes[1]) < SAME_SLOPE * shortest + 0.5 * cell
+    agree &= agree.T
+    return agree.astype(np.float32)
+
+
+def _relations(points: FloatArray, normals: FloatArray) -> tuple[_Floats, _Floats, _Floats]:
+    """Return distances of points, heights over each other's tangent planes, and cosines of normals, each (m, m)."""
+    places, directions = (points - points.mean(axis=0)).astype(np.float32), normals.astype(np.float32)
+    squares = (places * places).sum(axis=1)
+    lengths = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * places @ places.T, 0.0))
+    heights = directions @ places.T - (directions * places).sum(axis=1)[:, None]
+    return lengths, heights, directions @ directions.T
+
+
+def _explained(
+    target: tuple[FloatArray, FloatArray],
+    source: tuple[FloatArray, FloatArray],
+    rotations: FloatArray,
+    shifts: FloatArray,
+    reach: float,
+) -> FloatArray:
+    """Return 1 where a match lies within reach at a pose and its normals agree, else 0, shape (p, m)."""
+    gaps = source[0] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target[0]
+    cosines = (source[1] @ np.swapaxes(rotations, 1, 2) * target[1]).sum(axis=2)
+    return np.asarray(((gaps * gaps).sum(axis=2) < reach**2) & (cosines > MATCH_COSINE), dtype=np.float64)
+
+
+def _procrustes(to: FloatArray, of: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rigid poses that fit weighted matches best, weights (p, m); rotations (p, 3, 3), shifts (p, 3)."""
+    shares = weights / np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    means_to, means_of = shares @ to, shares @ of
+    products = np.einsum("mi,mj->mij", to, of).reshape(len(to), 9)
+    moments = (shares @ products).reshape(-1, 3, 3) - means_to[:, :, None] * means_of[:, None]
+    rotations = nearest_orthogonal(moments, determinant=1.0)
+    return rotations, means_to - (rotations @ means_of[:, :, None])[:, :, 0]
+
+
+def rotations_by(vectors: FloatArray) -> FloatArray:
+    """Return the rotations about vectors (p, 3) by their lengths, shape (p, 3, 3)."""
+    angles = np.linalg.norm(vectors, axis=1)[:, None, None]
+    crosses = np.zeros((len(vectors), 3, 3))
+    crosses[:, [2, 0, 1], [1, 2, 0]] = vectors
+    crosses[:, [1, 2, 0], [2, 0, 1]] = -vectors
+    safe = np.maximum(angles, 1e-12)
+    return np.asarray(np.eye(3) + np.sin(safe) / safe * crosses + (1.0 - np.cos(safe)) / safe**2 * crosses @ crosses)
