@@ -92,6 +92,16 @@ class LocalSurface:
         """An even choice of at most :data:`MOST_COMPARED` points."""
         return slice(None, None, -(-len(self.points) // MOST_COMPARED))
 
+    def thinned(self, num: int) -> LocalSurface:
+        """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
+        step = slice(None, None, -(-len(self.points) // num))
+        return replace(
+            self,
+            points=read_only(self.points[step]),
+            normals=read_only(self.normals[step]),
+            histograms=read_only(self.histograms[step]),
+        )
+
     def mirrored(self) -> LocalSurface:
         """Return the mirror image in the plane x = 0.
 

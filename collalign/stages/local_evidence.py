@@ -13,8 +13,8 @@ from pairwise.features.overlap import closeness, match_overlapping
 NUM_COMPARED = 250
 #: Where the likeliest pose overlaps less than this, poses are looked for on which neighbourhoods agree.
 CONVINCING = 0.5
-#: Poses that such a search proposes.
-NUM_PROPOSED = 4
+#: Points of either surface that such a search takes, and poses that it proposes.
+NUM_SEARCHED, NUM_PROPOSED = 400, 4
 
 
 def local_evidence(target: Samples, source: Samples, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +48,8 @@ def proposed_rotations(target: Samples, source: Samples, group: str, known: Floa
     """Return rotations (p, 3, 3) on which neighbourhoods agree, apart from those that are known (m, d, d)."""
     if target.local is None or source.local is None:
         return np.empty((0, 3, 3))
-    found = match_overlapping(target.local, source.local, group=group, num_candidates=NUM_PROPOSED).rotations
+    ends = (local.thinned(NUM_SEARCHED) for local in (target.local, source.local))
+    found = match_overlapping(*ends, group=group, num_candidates=NUM_PROPOSED).rotations
     every = np.concatenate([known[:, :3, :3], found])
     kept = keep_apart(every, SAME_DEG)
     return every[[k for k in kept if k >= len(known)]]

@@ -85,7 +85,7 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
     rotations : ndarray, shape (p, 3, 3)
     shifts : ndarray, shape (p, 3)
     """
-    distances = feature_distances(target, source)
+    distances = feature_distances(target.features, source.features)
     proper = np.linalg.det(rotations) > 0
     evidence = np.empty((len(rotations), 4))
     for is_proper in (True, False):
@@ -94,7 +94,7 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
             flip = np.eye(3) if is_proper else np.diag([-1.0, 1.0, 1.0])
             other = source if is_proper else source.mirrored()
             if not is_proper:
-                distances = feature_distances(target, other)
+                distances = feature_distances(target.features, other.features)
             evidence[chosen] = _evidence(target, other, rotations[chosen] @ flip, shifts[chosen], distances)
     return LocalPoses(
         rotations=read_only(rotations),
@@ -134,7 +134,7 @@ def match_overlapping(
     rotations, shifts = [], []
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
         other = source if flip > 0 else source.mirrored()
-        matches = match_features(feature_distances(target, other))
+        matches = match_features(feature_distances(target.features, other.features))
         poses = refine_poses(target, other, *consensus_poses(target, other, matches, num_candidates))
         rotations.append(poses[0] * [flip, 1.0, 1.0])
         shifts.append(poses[1])
@@ -181,14 +181,15 @@ def closeness(
     """
     cell = max(target.cell, source.cell)
     on_target, on_source = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
-    distances = feature_distances(target, source)
-    usual = max(float(np.median(distances[on_target, on_source])), float(np.finfo(np.float32).tiny))
+    there = feature_distances(target.features[on_target], source.features)
+    back = feature_distances(source.features[on_source], target.features)
+    usual = max(float(np.median(there[:, on_source])), float(np.finfo(np.float32).tiny))
     overlaps, mismatch = np.empty((len(rotations), 2)), np.empty(len(rotations))
     for p, (rotation, shift) in enumerate(zip(rotations, shifts, strict=True)):
         placed, normals = source.points @ rotation.T + shift, source.normals @ rotation.T
         sides = (
-            ((placed, normals), (target.points[on_target], target.normals[on_target]), distances[on_target]),
-            ((target.points, target.normals), (placed[on_source], normals[on_source]), distances[:, on_source].T),
+            ((placed, normals), (target.points[on_target], target.normals[on_target]), there),
+            ((target.points, target.normals), (placed[on_source], normals[on_source]), back),
         )
         costs = []
         for side, (others, own, table) in enumerate(sides):

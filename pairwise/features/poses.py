@@ -18,7 +18,7 @@ from data_tools.rotations import nearest_orthogonal
 _Floats: TypeAlias = NDArray[np.floating[Any]]
 
 #: Descriptors that each point is matched with, and matches that are looked at, the most telling ones.
-NUM_NEAREST, MOST_MATCHES = 2, 1000
+NUM_NEAREST, MOST_MATCHES = 2, 600
 #: Two matches are compatible if the distance of their points agrees within so many cells, ...
 SAME_CELLS = 1.5
 #: ... if they are at least so many cells apart, ...
@@ -41,9 +41,9 @@ STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0, 1.2, 1.2, 1.2), 0.5
 LONGEST_STEP_RAD, FEWEST_POINTS = 0.3, 12
 
 
-def feature_distances(target: LocalSurface, source: LocalSurface) -> NDArray[np.float32]:
-    """Return the squared Hellinger distances of all descriptors, shape (l, m), between 0 and 2."""
-    return np.asarray(2.0 - 2.0 * (target.features @ source.features.T))
+def feature_distances(target: NDArray[np.float32], source: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the squared Hellinger distances of descriptors (l, 33) and (m, 33), shape (l, m), between 0 and 2."""
+    return np.asarray(2.0 - 2.0 * (target @ source.T), dtype=np.float32)
 
 
 def match_features(distances: NDArray[np.float32]) -> tuple[IntArray, IntArray]:

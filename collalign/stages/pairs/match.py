@@ -68,9 +68,9 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
         rotations = np.concatenate([rotations, proposed])
         maps = np.concatenate([maps, *(one[None] for one, _ in matched)])
         energies = np.append(energies, [energy for _, energy in matched])
+        mismatches = np.append(mismatches, local_evidence(target, source, proposed)[0])
         order = np.argsort(energies, kind="stable")
-        rotations, maps, energies = rotations[order], maps[order], energies[order]
-        mismatches, _ = local_evidence(target, source, rotations)
+        rotations, maps, energies, mismatches = (one[order] for one in (rotations, maps, energies, mismatches))
     return PairPoses(
         rotations=rotations,
         maps=maps.astype(np.int32),
