@@ -112,8 +112,8 @@ def consensus_poses(
         free &= ~agree[kept].any(axis=0)
     if not found_rotations:
         return np.empty((0, 3, 3)), np.empty((0, 3))
-    rotations, shifts, support = (np.concatenate(each) for each in (found_rotations, found_shifts, found_support))
-    kept = distinct_poses(rotations, shifts, support, source, cell, num)
+    rotations, shifts = np.concatenate(found_rotations), np.concatenate(found_shifts)
+    kept = distinct_poses(rotations, shifts, np.concatenate(found_support), source, cell, num)
     return rotations[kept], shifts[kept]
 
 

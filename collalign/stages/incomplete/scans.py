@@ -149,7 +149,7 @@ def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, 
         labels=labels,
         consensus=universe,
         notes=(incomplete_note(shapes.names, incomplete),),
-        may_be_mirrored=(),
+        side_limits={},
         incomplete=incomplete,
     )
 

@@ -28,8 +28,8 @@ class ShapeTestOptions:
     factors : tuple of str
         Columns of numbers that are names of groups (1 = female). Any other column of numbers is a covariate.
     model : str
-        A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the logarithm
-        of centroid size.
+        A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the
+        logarithm of centroid size.
     sums_of_squares : str
         I: each term beyond those before it. II: each term beyond all others that do not contain it.
     permutations : int
