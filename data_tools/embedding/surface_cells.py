@@ -21,6 +21,8 @@ POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
 NUM_SIDES = 6
 #: A point whose normals cancel is no surface: the least length of the mean of its unit normals.
 LEAST_NORMAL = 0.3
+#: Cells that the centroid of a cloud is computed from, in root mean square radii of its points.
+CLOUD_CELL = 0.1
 #: Neighbours along which the side of a cloud's normals spreads.
 NUM_NEIGHBOURS = 10
 
@@ -51,10 +53,14 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
-    """Return the centroid of a shape's surface, or points, and its root mean square distance from there."""
+    """Return the centroid of a shape's surface and its root mean square distance from there.
+
+    Cells of a cloud count alike, however many points they have.
+    """
     if not shape.is_mesh:
-        centre = shape.vertices.mean(axis=0)
-        return centre, float(np.sqrt(((shape.vertices - centre) ** 2).sum(axis=1).mean()))
+        spread = float(np.sqrt(shape.vertices.var(axis=0).sum()))
+        points = _cell_means(shape.vertices, None, CLOUD_CELL * spread)[0] if spread > 0 else shape.vertices
+        return points.mean(axis=0), float(np.sqrt(points.var(axis=0).sum()))
     start = shape.vertices.mean(axis=0)
     corners = (shape.vertices - start)[shape.faces]
     weights = np.sqrt((face_crosses(shape.vertices - start, shape.faces) ** 2).sum(axis=0))

@@ -1,8 +1,9 @@
-"""Vertices far from all others: slips of a scanner or of an editor, which rule moments, samples and distances."""
+"""Vertices out of place: slips of a scanner or of an editor, which rule moments, samples and distances."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.options import CleaningOptions
@@ -22,10 +23,17 @@ MAX_FAR_SHARE = 0.02
 MAX_FAR_CONNECTED = 2
 #: Their neighbours lie within this share of the others' radius: the rim of a cone around its tip does not.
 MAX_RING_SHARE = 0.5
+#: A point of a cloud is a stray where its NUM_NEAREST nearest neighbours reach so many times as far as those of the
+#: median point. A side of a cloud that is scanned eight times as thinly reaches 2.8 times as far.
+NUM_NEAREST, STRAY_RATIO = 5, 5.0
+#: Largest share of strays: more are sparse parts of the cloud. Clouds of fewer points are sparse themselves.
+MAX_STRAY_SHARE, FEWEST_POINTS = 0.1, 500
 
 
 def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Shape:
-    """Leave out vertices far from all others; the hole that those of a mesh leave is closed by its own corners.
+    """Leave out vertices far from all others, and stray points near a cloud.
+
+    The hole that vertices of a mesh leave is closed by its own corners.
 
     Parameters
     ----------
@@ -45,24 +53,42 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
         far, nearest = _out_of_place(shape.vertices, faces, far, radius)
         faces = nearest[faces]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    if not far.any():
+    strays = np.zeros_like(far) if shape.is_mesh else _strays(shape.vertices, ~far)
+    if not (far | strays).any():
         return shape
-    kept = np.flatnonzero(~far)
-    num, what = int(far.sum()), ("vertex" if shape.is_mesh else "point")
-    if num > 1:
-        what = "vertices" if shape.is_mesh else "points"
-    times = float(_from_middle(shape.vertices)[far].max() / radius)
-    note = f"left out {num} {what} far from all others (up to {times:.3g} times as far from the middle as these)"
+    kept = np.flatnonzero(~(far | strays))
+    notes = []
+    if num := int(far.sum()):
+        one, more = ("vertex", "vertices") if shape.is_mesh else ("point", "points")
+        times = float(_from_middle(shape.vertices)[far].max() / radius)
+        notes.append(
+            f"left out {num} {more if num > 1 else one} far from all others "
+            f"(up to {times:.3g} times as far from the middle as these)"
+        )
+    if num := int(strays.sum()):
+        notes.append(f"left out {num} stray {'points' if num > 1 else 'point'} beside the surface")
     rest = Shape(
         name=shape.name,
         vertices=read_only(shape.vertices[kept]),
-        faces=read_only((np.cumsum(~far) - 1)[faces]),
+        faces=read_only((np.cumsum(~(far | strays)) - 1)[faces]),
         file=shape.file,
-        notes=(*shape.notes, note),
+        notes=(*shape.notes, *notes),
         source_indices=read_only(shape.file_indices[kept]),
         file_size=shape.file_size or len(shape.vertices),
     )
     return clean(rest, options)
+
+
+def _strays(points: FloatArray, kept: BoolArray) -> BoolArray:
+    """Return which of the kept points of a cloud lie alone: few, whose nearest neighbours are far."""
+    strays = np.zeros(len(points), dtype=np.bool_)
+    if kept.sum() < FEWEST_POINTS:
+        return strays
+    reach = cKDTree(points[kept]).query(points[kept], k=NUM_NEAREST + 1)[0][:, -1]
+    alone = reach > STRAY_RATIO * np.median(reach)
+    if alone.mean() <= MAX_STRAY_SHARE:
+        strays[kept] = alone
+    return strays
 
 
 def _from_middle(vertices: FloatArray) -> FloatArray:

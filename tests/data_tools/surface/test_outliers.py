@@ -78,6 +78,18 @@ def test_stray_points_of_a_cloud_are_left_out(rng):
     assert "left out 3 points" in found.notes[0]
 
 
+def test_strays_near_a_cloud_are_left_out_and_thinly_scanned_sides_stay(rng):
+    points = blob(rng, num_vertices=6000).vertices
+    thin = points[(points[:, 0] > 0.0) | (rng.random(len(points)) < 1.0 / 8.0)]
+    assert without_outliers(Shape.from_arrays(thin)).vertices.shape == thin.shape
+    strays = rng.uniform(-1.5, 1.5, size=(len(thin) // 33, 3))
+    found = without_outliers(Shape.from_arrays(np.concatenate([thin, strays])))
+    kept = found.source_indices
+    assert (kept < len(thin)).sum() >= 0.995 * len(thin)
+    assert (kept >= len(thin)).sum() <= 0.25 * len(strays)
+    assert "stray points beside the surface" in found.notes[0]
+
+
 @pytest.mark.parametrize("length", [2.0, 5.0, 30.0])
 @pytest.mark.parametrize("num_rings", [1, 2, 60])
 def test_thin_parts_stay(num_rings, length):
