@@ -10,6 +10,9 @@ from .certificates.verify import verify_certificate as verify_certificate
 from .dense.points import DensePoints as DensePoints
 from .dense.refine import RefinedPose as RefinedPose
 from .dense.refine import refine_pose as refine_pose
+from .features.overlap import LocalPoses as LocalPoses
+from .features.overlap import judge_poses as judge_poses
+from .features.overlap import match_overlapping as match_overlapping
 from .matching import MatchKeywords as MatchKeywords
 from .matching import match as match
 from .options import MatchOptions as MatchOptions
@@ -18,6 +21,7 @@ from .problem.pattern import RotationPattern as RotationPattern
 from .problem.problem import Problem as Problem
 from .problem.unmatched import with_unmatched as with_unmatched
 from .reexported import InputError as InputError
+from .reexported import LocalSurface as LocalSurface
 from .reexported import OptionsError as OptionsError
 from .reexported import SolveFailed as SolveFailed
 from .relaxations import solve_relaxation as solve_relaxation

@@ -9,8 +9,8 @@ import pytest
 from collalign.tools import SHARED
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Modules of ``data_tools`` about arrays, numbers and errors, which know no shapes.
-LEAVES = ("arrays", "checks", "errors", "poses", "rotations", "threads")
+#: Modules of ``data_tools`` about arrays, numbers and errors, and points with normals, which know no shapes.
+LEAVES = ("arrays", "checks", "errors", "local_surface", "poses", "rotations", "threads")
 ALLOWED = {
     "data_tools": {"data_tools"},
     "pairwise": {"pairwise", *(f"data_tools.{leaf}" for leaf in LEAVES)},

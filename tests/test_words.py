@@ -14,7 +14,7 @@ CALLED_ALIKE = (re.compile(r"/command\.py$"), re.compile(r"stages/steps\.py$"), 
 #: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
     "turn": {"synchronization/solvers", "stages/trust"},
-    "evidence": {"stages/evidence", "output/evidence", "nonrigid"},
+    "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense", "stages/deformation"},
     "maps": {"products", "output", "nonrigid", "stages/deformation", "tools/correspond", "tools/match"},
     "incomplete": {"products", "stages/incomplete", "confidence"},

@@ -15,10 +15,10 @@ from data_tools.threads import one_blas_thread
 from pairwise.features.poses import (
     SAME_CELLS,
     consensus_poses,
-    distinct_poses,
     feature_distances,
     match_features,
-    refine_poses,
+    poses_apart,
+    refine_on_planes,
 )
 
 #: A point has a partner if a point of the other surface is within so many cells, ...
@@ -128,6 +128,25 @@ def match_overlapping(
     ------
     OptionsError
         If the group is unknown.
+
+    Examples
+    --------
+    A hilly landscape, of which both surfaces see two thirds, the second one after a quarter turn about z:
+
+    >>> import numpy as np
+    >>> import pairwise
+    >>> x, y = np.mgrid[0.0:30.0, 0.0:30.0].reshape(2, -1)
+    >>> z = 3.0 * np.sin(0.3 * x + 0.01 * y * y) + 2.0 * np.cos(0.5 * y)
+    >>> slope_x = 0.9 * np.cos(0.3 * x + 0.01 * y * y)
+    >>> slope_y = 0.06 * y * np.cos(0.3 * x + 0.01 * y * y) - np.sin(0.5 * y)
+    >>> normals = np.stack([-slope_x, -slope_y, np.ones(900)], axis=1)
+    >>> points, normals = np.stack([x, y, z], axis=1), normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> target = pairwise.LocalSurface.from_user(points[x < 20], normals[x < 20], 1.0)
+    >>> source = pairwise.LocalSurface.from_user(points[x >= 10] @ quarter, normals[x >= 10] @ quarter, 1.0)
+    >>> found = pairwise.match_overlapping(target, source)
+    >>> bool(np.allclose(found.rotations[0], quarter, atol=0.01)), found.overlaps[0].round(1).tolist()
+    (True, [0.5, 0.5])
     """
     check_choice("group", group, ("SO", "O"))
     cell = max(target.cell, source.cell)
@@ -135,12 +154,12 @@ def match_overlapping(
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
         other = source if flip > 0 else source.mirrored()
         matches = match_features(feature_distances(target.features, other.features))
-        poses = refine_poses(target, other, *consensus_poses(target, other, matches, num_candidates))
+        poses = refine_on_planes(target, other, *consensus_poses(target, other, matches, num_candidates))
         rotations.append(poses[0] * [flip, 1.0, 1.0])
         shifts.append(poses[1])
     found = judge_poses(target, source, np.concatenate(rotations), np.concatenate(shifts))
     score = found.overlap * found.consensus
-    return found[distinct_poses(found.rotations, found.shifts, score, source, cell, num_candidates)]
+    return found[poses_apart(found.rotations, found.shifts, score, source, cell, num_candidates)]
 
 
 def _evidence(

@@ -96,16 +96,16 @@ def consensus_poses(
         if not len(seeds):
             break
         shared = (compatible[seeds] @ compatible) * compatible[seeds]
-        support = np.argpartition(-shared, min(NUM_SUPPORT, shared.shape[1]) - 1, axis=1)[:, :NUM_SUPPORT]
+        closest = np.argpartition(-shared, min(NUM_SUPPORT, shared.shape[1]) - 1, axis=1)[:, :NUM_SUPPORT]
         weights = np.zeros(shared.shape)
-        np.put_along_axis(weights, support, np.take_along_axis(shared, support, axis=1), axis=1)
+        np.put_along_axis(weights, closest, np.take_along_axis(shared, closest, axis=1), axis=1)
         weights[np.arange(len(seeds)), seeds] = weights.max(axis=1)
         agree = weights
         for _ in range(2):
             rotations, shifts = _procrustes(to, of, agree)
             agree = _explained((to, normals_to), (of, normals_of), rotations, shifts, SAME_CELLS * cell)
         held = np.asarray(agree.sum(axis=1), dtype=np.float64)
-        kept = distinct_poses(rotations, shifts, held, source, cell, num)
+        kept = poses_apart(rotations, shifts, held, source, cell, num)
         found_rotations.append(rotations[kept])
         found_shifts.append(shifts[kept])
         found_support.append(held[kept])
@@ -113,11 +113,11 @@ def consensus_poses(
     if not found_rotations:
         return np.empty((0, 3, 3)), np.empty((0, 3))
     rotations, shifts = np.concatenate(found_rotations), np.concatenate(found_shifts)
-    kept = distinct_poses(rotations, shifts, np.concatenate(found_support), source, cell, num)
+    kept = poses_apart(rotations, shifts, np.concatenate(found_support), source, cell, num)
     return rotations[kept], shifts[kept]
 
 
-def refine_poses(
+def refine_on_planes(
     target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Refine rigid poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
@@ -159,7 +159,7 @@ def refine_poses(
     return rotations, shifts
 
 
-def distinct_poses(
+def poses_apart(
     rotations: FloatArray, shifts: FloatArray, scores: FloatArray, source: LocalSurface, cell: float, num: int
 ) -> list[int]:
     """Return at most ``num`` poses that differ in rotation or in place, the highest score first."""

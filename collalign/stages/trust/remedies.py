@@ -22,8 +22,6 @@ MOST_IN_DOUBT = 0.5
 WORSE_ACROSS = 1.5
 #: Shapes below this confidence may be incomplete; above it a rival pose is the likelier reason.
 MAY_BE_CUT = 0.7
-#: So many shapes are tried as scans, which takes some seconds a pair; of more it is only said.
-MOST_TRIED = 12
 
 
 def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[str]:
@@ -50,24 +48,12 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
         )
     elif options.incomplete == AUTO:
         cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if shapes.samples[i].rim != "closed"]
-        if len(confidence) > MOST_TRIED and may_be_scans(shapes, confidence):
-            said.append(
-                "Most are in doubt, with open borders: if none is complete, as scans are, --incomplete all helps."
-            )
-        elif cut:
+        if cut:
             said.append(
                 f"{listed(cut)}: in doubt, with open borders. If a part is missing, --incomplete {','.join(cut)} "
                 "poses what is there."
             )
     return said
-
-
-def may_be_scans(shapes: Shapes, confidence: FloatArray) -> bool:
-    """Whether most shapes are in doubt by their confidence (N,), and open, so that none may be complete."""
-    doubted = _doubted(confidence)
-    return len(doubted) >= MOST_IN_DOUBT * len(confidence) and any(
-        shapes.samples[i].rim != "closed" for i in doubted[:MAX_NAMED]
-    )
 
 
 def _doubted(confidence: FloatArray) -> list[int]:

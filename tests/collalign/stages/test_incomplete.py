@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from collalign.stages.incomplete.grow import common_points
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.confidence.incomplete_model import log_odds, share_of_best
@@ -14,7 +15,6 @@ from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
 from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
-from collalign.stages.incomplete.grow import common_points
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.posing import _asks_for_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes

@@ -48,8 +48,8 @@ def proof(energy, *listed, within=1.2):
         listed_rotations=np.array(rotations).reshape(-1, 3, 3),
         listed_maps=np.tile([3, 2, 1, 0], (len(listed), 1)),
         listed_energies=np.array(listed),
-        gap=0.01,
-        listed_gaps=np.full(len(listed), 0.02),
+        mismatch=0.01,
+        listed_mismatches=np.full(len(listed), 0.02),
         complete_within=within,
         regions=np.array([np.diag([1.0, -1.0, -1.0]), *rotations]),
         region_radii_rad=np.full(1 + len(listed), 0.1),
@@ -76,9 +76,9 @@ def test_a_proof_adds_its_bound_and_the_poses_that_the_pair_lacks():
     assert listed.energies.tolist() == [0.8, 0.85, 0.9, 0.95]
     assert listed.maps[1].tolist() == [3, 2, 1, 0]
     assert (listed.complete_within, len(listed.regions)) == (1.2, 3)
-    assert not len(listed.gaps)
-    with_gaps = with_proof(replace(known, gaps=np.array([0.03, 0.04])), proof(0.8, 0.85))
-    assert with_gaps.gaps.tolist() == [0.03, 0.02, 0.04]
+    assert not len(listed.mismatches)
+    described = with_proof(replace(known, mismatches=np.array([0.03, 0.04])), proof(0.8, 0.85))
+    assert described.mismatches.tolist() == [0.03, 0.02, 0.04]
     again = with_proof(listed, proof(0.8, 0.85, 0.95))
     assert again.energies.tolist() == listed.energies.tolist()
 

@@ -1,0 +1,57 @@
+"""Range scans of a mesh: points on it that a camera sees."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
+from data_tools.embedding.surface_cells import centre_and_radius, spread_over_triangles
+from data_tools.errors import OptionsError
+from data_tools.surface.shape import Shape
+
+
+def seen(shape, direction, **options):
+    return range_view(shape, np.asarray(direction, dtype=float), rng=np.random.default_rng(0), **options)
+
+
+def test_a_view_of_a_sphere_is_its_near_side():
+    shape = Shape.from_arrays(*sphere_mesh(2000), name="sphere")
+    for direction in np.eye(3):
+        points = seen(shape, 5.0 * direction)
+        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0, atol=0.01)
+        assert 0.1 < (points @ direction).min() < 0.25
+        flat = points @ np.linalg.svd(direction[None])[2][1:].T
+        assert 0.9 < len(points) * (4.0 / 90) ** 2 / np.pi < 1.1
+        assert np.linalg.norm(flat.mean(axis=0)) < 0.02
+
+
+def test_points_of_a_view_lie_on_the_mesh_and_nothing_hides_them():
+    shape = blob(np.random.default_rng(1), num_vertices=800)
+    direction = np.array([0.6, 0.0, 0.8])
+    points = seen(shape, direction)
+    every = spread_over_triangles(shape, 0.02)[0]
+    radius = centre_and_radius(shape)[1]
+    assert cKDTree(every).query(points)[0].max() < 0.05 * radius
+    across = np.linalg.svd(direction[None])[2][1:].T
+    tree = cKDTree(every @ across)
+    for point in points[:: len(points) // 60]:
+        beside = every[tree.query_ball_point(point @ across, 0.01 * radius)]
+        assert ((beside - point) @ direction).max() < 0.35 * radius
+    hidden = every[np.argmin(every @ direction)]
+    assert cKDTree(points).query(hidden)[0] > 0.3 * radius
+
+
+def test_noise_moves_along_the_line_of_sight_and_is_that_of_the_generator():
+    shape = Shape.from_arrays(*sphere_mesh(1000), name="sphere")
+    plain, noisy, again = (seen(shape, [0.0, 0.0, 1.0], noise=share) for share in (0.0, 0.1, 0.1))
+    assert np.std((noisy - plain)[:, 2]) == pytest.approx(0.1, rel=0.1)
+    np.testing.assert_allclose(noisy[:, :2], plain[:, :2], atol=1e-12)
+    np.testing.assert_array_equal(noisy, again)
+
+
+def test_finer_pixels_see_more_and_clouds_are_refused():
+    shape = Shape.from_arrays(*sphere_mesh(1000), name="sphere")
+    assert len(seen(shape, [1.0, 0.0, 0.0], pixels=60)) > 3 * len(seen(shape, [1.0, 0.0, 0.0], pixels=30))
+    with pytest.raises(OptionsError, match="mesh"):
+        seen(Shape.from_arrays(shape.vertices, name="cloud"), [1.0, 0.0, 0.0])
