@@ -24,9 +24,8 @@ def torus(thickness=0.4):
     vertices = np.stack([radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], axis=-1).reshape(-1, 3)
     at, right = 24 * long + short, 24 * ((long + 1) % 60) + short
     up, across = 24 * long + (short + 1) % 24, 24 * ((long + 1) % 60) + (short + 1) % 24
-    faces = np.concatenate(
-        [np.stack(each, axis=-1).reshape(-1, 3) for each in ((at, right, across), (at, across, up))]
-    )
+    halves = (at, right, across), (at, across, up)
+    faces = np.concatenate([np.stack(half, axis=-1).reshape(-1, 3) for half in halves])
     return Shape.from_arrays(vertices, faces, name="torus")
 
 
@@ -90,7 +89,7 @@ def test_triangles_that_disagree_on_a_side_count_as_a_cloud():
 
 def test_pieces_of_a_cloud_each_get_a_side():
     points = spread_over_triangles(sphere(), 0.05)[0]
-    two = np.concatenate([points, points + [5.0, 0.0, 0.0]])
+    two = np.concatenate([points, points + np.array([5.0, 0.0, 0.0])])
     found = surface_cells(Shape.from_arrays(two, name="two"), 0.2)
     own = found.points - np.where(found.points[:, :1] > 2.5, [5.0, 0.0, 0.0], 0.0)
     assert (np.abs(np.einsum("la,la->l", own, found.normals)) > 0.9).all()
@@ -122,7 +121,7 @@ def test_hardly_any_points_are_no_surface():
 @pytest.mark.parametrize("num", [40, 2000])
 def test_centre_and_radius_are_those_of_points_spread_by_area(num):
     shape = blob(np.random.default_rng(4), num_vertices=num)
-    shape = Shape.from_arrays(shape.vertices + [30.0, 0.0, -10.0], shape.faces, name="far")
+    shape = Shape.from_arrays(shape.vertices + np.array([30.0, 0.0, -10.0]), shape.faces, name="far")
     corners = shape.vertices[shape.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     rng = np.random.default_rng(0)

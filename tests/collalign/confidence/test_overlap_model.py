@@ -1,0 +1,42 @@
+"""How probable poses of two surfaces are by what both share, and that none of them may be right."""
+
+import numpy as np
+import pytest
+
+from collalign.confidence.overlap_model import MOST_CERTAIN, NONE_RIGHT, overlap_chances, overlap_log_odds
+from pairwise.features.overlap import LocalPoses
+
+
+def poses_of(*shares):
+    """Poses of these overlaps and shares of consistent matches."""
+    overlaps, consensus = np.array(shares, dtype=float).reshape(-1, 2).T
+    return LocalPoses(
+        rotations=np.tile(np.eye(3), (len(shares), 1, 1)),
+        shifts=np.zeros((len(shares), 3)),
+        overlaps=np.stack([overlaps, overlaps], axis=1),
+        mismatch=np.zeros(len(shares)),
+        consensus=consensus,
+    )
+
+
+@pytest.mark.parametrize("shares", [[(0.5, 0.1)], [(0.5, 0.1), (0.6, 0.05), (0.0, 0.0)], [(0.0, 0.0)] * 6])
+def test_chances_with_none_sum_to_one(shares):
+    poses = poses_of(*shares)
+    chances, odds = overlap_chances(poses), overlap_log_odds(poses)
+    none = np.exp(NONE_RIGHT) / (np.exp(NONE_RIGHT) + np.exp(odds).sum())
+    assert chances.sum() + none == pytest.approx(1.0)
+    assert (chances > 0).all()
+
+
+def test_more_overlap_and_more_matches_make_a_pose_more_probable():
+    low, middle, high = (overlap_chances(poses_of((share, share)))[0] for share in (0.1, 0.3, 0.6))
+    assert low < 0.2 < middle < high
+    first, second = overlap_chances(poses_of((0.6, 0.1), (0.5, 0.1)))
+    assert first > second
+    alone, with_rival = (overlap_chances(poses_of(*given))[0] for given in ([(0.6, 0.1)], [(0.6, 0.1)] * 2))
+    assert with_rival < 0.6 * alone + 0.1
+
+
+def test_no_pose_is_certain_and_no_poses_have_no_chances():
+    assert overlap_chances(poses_of((1.0, 1.0)))[0] <= MOST_CERTAIN
+    assert overlap_chances(poses_of()).shape == (0,)

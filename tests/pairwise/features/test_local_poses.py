@@ -1,0 +1,105 @@
+"""Matches of descriptors vote for poses, which are refined from points to planes."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.surface_cells import surface_cells
+from data_tools.local_surface import LocalSurface
+from data_tools.poses import turn_deg
+from data_tools.rotations import random_rotation
+from pairwise.features.poses import (
+    MOST_MATCHES,
+    consensus_poses,
+    feature_distances,
+    match_features,
+    poses_apart,
+    refine_on_planes,
+    rotations_by,
+)
+
+CELL = 0.13
+
+
+@pytest.fixture(scope="module")
+def surface():
+    return surface_cells(blob(np.random.default_rng(5), num_vertices=900), CELL)
+
+
+def placed(surface, rotation, shift):
+    """The surface whose pose on the given one is that rotation and shift."""
+    return LocalSurface.from_user((surface.points - shift) @ rotation, surface.normals @ rotation, surface.cell)
+
+
+def test_distances_are_those_of_the_unit_vectors(surface):
+    few = LocalSurface.from_user(surface.points[:40], surface.normals[:40], CELL)
+    found = feature_distances(surface, few)
+    plain = ((surface.features[:, None] - few.features) ** 2).sum(axis=2)
+    np.testing.assert_allclose(found, plain, atol=1e-5)
+    assert found.shape == (len(surface.points), 40)
+
+
+def test_each_point_is_matched_with_its_two_nearest_descriptors_both_ways(rng):
+    distances = rng.random((6, 4)).astype(np.float32)
+    wanted = {(i, j) for i in range(6) for j in np.argsort(distances[i])[:2].tolist()}
+    wanted |= {(i, j) for j in range(4) for i in np.argsort(distances[:, j])[:2].tolist()}
+    to, of = match_features(distances)
+    assert len(to) == len(wanted)
+    assert {*zip(to.tolist(), of.tolist(), strict=True)} == wanted
+
+
+def test_of_many_matches_the_most_telling_ones_are_kept(rng):
+    distances = rng.uniform(0.9, 1.1, (900, 900)).astype(np.float32)
+    telling = rng.permutation(900)[:100]
+    distances[telling, telling] = 0.1
+    to, of = match_features(distances)
+    assert len(to) == MOST_MATCHES
+    assert {*telling.tolist()} <= {*to[to == of].tolist()}
+
+
+def test_matches_of_which_half_are_right_give_the_pose(surface, rng):
+    rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
+    source = placed(surface, rotation, shift)
+    to = of = np.arange(0, len(surface.points), 3)
+    wrong = np.concatenate([of[: len(of) // 2], rng.permutation(of[len(of) // 2 :])])
+    rotations, shifts = consensus_poses(surface, source, (to, wrong), 3)
+    assert turn_deg(rotations[0], rotation) < 8.0
+    assert np.linalg.norm(shifts[0] - shift) < 2.0 * CELL
+    assert len(rotations) <= 3
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
+
+
+def test_matches_that_hardly_any_others_support_give_no_pose(surface):
+    two = np.array([0, len(surface.points) - 1])
+    rotations, shifts = consensus_poses(surface, surface, (two, two), 3)
+    assert (rotations.shape, shifts.shape) == ((0, 3, 3), (0, 3))
+
+
+def test_refinement_removes_some_degrees_and_cells(surface, rng):
+    rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
+    source = placed(surface, rotation, shift)
+    starts = Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation
+    rotations, shifts = refine_on_planes(surface, source, starts, shift + 0.7 * CELL * np.eye(3))
+    assert turn_deg(rotations, rotation).max() < 0.2
+    assert np.linalg.norm(shifts - shift, axis=1).max() < 0.02 * CELL
+
+
+def test_surfaces_that_are_far_apart_stay_where_they_are(surface):
+    rotations, shifts = refine_on_planes(surface, surface, np.eye(3)[None], np.array([[50.0, 0.0, 0.0]]))
+    np.testing.assert_allclose(rotations[0], np.eye(3))
+    np.testing.assert_allclose(shifts[0], [50.0, 0.0, 0.0])
+
+
+def test_poses_that_differ_little_in_rotation_and_place_are_one(surface):
+    rotations = rotations_by(np.deg2rad([[0.0, 0, 0], [10.0, 0, 0], [40.0, 0, 0], [0.0, 0, 0]]))
+    shifts = surface.points.mean(axis=0) - rotations @ surface.points.mean(axis=0)
+    shifts[3] += 7.0 * CELL
+    scores = np.array([0.5, 0.4, 0.9, 0.1])
+    assert poses_apart(rotations, shifts, scores, surface, CELL, 9) == [2, 0, 3]
+    assert poses_apart(rotations, shifts, scores, surface, CELL, 1) == [2]
+
+
+def test_rotations_by_vectors_are_those_of_scipy(rng):
+    vectors = np.concatenate([rng.standard_normal((5, 3)), np.zeros((1, 3)), 1e-9 * rng.standard_normal((1, 3))])
+    np.testing.assert_allclose(rotations_by(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)

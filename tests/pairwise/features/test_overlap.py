@@ -1,0 +1,128 @@
+"""Two surfaces that overlap: their pose, and what both explain of each other there."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
+from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
+from data_tools.errors import OptionsError
+from data_tools.local_surface import LocalSurface
+from data_tools.poses import turn_deg
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+from pairwise import judge_poses, match_overlapping
+from pairwise.features.overlap import closeness
+
+TURN, SHIFT = random_rotation(np.random.default_rng(9)), np.array([2.0, -1.0, 0.5])
+MIRROR = np.diag([1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Two views of one blob, 45 degrees apart, the second one moved: its pose on the first is TURN and SHIFT."""
+    whole = blob(np.random.default_rng(1), num_vertices=1500)
+    cell = 0.08 * centre_and_radius(whole)[1]
+    seen = [range_view(whole, np.array([*one, 0.2]), rng=np.random.default_rng(0)) for one in ((1, 0), (0.7, 0.7))]
+    seen[1] = (seen[1] - SHIFT) @ TURN
+    return [surface_cells(Shape.from_arrays(points, name="view"), cell) for points in seen]
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return surface_cells(Shape.from_arrays(*sphere_mesh(1500), name="sphere"), 0.12)
+
+
+def half(surface, axis):
+    kept = surface.points @ axis >= 0.0
+    return LocalSurface.from_user(surface.points[kept], surface.normals[kept], surface.cell)
+
+
+def test_the_pose_of_two_views_is_found(views):
+    found = match_overlapping(*views)
+    assert turn_deg(found.rotations[0], TURN) < 1.5
+    assert np.linalg.norm(found.shifts[0] - SHIFT) < views[0].cell
+    assert found.overlap[0] > 0.6
+    assert found.consensus[0] > 3.0 * found.consensus[1:].max(initial=0.0)
+    assert len(found) <= 8
+    assert len(match_overlapping(*views, num_candidates=1)) == 1
+
+
+def test_the_same_surfaces_have_the_same_poses_to_the_bit(views):
+    for name in ("rotations", "shifts", "overlaps", "mismatch", "consensus"):
+        first, second = (getattr(match_overlapping(*views), name) for _ in range(2))
+        np.testing.assert_array_equal(first, second)
+
+
+def test_a_mirror_image_is_found_where_it_may_be_one(views):
+    target, source = views
+    mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
+    found = match_overlapping(target, mirrored, group="O")
+    assert np.linalg.det(found.rotations[0]) < 0
+    assert turn_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
+    assert np.linalg.norm(found.shifts[0] - SHIFT) < target.cell
+    own, plain = (match_overlapping(target, other, group=group) for other, group in ((mirrored, "SO"), (source, "O")))
+    assert (np.linalg.det(own.rotations) > 0).all()
+    assert own.consensus[0] < 0.5 * found.consensus[0]
+    assert np.linalg.det(plain.rotations[0]) > 0
+    assert plain.consensus[0] == pytest.approx(found.consensus[0], rel=0.1)
+
+
+def test_few_points_give_no_poses_or_poses_that_nothing_speaks_for(views):
+    few = LocalSurface.from_user(views[1].points[:6], views[1].normals[:6], views[1].cell)
+    found = match_overlapping(views[0], few)
+    assert found.rotations.shape == (len(found), 3, 3)
+    assert np.isfinite(found.mismatch).all()
+    assert (found.overlap < 0.3).all()
+
+
+def test_groups_are_checked(views):
+    with pytest.raises(OptionsError, match="group"):
+        match_overlapping(*views, group="U")
+
+
+def test_the_true_pose_is_judged_better_than_wrong_ones(views, rng):
+    wrong = np.stack([random_rotation(rng) for _ in range(5)])
+    middle = views[1].points.mean(axis=0)
+    shifts = TURN @ middle + SHIFT - wrong @ middle
+    found = judge_poses(*views, np.concatenate([TURN[None], wrong]), np.concatenate([SHIFT[None], shifts]))
+    assert found.overlap[0] > found.overlap[1:].max()
+    assert found.consensus[0] > 5.0 * found.consensus[1:].max()
+    assert found.mismatch[0] < found.mismatch[1:].min() - 0.1
+    chosen = found[[2, 0]]
+    np.testing.assert_array_equal(chosen.mismatch, found.mismatch[[2, 0]])
+    np.testing.assert_array_equal(chosen.overlaps, found.overlaps[[2, 0]])
+
+
+def test_a_mirror_image_is_judged_as_the_mirrored_surface(views):
+    target, source = views
+    mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
+    plain = judge_poses(target, source, TURN[None], SHIFT[None])
+    both = judge_poses(target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT]))
+    assert both.overlaps[0] == pytest.approx(plain.overlaps[0], abs=1e-3)
+    assert both.mismatch[0] == pytest.approx(plain.mismatch[0], abs=1e-3)
+    assert both.consensus[0] == pytest.approx(plain.consensus[0], abs=0.02)
+    assert both.mismatch[1] > both.mismatch[0] + 0.1
+
+
+def test_overlaps_are_the_shares_of_both_surfaces(sphere):
+    up, side = half(sphere, np.eye(3)[2]), half(sphere, np.eye(3)[0])
+    for target, source, shares in ((up, side, (0.5, 0.5)), (up, up, (1.0, 1.0)), (sphere, up, (0.5, 1.0))):
+        overlaps, _ = closeness(target, source, np.eye(3)[None], np.zeros((1, 3)))
+        assert overlaps[0] == pytest.approx(shares, abs=0.1)
+    apart, _ = closeness(up, up, np.diag([1.0, -1.0, -1.0])[None], np.zeros((1, 3)))
+    assert apart.max() < 0.2
+    inside_out = LocalSurface.from_user(up.points, -up.normals, up.cell)
+    assert closeness(up, inside_out, np.eye(3)[None], np.zeros((1, 3)))[0].max() < 0.02
+
+
+def test_mismatch_is_none_for_copies_and_whole_for_what_is_far(views):
+    target = views[0]
+    shifts = np.array([[0.0, 0.0, 0.0], [90.0, 0.0, 0.0]])
+    overlaps, mismatch = closeness(target, target, np.tile(np.eye(3), (2, 1, 1)), shifts)
+    assert mismatch == pytest.approx([0.0, 1.0], abs=1e-3)
+    assert overlaps.tolist() == [[1.0, 1.0], [0.0, 0.0]]
+    rotated = Rotation.from_rotvec([[0.0, 0.0, a] for a in (0.1, 0.3)]).as_matrix()
+    nearer, farther = closeness(target, target, rotated, np.zeros((2, 3)), num_points=200)[1]
+    assert 0.0 < nearer < farther < 1.0
