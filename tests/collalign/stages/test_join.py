@@ -1,0 +1,151 @@
+"""Scans joined by overlaps: poses of a ring, weak links, parts, and blocks that are wrong in agreement."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from collalign.confidence.overlap_model import overlap_chances
+from collalign.stages.incomplete import join
+from collalign.stages.incomplete.join import join_scans
+from collalign.synchronization import synchronize_graph
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
+from data_tools.poses import turn_deg
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+from pairwise.features.overlap import LocalPoses
+
+NUM = 8
+#: Share of consistent matches of a pair that is sure, and of one that is not.
+SURE, WEAK = 1.0, 0.1
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """Views of a blob all around it, each moved, and the pose of each."""
+    rng = np.random.default_rng(4)
+    whole = blob(np.random.default_rng(1), num_vertices=1500)
+    cell = 0.1 * centre_and_radius(whole)[1]
+    poses, surfaces = np.tile(np.eye(4), (NUM, 1, 1)), []
+    for i, angle in enumerate(2.0 * np.pi * np.arange(NUM) / NUM):
+        poses[i, :3, :3], poses[i, :3, 3] = random_rotation(rng), 3.0 * rng.standard_normal(3)
+        points = range_view(whole, np.array([np.cos(angle), np.sin(angle), 0.2]), rng=rng)
+        own = (points - poses[i, :3, 3]) @ poses[i, :3, :3]
+        surfaces.append(surface_cells(Shape.from_arrays(own, name=f"view{i}"), cell))
+    return surfaces, poses
+
+
+def link(poses, i, j, *consensus, wrong=None):
+    """What a pair says: its pose, a little wrong, and perhaps another one, with their shares of matches."""
+    rng = np.random.default_rng(100 * i + j)
+    right = np.linalg.inv(poses[i]) @ poses[j]
+    nearly = Rotation.from_rotvec(0.02 * rng.standard_normal(3)).as_matrix() @ right[:3, :3]
+    rotations = np.stack([nearly] if wrong is None else [nearly, wrong @ nearly])
+    num = len(rotations)
+    return LocalPoses(
+        rotations=rotations,
+        shifts=np.tile(right[:3, 3] + 0.01 * rng.standard_normal(3), (num, 1)),
+        overlaps=np.full((num, 2), 0.7),
+        mismatch=np.zeros(num),
+        consensus=np.array(consensus),
+    )
+
+
+def errors_deg(joined, poses, members=None):
+    """Errors of the poses of some scans relative to the first one of them."""
+    chosen = np.arange(len(poses)) if members is None else np.array(members)
+    frames = joined.transforms[chosen, :3, :3] @ np.swapaxes(poses[chosen, :3, :3], 1, 2)
+    return turn_deg(frames, frames[0])
+
+
+def ring(poses):
+    pairs = [*((i, i + 1) for i in range(NUM - 1)), (0, NUM - 1)]
+    return {pair: link(poses, *pair, SURE) for pair in pairs}
+
+
+def test_a_ring_is_joined_and_sure(scans):
+    surfaces, poses = scans
+    joined = join_scans(surfaces, ring(poses), "SO")
+    assert errors_deg(joined, poses).max() < 1.0
+    moved = joined.transforms @ np.linalg.inv(poses)
+    middles = moved[:, :3, :3] @ np.array([0.1, 0.1, 0.1]) + moved[:, :3, 3]
+    assert np.linalg.norm(middles - middles[0], axis=1).max() < surfaces[0].cell
+    assert (joined.confidence > 0.99).all()
+    assert [part.tolist() for part in joined.parts] == [[*range(NUM)]]
+    assert {*joined.kept} == {*ring(poses)}
+    assert min(one.overlap[0] for one in joined.kept.values()) > 0.4
+    again = join_scans(surfaces, ring(poses), "SO")
+    np.testing.assert_array_equal(again.transforms, joined.transforms)
+
+
+def test_behind_a_weak_link_of_a_chain_scans_are_in_doubt(scans):
+    surfaces, poses = scans
+    chain = {(i, i + 1): link(poses, i, i + 1, WEAK if i == 4 else SURE) for i in range(NUM - 1)}
+    joined = join_scans(surfaces, chain, "SO")
+    weak = float(overlap_chances(chain[4, 5])[0])
+    assert 0.5 < weak < 0.7
+    assert errors_deg(joined, poses).max() < 4.0  # errors of a chain add up
+    assert joined.confidence[:5].min() > 0.95
+    assert joined.confidence[5:] == pytest.approx(np.full(3, weak), abs=1e-6)
+    assert len(joined.cuts) == NUM - 1
+    [weakest] = [cut for cut in joined.cuts if cut.held < 2.0]
+    assert weakest.members.tolist() == [5, 6, 7]
+
+
+def test_what_no_overlap_joins_is_a_part_of_its_own(scans):
+    surfaces, poses = scans
+    told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in (0, 1, 2, 4, 5)}
+    told[3, 4] = link(poses, 3, 4, 0.001)
+    joined = join_scans(surfaces, told, "SO")
+    assert [part.tolist() for part in joined.parts] == [[0, 1, 2, 3], [4, 5, 6], [7]]
+    for part in joined.parts[:2]:
+        assert errors_deg(joined, poses, part).max() < 3.0
+        assert joined.confidence[part].min() > 0.9
+    assert joined.confidence[7] == 0.0
+    alone = join_scans(surfaces, {}, "SO")
+    assert len(alone.parts) == NUM
+    assert not alone.confidence.any()
+    assert not alone.kept
+
+
+def test_a_wrong_link_beside_right_ones_holds_nothing(scans):
+    surfaces, poses = scans
+    told = ring(poses) | {(0, 2): link(poses, 0, 2, SURE), (2, 4): link(poses, 2, 4, SURE)}
+    told[1, 5] = link(poses, 1, 5, 0.001, SURE, wrong=Rotation.from_rotvec([1.0, 0.5, 0.0]).as_matrix())[[1]]
+    joined = join_scans(surfaces, told, "SO")
+    assert errors_deg(joined, poses).max() < 1.0
+    assert (1, 5) not in joined.kept
+    assert (0, 2) in joined.kept
+    assert any(cut.against > 0 for cut in joined.cuts)
+
+
+@pytest.mark.parametrize("moves", [0, 6])
+def test_a_block_that_is_wrong_in_agreement_is_moved_where_more_pairs_ask_for_it(scans, monkeypatch, moves):
+    surfaces, poses = scans
+    turn = Rotation.from_rotvec([0.0, 1.0, 0.3]).as_matrix()
+    told = {(i, i + 1): link(poses, i, i + 1, SURE) for i in (0, 1, 2, 4, 5, 6)}
+    told[3, 4] = link(poses, 3, 4, 0.001, SURE, wrong=turn)
+    told |= {(0, 7): link(poses, 0, 7, SURE), (2, 4): link(poses, 2, 4, SURE)}
+
+    def misled(graph):
+        found = synchronize_graph(graph)
+        # Poses follow the wrong candidate of one pair from there on: within either block all agree.
+        rotations = poses[:, :3, :3].copy()
+        rotations[4:] = rotations[3] @ told[3, 4].rotations[1] @ rotations[4].T @ rotations[4:]
+        object.__setattr__(found, "rotations", rotations)
+        return found
+
+    monkeypatch.setattr(join, "synchronize_graph", misled)
+    monkeypatch.setattr(join, "MOST_MOVES", moves)
+    joined = join_scans(surfaces, told, "SO")
+    for block in (range(4), range(4, NUM)):
+        assert errors_deg(joined, poses, block).max() < 3.0
+    assert (errors_deg(joined, poses).max() < 3.0) == (moves > 0)
+    if not moves:
+        assert joined.confidence.min() < 0.1
+        cut = min(joined.cuts, key=lambda cut: cut.held - cut.against)
+        back = cut.move @ joined.transforms
+        frames = back[cut.members, :3, :3] @ np.swapaxes(poses[cut.members, :3, :3], 1, 2)
+        others = np.setdiff1d(np.arange(NUM), cut.members)
+        assert turn_deg(frames, joined.transforms[others[0], :3, :3] @ poses[others[0], :3, :3].T).max() < 5.0

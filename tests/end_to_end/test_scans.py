@@ -1,0 +1,147 @@
+"""Range scans of one object, which nobody calls scans, from files to poses; and complete open shapes, which are none."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.engine.session import Session
+from collalign.stages.incomplete import scans as scanning
+from collalign.stages.incomplete.overlaps import PART_CELL, common_cell
+from collalign.stages.incomplete.scans import BADLY_MATCHED, may_be_scans
+from collalign.stages.pairs.match import match_pairs
+from collalign.stages.shape_stage import prepare_shapes
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.errors import InputError
+from data_tools.io.objects import list_shapes
+from data_tools.options import SamplingOptions
+from data_tools.poses import turn_deg
+from data_tools.rotations import random_rotation
+from tests.products import pair_of, samples_at
+
+NUM = 8
+OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=100))
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Clouds that a camera sees of a blob from all around, each moved, and the rotation of each."""
+    rng = np.random.default_rng(6)
+    whole = blob(np.random.default_rng(1), num_vertices=1500)
+    turns, clouds = np.stack([random_rotation(rng) for _ in range(NUM)]), {}
+    for i, angle in enumerate(2.0 * np.pi * np.arange(NUM) / NUM):
+        points = range_view(whole, np.array([np.cos(angle), np.sin(angle), 0.2]), noise=0.002, rng=rng)
+        clouds[f"view{i}"] = points @ turns[i].T + rng.standard_normal(3)
+    return clouds, turns
+
+
+def aligned(clouds, **options):
+    return align_collection(clouds, options=replace(OPTIONS, **options), jobs=1, progress=False)
+
+
+def errors_deg(collection, turns):
+    frames = collection.rotations @ turns
+    return turn_deg(frames, frames[0])
+
+
+@pytest.fixture(scope="module")
+def by_default(views):
+    return aligned(views[0])
+
+
+def test_scans_are_recognised_and_posed_by_default(by_default, views):
+    assert errors_deg(by_default, views[1]).max() < 2.0
+    assert by_default.confidence.min() > 0.95
+    assert [one.shape for one in by_default.incomplete] == [*range(NUM)]
+    assert all("share only parts" in one.reason for one in by_default.incomplete)
+    assert any("All are incomplete" in note for note in by_default.notes)
+
+
+def test_scans_that_are_called_so_have_the_same_poses(by_default, views):
+    told = aligned(views[0], incomplete="all")
+    np.testing.assert_allclose(told.transforms, by_default.transforms)
+    assert all("as told" in one.reason for one in told.incomplete)
+
+
+def test_scans_overlap_with_their_neighbours_and_sizes_stay(by_default, views):
+    clouds, turns = views
+    middles = np.stack(
+        [
+            place[:3, :3] @ turn @ (turn.T @ np.mean(cloud, axis=0)) + place[:3, 3]
+            for place, turn, cloud in zip(by_default.transforms, turns, clouds.values(), strict=True)
+        ]
+    )
+    assert np.isfinite(middles).all()
+    scales = np.cbrt(np.linalg.det(by_default.transforms[:, :3, :3]))
+    np.testing.assert_allclose(scales, scales[0])
+    for one in by_default.incomplete:
+        assert {(one.shape - 1) % NUM, (one.shape + 1) % NUM} <= {*one.partners.tolist()}
+        beside = np.isin(one.partners, [(one.shape - 1) % NUM, (one.shape + 1) % NUM])
+        assert one.overlaps[beside].min() > 0.4
+    labels = by_default.maps.labels
+    assert labels.max() < len(by_default.consensus)
+    near, far = (len({*labels[0].tolist()} & {*labels[j].tolist()} - {-1}) for j in (1, NUM // 2))
+    assert near > far
+
+
+def test_pairs_of_scans_say_what_they_share(by_default):
+    kept = [pair for pair in by_default.pairs if pair.inlier]
+    assert {(i, i + 1) for i in range(NUM - 1)} <= {(pair.target, pair.source) for pair in kept}
+    for pair in by_default.pairs:
+        assert (pair.choice >= 0) == pair.inlier
+        assert ((pair.energies >= 0) & (pair.energies <= 1)).all()
+
+
+def test_fixed_poses_are_refused_for_scans(views):
+    with pytest.raises(InputError, match="without fixed poses"):
+        align_collection(
+            views[0],
+            options=replace(OPTIONS, incomplete="all"),
+            fixed={"view0": np.eye(3)},
+            jobs=1,
+            progress=False,
+        )
+
+
+def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(views, monkeypatch):
+    few = dict([*views[0].items()][::4]) | {"view2": views[0]["view2"]}
+    monkeypatch.setattr(scanning, "MOST_SURE", 1.1)
+    assert not any("All are incomplete" in note for note in aligned(few).notes)
+
+
+def test_complete_open_shapes_are_no_scans():
+    rng = np.random.default_rng(2)
+    teeth = deformed_family(crown(rng, num_vertices=500), 4, rng, rms=0.03)
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepare_shapes(session, list_shapes([replace(t, name=f"t{i}") for i, t in enumerate(teeth)]))
+        pairs, _ = match_pairs(session, shapes, np.array([[0, 1], [0, 2], [1, 3], [2, 3]]))
+    assert all(item.rim == "open" for item in shapes.samples)
+    assert not may_be_scans(shapes, pairs)
+    assert np.median([pair.mismatches.min() for pair in pairs]) < BADLY_MATCHED - 0.1
+
+
+def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
+    def said(rims, mismatches):
+        shapes = SimpleNamespace(names=rims, samples=[SimpleNamespace(rim=rim) for rim in rims])
+        return may_be_scans(shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches])
+
+    assert said(["open"] * 3, [[0.8]] * 3)
+    assert said(["open", "unknown", "closed"], [[0.8], [0.9], [0.2]])
+    assert not said(["open"] * 3, [[0.7]] * 3)
+    assert not said(["open", "closed", "closed"], [[0.8]] * 3)
+    assert not said(["open"] * 3, [[0.8], [0.8], []])
+    assert not said(["open"] * 3, [[np.nan]] * 3)
+    assert not said(["open"] * 2, [[0.8]])
+
+
+def test_cells_hardly_depend_on_which_shapes_there_are():
+    sizes = [SimpleNamespace(samples=[samples_at(size * np.eye(3)) for size in few]) for few in ((1.0,), (1.0, 1.02))]
+    first, second = (common_cell(shapes) for shapes in sizes)
+    assert first == second
+    assert 0.9 < first / PART_CELL < 1.1
+    tenfold = SimpleNamespace(samples=[samples_at(np.eye(3), scale=16.0)])
+    assert common_cell(tenfold) == pytest.approx(16.0 * first)
