@@ -1,4 +1,4 @@
-"""Range scans of one object, which nobody calls scans, from files to poses; and complete open shapes, which are none."""
+"""Range scans of one object from points to poses, and complete open shapes, which are no scans."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -67,15 +67,7 @@ def test_scans_that_are_called_so_have_the_same_poses(by_default, views):
     assert all("as told" in one.reason for one in told.incomplete)
 
 
-def test_scans_overlap_with_their_neighbours_and_sizes_stay(by_default, views):
-    clouds, turns = views
-    middles = np.stack(
-        [
-            place[:3, :3] @ turn @ (turn.T @ np.mean(cloud, axis=0)) + place[:3, 3]
-            for place, turn, cloud in zip(by_default.transforms, turns, clouds.values(), strict=True)
-        ]
-    )
-    assert np.isfinite(middles).all()
+def test_scans_overlap_with_their_neighbours_and_sizes_stay(by_default):
     scales = np.cbrt(np.linalg.det(by_default.transforms[:, :3, :3]))
     np.testing.assert_allclose(scales, scales[0])
     for one in by_default.incomplete:

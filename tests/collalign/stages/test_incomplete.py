@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from collalign.stages.incomplete.grow import common_points
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.confidence.incomplete_model import log_odds, share_of_best
@@ -16,9 +15,10 @@ from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
 from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
-from collalign.stages.posing import _asks_for_scans, _without_found
+from collalign.stages.incomplete.scans import common_points
+from collalign.stages.posing import _tries_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
-from collalign.stages.steps import Matched, Posed, Run
+from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
@@ -31,8 +31,6 @@ from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.calibration.fragments import broken
 from experiments.peers.bones import bone
-from pairwise.partial.match import match_partial
-from tests.finished_runs import made_once
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.products import pair_of
 
@@ -222,14 +220,12 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         assert _without_found(run, {}, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
 
-def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
+def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
     rng = np.random.default_rng(8)
     whole = blob(rng, num_vertices=700)
     turns = np.stack([random_rotation(rng) for _ in range(3)])
     for number, (turn, side) in enumerate(zip(turns, np.eye(3), strict=True)):
         write_mesh(tmp_path / f"scan{number}.ply", moved(cut(whole, side, 0.3), turn, 1.0, rng.standard_normal(3)))
-    match_once = made_once(match_partial, lambda target, source: target.points.tobytes() + source.points.tobytes())
-    monkeypatch.setattr("collalign.stages.incomplete.grow.match_partial", match_once)  # all runs match the same pairs
     aligned = align(tmp_path, incomplete="all", scaling="rigid")
     assert errors_deg(aligned, turns).max() < 5
     assert len(aligned.incomplete) == 3
@@ -237,26 +233,30 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path, monkeypatch):
     assert aligned.maps.labels.max() < len(aligned.consensus)
     shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
     assert min(shared) >= 6
-    monkeypatch.setattr("collalign.stages.posing._asks_for_scans", lambda *_: True)
-    for most, of_scans in ((0.0, 0), (1.0, 3)):
-        monkeypatch.setattr("collalign.stages.incomplete.grow.MOST_COVERED", most)
-        tried = align(tmp_path, incomplete="auto", scaling="rigid")
-        assert len(tried.incomplete) == of_scans
-        assert any("All are incomplete" in note for note in tried.notes) == (of_scans > 0)
-        assert np.array_equal(tried.transforms, aligned.transforms) == (of_scans > 0)
     options = replace(OPTIONS, incomplete="all", scaling="rigid")
     with pytest.raises(InputError, match="none of which is complete"):
         align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False)
 
 
-def test_shapes_that_may_be_mirror_images_are_no_scans_for_that():
-    shapes = SimpleNamespace(names="abcd", samples=[SimpleNamespace(rim="open")] * 4)
-    run = SimpleNamespace(session=SimpleNamespace(options=AlignOptions()), shapes=shapes, constraints=Constraints())
-    solution = SimpleNamespace(confidence=np.array([0.5, 0.5, 0.99, 0.99]))
-    for limits, scans in (({}, True), ({0: 0.5, 1: 0.5}, False)):
-        posed = SimpleNamespace(solution=solution, side_limits=limits)
-        posed.confidence_but_for_sides = Posed.confidence_but_for_sides.fget(posed)
-        assert _asks_for_scans(run, posed) == scans
+@pytest.mark.parametrize(
+    ("options", "missing", "rims", "tries"),
+    [
+        ({}, {}, "open", True),
+        ({}, {1: "as told"}, "open", False),
+        ({}, {}, "closed", False),
+        ({"incomplete": "never"}, {}, "open", False),
+        ({"clusters": 2}, {}, "open", False),
+        ({"synchronization": "spectral"}, {}, "open", False),
+        ({"deformable": True}, {}, "open", False),
+    ],
+)
+def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, missing, rims, tries):
+    shapes = SimpleNamespace(names="abcd", samples=[SimpleNamespace(rim=rims)] * 4)
+    session = SimpleNamespace(options=AlignOptions(**options))
+    run = SimpleNamespace(session=session, shapes=shapes, constraints=Constraints())
+    assert _tries_scans(run, missing) == tries
+    shapes.names = "ab"
+    assert not _tries_scans(run, missing)
 
 
 def test_points_that_stand_for_all_samples_lie_apart():

@@ -26,7 +26,7 @@ def sampled(vertices, faces):
 
 @pytest.fixture(scope="module")
 def shapes():
-    """A blob, the same moved, and its mirror image moved: each lies on the first one at TURN, or at its mirror image."""
+    """A blob, the same moved, and its mirror image moved, which lie on the first one at TURN."""
     whole = blob(np.random.default_rng(7), num_vertices=700)
     moved = whole.vertices @ TURN
     return (
@@ -66,7 +66,7 @@ def test_shapes_of_hardly_any_points_say_nothing(shapes):
 
 
 def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shapes, monkeypatch):
-    found = match_pair(shapes[0], shapes[1], "SO", MatchOptions(), 3)
+    found = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
     assert len(found.mismatches) == len(found.energies) == len(found.rotations) == len(found.maps)
     best = np.argmin(candidate_costs(found.energies, found.mismatches))
     assert turn_deg(found.rotations[best, :3, :3], TURN) < 5.0
@@ -74,7 +74,7 @@ def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shap
     other = random_rotation(np.random.default_rng(1))
     monkeypatch.setattr("collalign.stages.pairs.match.CONVINCING", 2.0)
     monkeypatch.setattr("collalign.stages.pairs.match.proposed_rotations", lambda *_: other[None])
-    more = match_pair(shapes[0], shapes[1], "SO", MatchOptions(), 3)
+    more = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
     assert len(more.energies) == len(found.energies) + 1
     assert turn_deg(more.rotations, other).min() < 1e-3
     assert (np.diff(more.energies) >= 0).all()
