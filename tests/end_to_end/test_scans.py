@@ -39,8 +39,15 @@ def views():
     return clouds, turns
 
 
-def aligned(clouds, **options):
-    return align_collection(clouds, options=replace(OPTIONS, **options), jobs=1, progress=False)
+@pytest.fixture(scope="module")
+def aligned(tmp_path_factory):
+    """Aligns; all runs match the same pairs once."""
+    run = RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
+
+    def align(clouds, fixed=None, **options):
+        return align_collection(clouds, options=replace(OPTIONS, **options), fixed=fixed, run=run, progress=False)
+
+    return align
 
 
 def errors_deg(collection, turns):
@@ -49,7 +56,7 @@ def errors_deg(collection, turns):
 
 
 @pytest.fixture(scope="module")
-def by_default(views):
+def by_default(views, aligned):
     return aligned(views[0])
 
 
@@ -61,7 +68,7 @@ def test_scans_are_recognised_and_posed_by_default(by_default, views):
     assert any("All are incomplete" in note for note in by_default.notes)
 
 
-def test_scans_that_are_called_so_have_the_same_poses(by_default, views):
+def test_scans_that_are_called_so_have_the_same_poses(by_default, views, aligned):
     told = aligned(views[0], incomplete="all")
     np.testing.assert_allclose(told.transforms, by_default.transforms)
     assert all("as told" in one.reason for one in told.incomplete)
@@ -88,18 +95,12 @@ def test_pairs_of_scans_say_what_they_share(by_default):
         assert ((pair.energies >= 0) & (pair.energies <= 1)).all()
 
 
-def test_fixed_poses_are_refused_for_scans(views):
+def test_fixed_poses_are_refused_for_scans(views, aligned):
     with pytest.raises(InputError, match="without fixed poses"):
-        align_collection(
-            views[0],
-            options=replace(OPTIONS, incomplete="all"),
-            fixed={"view0": np.eye(3)},
-            jobs=1,
-            progress=False,
-        )
+        aligned(views[0], fixed={"view0": np.eye(3)}, incomplete="all")
 
 
-def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(views, monkeypatch):
+def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(views, aligned, monkeypatch):
     few = dict([*views[0].items()][::4]) | {"view2": views[0]["view2"]}
     monkeypatch.setattr(scanning, "MOST_SURE", 1.1)
     assert not any("All are incomplete" in note for note in aligned(few).notes)
