@@ -21,7 +21,7 @@ COMMAND = re.compile(r"(?:`|/bin/|^\$ |^(?=\w+ \w+ .*--))collalign ([a-z]+)\b", 
 OTHERS = {
     *("--config", "--verbose", "--quiet", "--json", "--log", "--help", "--help-all", "--version"),
     *("--data", "--quick"),
-    *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals"),
+    *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals", "--write"),
     *("--nthreads", "--nworkers", "--port", "--check"),
     *("--entrypoint", "--network", "--rm"),
 }

@@ -23,7 +23,7 @@ from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import chair, crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.listing import read_folder
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import pose_collection
@@ -180,8 +180,8 @@ def test_the_pilot_takes_the_nearest_pairs_of_every_shape():
 
 def test_added_shapes_keep_what_was_decided(aligned_mixed, aligned_one_sided, mixed, store, tmp_path):
     new = tmp_path / "new"
-    late = read_folder(mixed).files[4]
-    write_copy(late, new / "late.ply")
+    late = read_shape(read_folder(mixed).files[4])
+    write_mesh(new / "late.ply", Shape.from_arrays(1.1 * late.vertices, late.faces))  # a copy would be skipped
     aligned_mixed.save(tmp_path / "mixed", report=False)
     added = add_to_collection(tmp_path / "mixed", new, run=store)
     assert (added.group, added.options.group) == ("O", "auto")
