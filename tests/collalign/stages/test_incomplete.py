@@ -24,7 +24,7 @@ from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.percent import percent
 from data_tools.poses import Similarity
@@ -113,9 +113,8 @@ def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_pa
     assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
     view = load(tmp_path / "out")
     assert np.isnan(view.landmarks).any(axis=(1, 2)).tolist() == [name in BROKEN for name in aligned.names]
-    fresh = tmp_path / "fresh"
-    fresh.mkdir()
-    (fresh / "new.ply").write_bytes((planted[0] / "tooth0.ply").read_bytes())
+    fresh, known = tmp_path / "fresh", read_shape(planted[0] / "tooth0.ply")
+    write_mesh(fresh / "new.ply", moved(known, np.eye(3), 1.1, np.zeros(3)))  # a copy would be skipped
     more = add_to_collection(tmp_path / "out", fresh, run={"jobs": 1}, progress=False)
     np.testing.assert_array_equal(more.transforms[:5], aligned.transforms)
     assert rotation_angle_deg(more.rotations[5], more.rotations[0]) < 2
