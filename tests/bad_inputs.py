@@ -13,6 +13,7 @@ import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
 from data_tools.datasets.synthetic_shapes import crown
+from data_tools.errors import printable
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from tests.data_tools.io.test_points import MALFORMED as POINTS
@@ -74,7 +75,8 @@ def unaccounted(folder, collection):
     """Return the entries of a folder that a result says nothing about."""
     told = {Path(file).name for file in collection.files} | {item.file for item in collection.excluded}
     readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
-    return {name for name, entry in readable.items() if not {name, entry} & (told | set(collection.run.skipped))}
+    told |= set(collection.run.skipped)
+    return {name for name, entry in readable.items() if not {name, entry, printable(name)} & told}
 
 
 def _names():
