@@ -33,6 +33,9 @@ TIED, TIED_LEAD = 0.02, 1.0
 #: by up to .03 on generated tables, square boxes and cups, each with its own mesh and bumps; human figures front to
 #: back cost .09 more, planes upside down .12, cups with a handle .08 (20 and 8 shapes; some sixes of figures .02).
 ALIKE = 0.04
+#: The mismatch of a shape's neighbourhoods with its own after such a turn: up to .40 for boxes, cubes, cylinders and
+#: stars of 1200 vertices, .43 for the eight legs of spiders, whose thin limbs dense points miss.
+ALIKE_MISMATCH = 0.41
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.995
 
@@ -84,6 +87,16 @@ def symmetric_confidence(trust: Trust) -> FloatArray:
     return probability(trust.up_to_symmetry)
 
 
-def is_as_good(excess: FloatArray, leads: FloatArray) -> BoolArray:
-    """Return after which turns of a part its shapes fit as well, by means over these, each (t,)."""
-    return np.asarray((excess < ALIKE) & (leads < TIED_LEAD))
+def is_as_good(excess: FloatArray, leads: FloatArray, own_mismatch: FloatArray, usual_mismatch: float) -> BoolArray:
+    """Return after which turns of a part its shapes fit as well, shape (t,).
+
+    Parameters
+    ----------
+    excess, leads, own_mismatch : ndarray, shape (t,)
+        Means over the shapes of the part; the last is the mismatch of neighbourhoods of a turned shape with itself as
+        it lies, NaN where it is not known.
+    usual_mismatch : float
+        Mean mismatch of the shapes with their partners, which no symmetry needs to be below; NaN as well.
+    """
+    differs = own_mismatch > np.fmax(usual_mismatch, ALIKE_MISMATCH)
+    return np.asarray((excess < ALIKE) & (leads < TIED_LEAD) & ~differs)

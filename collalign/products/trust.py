@@ -12,7 +12,10 @@ DOUBT = 0.95
 #: than they will.
 UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
-KINDS = ("votes", "margin", "collection votes", "lead", "contradictions", "misfit")
+KINDS = (
+    *("votes", "margin", "collection votes", "lead", "contradictions", "misfit"),
+    *("local margin", "mismatch", "local misfit"),
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,11 +54,18 @@ class Trust:
         * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
           log-odds, mean over all pairs;
         * contradictions: the number of witnesses that ask for another pose, 0 where none was heard;
-        * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with.
+        * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with;
+        * local margin: as the margin, of the mismatch of neighbourhoods in place of dense points, .05 added to each;
+        * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
+        * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with.
+
+        The last three are NaN where surfaces have too few points for neighbourhoods.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)
         The margin of each of them.
+    local_excess : tuple of ndarray, each (r,)
+        The local margin of each of them.
     leads : tuple of ndarray, each (r,)
         The lead over each of them.
     symmetries : tuple of ndarray, each (t, 3, 3)
@@ -68,6 +78,7 @@ class Trust:
     evidence: FloatArray
     rivals: tuple[FloatArray, ...]
     excess: tuple[FloatArray, ...]
+    local_excess: tuple[FloatArray, ...]
     leads: tuple[FloatArray, ...]
     symmetries: tuple[FloatArray, ...]
     up_to_symmetry: FloatArray

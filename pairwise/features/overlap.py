@@ -27,6 +27,9 @@ PARTNER_CELLS = 1.2
 PARTNER_COSINE = 0.7
 #: Descriptors are compared at closest points that are within so many cells, twice the reach of a partner.
 COMPARED_CELLS = 2.4
+#: Descriptors of which any two differ by less than this, usually, are all alike: those of a sphere differ by .001, of
+#: an ellipsoid with axes 1 to .9 by .004, of axes 1 to .6 by .04, of boxes, bones and bodies by .05 and more.
+LEAST_USUAL = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,7 +205,7 @@ def closeness(
     on_target, on_source = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
     there = feature_distances(target.features[on_target], source.features)
     back = feature_distances(source.features[on_source], target.features)
-    usual = max(float(np.median(there[:, on_source])), float(np.finfo(np.float32).tiny))
+    usual = max(float(np.median(there[:, on_source])), LEAST_USUAL)
     overlaps, mismatch = np.empty((len(rotations), 2)), np.empty(len(rotations))
     for p, (rotation, shift) in enumerate(zip(rotations, shifts, strict=True)):
         placed, normals = source.points @ rotation.T + shift, source.normals @ rotation.T

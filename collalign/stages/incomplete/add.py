@@ -214,6 +214,7 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
         evidence=rows(trust.evidence),
         rivals=each(trust.rivals, none),
         excess=each(trust.excess, nothing),
+        local_excess=each(trust.local_excess, nothing),
         leads=each(trust.leads, nothing),
         symmetries=each(trust.symmetries, none),
         up_to_symmetry=rows(trust.up_to_symmetry),

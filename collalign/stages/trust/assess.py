@@ -11,7 +11,7 @@ from collalign.confidence.candidate_model import LEAST_COST
 from collalign.confidence.pose_model import is_as_good, pose_confidence
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
-from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
+from collalign.products.pair import LEAST_MISMATCH, MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
@@ -22,7 +22,9 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT = range(len(KINDS))
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT, LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT = range(len(KINDS))
+#: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
+GAP, LOCAL = 0, 1
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
 PRIOR_VOTES = 1.0
 #: Differences below this, in squared radii, say nothing.
@@ -63,8 +65,7 @@ def gather_trust(
     )
     poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
     costs = _costs(session, samples, rotations, partners, poses)
-    log_costs = np.array([np.log(cost[0].mean()) if cost.size else np.nan for cost in costs])
-    excess = [np.log(cost[1:].mean(axis=1) / cost[0].mean()) if cost.size else np.zeros(0) for cost in costs]
+    excess, local_excess = ([_excess(cost[kind]) for cost in costs] for kind in (GAP, LOCAL))
     leads = [
         leads_over(pose, other[: len(rises)], own)
         for pose, other, rises, own in zip(rotations, rivals, excess, partners, strict=True)
@@ -74,50 +75,65 @@ def gather_trust(
         evidence=unknown,
         rivals=rivals,
         excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)),
+        local_excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(local_excess, rivals, strict=True)),
         leads=tuple(read_only(over) for over in leads),
         witnesses=tuple(hear_witnesses(session.options, pairs, rotations, components)),
-        symmetries=_symmetries(samples, rotations, turns, excess, partners, components),
+        symmetries=_symmetries(samples, rotations, turns, costs, partners, components),
         up_to_symmetry=unknown,
     )
     apart = [np.eye(3)[None]] * len(samples)
     return replace(
         trust,
-        evidence=_evidence(trust, log_costs, rotations, partners, components, apart),
-        up_to_symmetry=_evidence(trust, log_costs, rotations, partners, components, trust.symmetries),
+        evidence=_evidence(trust, costs, rotations, partners, components, apart),
+        up_to_symmetry=_evidence(trust, costs, rotations, partners, components, trust.symmetries),
     )
+
+
+def _excess(costs: FloatArray) -> FloatArray:
+    """Return the log of what other poses cost over what the first costs, means over all partners, shape (r,)."""
+    if not costs.size:
+        return np.zeros(0)
+    means = costs[:, :-1].mean(axis=1)
+    return np.asarray(np.log(means[1:] / means[0]))
 
 
 def _symmetries(
     samples: Sequence[Samples],
     rotations: FloatArray,
     turns: Sequence[FloatArray],
-    excess: Sequence[FloatArray],
+    costs: Sequence[FloatArray],
     partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
 ) -> tuple[FloatArray, ...]:
     """Return for each shape the turns of its part after which this fits as well, the identity first.
 
-    ``excess`` ends with that of the poses that the turns lead to. Copies of a surface share its samples, which tell
-    apart poses that look the same: where most partners of a surface are copies, its pairs are not asked.
+    ``costs`` end with those of the poses that the turns lead to. Copies of a surface share its samples, which tell
+    apart poses that look the same: where most partners of a surface are copies, its pairs are not asked. What the
+    neighbourhoods of each shape say of the turned shape itself does not depend on its partners.
     """
     found = [read_only(np.eye(3)[None])] * len(turns)
     for members in components:
-        known = [i for i in members if len(excess[i])]
+        known = [i for i in members if costs[i].size]
         if len(known) > 1 and len(turns[known[0]]):
             num = len(turns[known[0]])
             asked = [() if samples[i].rim != "unknown" and are_copies(partners[i]) else partners[i] for i in known]
             leads = [
                 leads_over(rotations[i], turns[i] @ rotations[i], of) for i, of in zip(known, asked, strict=True)
             ]
-            rises, over = np.mean([excess[i][-num:] for i in known], axis=0), np.mean(leads, axis=0)
+            alike = is_as_good(
+                np.mean([_excess(costs[i][GAP])[-num:] for i in known], axis=0),
+                np.mean(leads, axis=0),
+                np.mean([costs[i][LOCAL, -num:, -1] for i in known], axis=0) - LEAST_MISMATCH,
+                float(np.mean([costs[i][LOCAL, 0, :-1].mean() for i in known])) - LEAST_MISMATCH,
+            )
             for i in members:
-                found[i] = read_only(np.stack([np.eye(3), *turns[i][is_as_good(rises, over)]]))
+                found[i] = read_only(np.stack([np.eye(3), *turns[i][alike]]))
     return tuple(found)
 
 
 def _evidence(
     trust: Trust,
-    log_costs: FloatArray,
+    costs: Sequence[FloatArray],
     rotations: FloatArray,
     partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
@@ -129,16 +145,20 @@ def _evidence(
         poses = alike[i] @ rotations[i]
         if own:
             others = (turn_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
-            margins = (least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads))
-            evidence[i, [MARGIN, LEAD]] = tuple(margins)
+            margins = (least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess))
+            evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES] = _votes(poses, own)
+            evidence[i, MISFIT] = np.log(costs[i][GAP, 0, :-1].mean())
+            evidence[i, MISMATCH] = costs[i][LOCAL, 0, :-1].min() - LEAST_MISMATCH
         heard = [witness.poses[i] for witness in trust.witnesses]
         evidence[i, CONTRADICTIONS] = sum((turn_deg(pose, poses) > APART_DEG).all() for pose in heard)
+    evidence[:, LOCAL_MISFIT] = np.log(evidence[:, MISMATCH] + LEAST_MISMATCH)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         if len(known):
             evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean()
-            evidence[known, MISFIT] = log_costs[known] - np.median(log_costs[known])
+            for kind in (MISFIT, LOCAL_MISFIT):
+                evidence[known, kind] -= np.median(evidence[known, kind])
     return read_only(evidence)
 
 
@@ -201,14 +221,15 @@ def _costs(
     partners: Sequence[Sequence[Partner]],
     poses: Sequence[FloatArray],
 ) -> list[FloatArray]:
-    """Return what every pose of every shape costs against its partners, each (1 + r, p); empty without partners.
+    """Return what every pose of every shape costs, each (2, 1 + r, p + 1), as :func:`pose_costs` does.
 
-    :data:`RESOLUTION` is added.
+    Against its partners and last against itself as it lies; (2, 0, 0) where there are no partners.
+    :data:`RESOLUTION` and :data:`LEAST_MISMATCH` are added.
     """
     tasks, shared = {}, [Shared(key=str(i), reader=Samples) for i in range(len(samples))]
     for i, own in enumerate(partners):
-        chosen = [partner.shape for partner in own[:MAX_PARTNERS]]
-        if chosen:
+        chosen = [*(partner.shape for partner in own[:MAX_PARTNERS]), i]
+        if own:
             tasks[i] = {
                 "shape": shared[i],
                 "poses": poses[i],
@@ -217,7 +238,8 @@ def _costs(
             }
     with table_of_values(samples) as table:
         found = session.spread("poses tried", pose_costs, tasks, shared=table)
-    return [found[i] + RESOLUTION if i in found else np.zeros((0, 0)) for i in range(len(samples))]
+    least = np.array([RESOLUTION, LEAST_MISMATCH])[:, None, None]
+    return [found[i] + least if i in found else np.zeros((2, 0, 0)) for i in range(len(samples))]
 
 
 def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:

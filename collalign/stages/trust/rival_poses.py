@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from collalign.stages.local_evidence import local_evidence
 from collalign.stages.surface_gap import surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
@@ -144,11 +145,14 @@ def pose_costs(
 
     Returns
     -------
-    ndarray, shape (r, p)
-        Mean squared distance of closest points and normals, both ways, in squared radii.
+    ndarray, shape (2, r, p)
+        Mean squared distance of closest points and normals, both ways, in squared radii; and the mismatch of the
+        descriptors of neighbourhoods, NaN where either shape has none.
     """
     own = surface_points(shape, first=0)
-    costs = np.empty((len(poses), len(partners)))
+    costs = np.empty((2, len(poses), len(partners)))
     for p, (partner, partner_pose) in enumerate(zip(partners, partner_poses, strict=True)):
-        costs[:, p] = surface_gap(surface_points(partner, first=1), own, partner_pose.T @ poses)
+        relative = partner_pose.T @ poses
+        costs[0, :, p] = surface_gap(surface_points(partner, first=1), own, relative)
+        costs[1, :, p] = local_evidence(partner, shape, relative)[0]
     return costs

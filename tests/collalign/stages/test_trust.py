@@ -168,35 +168,42 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability():
-    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0, 0.0])
-    for at, kind in enumerate(KINDS[:-1]):
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0, 0.0, 0.2, 0.4, 0.0])
+    for at, kind in enumerate(KINDS):
+        if "mis" in kind:
+            continue  # what only limits
         step = (-0.2 if kind == "contradictions" else 0.2) * np.eye(len(KINDS))[at]
         assert probability((middle - step)[None]) < probability((middle + step)[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0, -1.0]])) == MOST_CONFIDENT
+    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0, -1.0, 9.0, 0.1, 0.0]])) == MOST_CONFIDENT
+
+
+#: No contradiction, no misfit, and nothing known of neighbourhoods.
+REST = (0.0, 0.0, np.nan, np.nan, np.nan)
 
 
 def trust_of(evidence, excess, leads=None):
     turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
-    return trust_in([[*evidence, 0.0, 0.0]], [turns], [np.array(excess)], [over])
+    return trust_in([[*evidence, *REST]], [turns], [np.array(excess)], [over])
 
 
 def trust_in(evidence, rivals, excess, leads):
     """Return trust in shapes that no turn leaves as they are."""
     seen, none = np.array(evidence), (np.eye(3)[None],) * len(evidence)
-    rest = {"rivals": tuple(rivals), "excess": tuple(excess), "leads": tuple(leads)}
+    unknown = tuple(np.full(len(own), np.nan) for own in excess)
+    rest = {"rivals": tuple(rivals), "excess": tuple(excess), "local_excess": unknown, "leads": tuple(leads)}
     return Trust(evidence=seen, symmetries=none, up_to_symmetry=seen, **rest)
 
 
 def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     def chance(*evidence):
-        return float(probability(np.array([[*evidence, 0.0, 0.0]]))[0])
+        return float(probability(np.array([[*evidence, *REST]]))[0])
 
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
-    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5]])) == UNCERTAIN  # it misses the others by more
+    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5, 0.2, 0.3, 0.0]])) == UNCERTAIN  # it misses the others by more
 
 
 def test_rivals_that_fit_as_well_share_the_confidence():
@@ -208,7 +215,7 @@ def test_rivals_that_fit_as_well_share_the_confidence():
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0])
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0, 0.5, 0.3, 0.0])
     plain = trust_in([sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2)
     assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
     alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
