@@ -14,7 +14,7 @@ UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = (
     *("votes", "margin", "collection votes", "lead", "contradictions", "misfit"),
-    *("local margin", "mismatch", "local misfit"),
+    *("local margin", "mismatch", "local misfit", "partners"),
 )
 
 
@@ -57,9 +57,10 @@ class Trust:
         * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with;
         * local margin: as the margin, of the mismatch of neighbourhoods in place of dense points, .05 added to each;
         * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
-        * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with.
+        * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with;
+        * partners: the number of its pairs.
 
-        The last three are NaN where surfaces have too few points for neighbourhoods.
+        What is said of neighbourhoods is NaN where surfaces have too few points for neighbourhoods.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)

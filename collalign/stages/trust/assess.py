@@ -22,7 +22,8 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT, LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT = range(len(KINDS))
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT, *_ = range(len(KINDS))
+LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
@@ -147,7 +148,7 @@ def _evidence(
             others = (turn_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
             margins = (least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess))
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
-            evidence[i, VOTES] = _votes(poses, own)
+            evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
             evidence[i, MISFIT] = np.log(costs[i][GAP, 0, :-1].mean())
             evidence[i, MISMATCH] = costs[i][LOCAL, 0, :-1].min() - LEAST_MISMATCH
         heard = [witness.poses[i] for witness in trust.witnesses]

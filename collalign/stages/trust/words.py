@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collalign.confidence.pose_model import symmetric_confidence
+from collalign.confidence.pose_model import resembles_none, symmetric_confidence
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, Trust
 from collalign.stages.trust.own_turns import turns_in_words
@@ -37,6 +37,7 @@ def trust_notes(
     """
     notes = [
         *_contradicted(names, trust, constraints),
+        *_strange(names, trust),
         *_symmetric(trust, confidence),
     ]
     free = [i for i in range(len(names)) if i not in {*constraints.by_hand, *constraints.fixed_transforms}]
@@ -62,6 +63,21 @@ def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) 
         "PAIRS CONTRADICT IT: few of them ask for this pose. Look at it again."
         for i in sorted(constraints.fixed)
         if votes[i] < CONTRADICTED_VOTES
+    ]
+
+
+def _strange(names: Sequence[str], trust: Trust) -> list[str]:
+    """Return the sentence about shapes that match no other."""
+    mismatch = trust.evidence[:, KINDS.index("mismatch")]
+    strange = np.flatnonzero(resembles_none(trust.evidence))
+    if not len(strange):
+        return []
+    verb, object_ = ("resembles", "it") if len(strange) == 1 else ("resemble", "them")
+    others = np.nanmedian(np.delete(mismatch, strange))
+    return [
+        f"{listed([names[i] for i in strange])} {verb} no other shape; leave {object_} out? The surfaces differ from "
+        f"the most similar shape by {mismatch[strange].min():.2f}, those of the other shapes by {others:.2f} (median); "
+        "1 is chance."
     ]
 
 

@@ -9,7 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
-from collalign.confidence.pose_model import MOST_CONFIDENT, pose_confidence, probability, symmetric_confidence
+from collalign.confidence.pose_model import (
+    FEW_LIMIT,
+    MOST_CONFIDENT,
+    is_as_good,
+    pose_confidence,
+    probability,
+    resembles_none,
+    symmetric_confidence,
+)
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
@@ -168,18 +176,18 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability():
-    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0, 0.0, 0.2, 0.4, 0.0])
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 1.0, 0.0, 0.2, 0.4, 0.0, 20.0])
     for at, kind in enumerate(KINDS):
-        if "mis" in kind:
+        if "mis" in kind or kind == "partners":
             continue  # what only limits
         step = (-0.2 if kind == "contradictions" else 0.2) * np.eye(len(KINDS))[at]
         assert probability((middle - step)[None]) < probability((middle + step)[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0, -1.0, 9.0, 0.1, 0.0]])) == MOST_CONFIDENT
+    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, 0.0, -1.0, 9.0, 0.1, 0.0, 20.0]])) == MOST_CONFIDENT
 
 
 #: No contradiction, no misfit, and nothing known of neighbourhoods.
-REST = (0.0, 0.0, np.nan, np.nan, np.nan)
+REST = (0.0, 0.0, np.nan, np.nan, np.nan, 20.0)
 
 
 def trust_of(evidence, excess, leads=None):
@@ -203,7 +211,7 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
-    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5, 0.2, 0.3, 0.0]])) == UNCERTAIN  # it misses the others by more
+    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5, 0.2, 0.3, 0.0, 20.0]])) == UNCERTAIN  # it misses the others by more
 
 
 def test_rivals_that_fit_as_well_share_the_confidence():
@@ -215,7 +223,7 @@ def test_rivals_that_fit_as_well_share_the_confidence():
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0, 0.5, 0.3, 0.0])
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0, 0.5, 0.3, 0.0, 20.0])
     plain = trust_in([sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2)
     assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
     alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
@@ -474,3 +482,44 @@ def test_turns_are_told_by_their_axes():
     assert turns_in_words(np.diag([1.0, 1.0, -1.0])[None]) == "mirror images"
     skew = [Rotation.from_rotvec(v, degrees=True).as_matrix() for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])]
     assert "about 2 more axes" in turns_in_words(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))
+
+
+def seen_of(**kinds):
+    """Return the evidence about one shape whose pose all of it speaks for, but for what is given."""
+    usual = {"votes": 0.9, "margin": 0.5, "collection votes": 0.9, "lead": 4.0, "contradictions": 0.0, "misfit": 0.0}
+    local = {"local margin": 0.5, "mismatch": 0.4, "local misfit": 0.0, "partners": 20.0}
+    known = usual | local | {name.replace("_", " "): value for name, value in kinds.items()}
+    return np.array([[known[kind] for kind in KINDS]])
+
+
+def test_few_partners_without_a_clear_margin_are_not_enough():
+    clear, unclear = {"margin": 0.5, "local_margin": 0.3}, {"margin": 0.34, "local_margin": 0.22}
+    assert probability(seen_of(**unclear)) > DOUBT
+    assert probability(seen_of(**unclear, partners=5.0)) == FEW_LIMIT
+    assert probability(seen_of(**clear, partners=5.0)) > DOUBT
+
+
+def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
+    for margin in (-0.1, 0.2, 0.5):
+        same = seen_of(margin=margin, local_margin=margin)
+        assert probability(seen_of(margin=margin, local_margin=np.nan, mismatch=np.nan)) == probability(same)
+
+
+def test_a_shape_that_resembles_no_other_is_named_and_limited():
+    evidence = np.concatenate([seen_of(), seen_of(mismatch=0.95, local_misfit=0.8), seen_of(mismatch=0.9), seen_of()])
+    assert resembles_none(evidence).tolist() == [False, True, False, False]
+    assert (probability(evidence) > DOUBT).tolist() == [True, False, True, True]
+    empty = [np.zeros((0, 3, 3))] * 4, [np.zeros(0)] * 4, [np.zeros(0)] * 4
+    (note, _) = trust_notes([*"abcd"], trust_in(evidence, *empty), probability(evidence), Constraints())
+    assert "b resembles no other shape; leave it out?" in note
+    assert "0.95" in note and "0.40" in note
+
+
+def test_copies_with_thin_limbs_are_not_symmetric():
+    def is_alike(own_mismatch, usual_mismatch=0.0):
+        return is_as_good(np.array([-0.2]), np.array([0.0]), np.array([own_mismatch]), usual_mismatch).item()
+
+    assert not is_alike(0.43)  # a spider on its copies, after an eighth of a turn
+    assert is_alike(0.35)  # a cube
+    assert is_alike(0.43, usual_mismatch=0.6)  # what the pairs do not tell apart either
+    assert is_alike(np.nan, usual_mismatch=np.nan)
