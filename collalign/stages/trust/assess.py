@@ -146,7 +146,9 @@ def _evidence(
         poses = alike[i] @ rotations[i]
         if own:
             others = (turn_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
-            margins = (least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess))
+            margins = (
+                least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess)
+            )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
             evidence[i, MISFIT] = np.log(costs[i][GAP, 0, :-1].mean())

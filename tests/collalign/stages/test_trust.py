@@ -211,7 +211,9 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
-    assert probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5, 0.2, 0.3, 0.0, 20.0]])) == UNCERTAIN  # it misses the others by more
+    assert (
+        probability(np.array([[1.0, 0.2, 1.0, 4.0, 0.0, 0.5, 0.2, 0.3, 0.0, 20.0]])) == UNCERTAIN
+    )  # it misses the others by more
 
 
 def test_rivals_that_fit_as_well_share_the_confidence():
@@ -513,6 +515,16 @@ def test_a_shape_that_resembles_no_other_is_named_and_limited():
     (note, _) = trust_notes([*"abcd"], trust_in(evidence, *empty), probability(evidence), Constraints())
     assert "b resembles no other shape; leave it out?" in note
     assert "0.95" in note and "0.40" in note
+
+
+def test_neighbourhoods_tell_what_is_of_another_kind(rng):
+    samples, truth = crowns(rng)
+    samples[3] = brick(np.array([1.0, 0.8, 0.6]))
+    trust = trusted(samples, pairs_at(truth), truth)
+    assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
+    assert column(trust, "partners").tolist() == [NUM - 1] * NUM
+    others = np.delete(column(trust, "local margin"), 3)
+    assert others.min() > max(column(trust, "local margin")[3], 0.05)
 
 
 def test_copies_with_thin_limbs_are_not_symmetric():
