@@ -2,10 +2,10 @@
 
 It weighs five things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
 that its own pairs contradict is wrong in the best of collections, and votes mean little where all pairs contradict
-each other. *Margin* is what the cheapest other pose costs more on dense points, *local margin* what it mismatches
-more by the descriptors of neighbourhoods. *Lead* is how much less plausible the
-pairs themselves find the strongest rival: where votes are split among many poses, the first of them may still be far
-ahead. *Contradictions* are the witnesses that ask for another pose. *Misfit*, *mismatch* and few *partners* limit what is stated.
+each other. *Margin* is what the cheapest other pose costs more on dense points, *local margin* the same by the
+descriptors of neighbourhoods. *Lead* is how much less plausible the pairs themselves find the strongest rival: where
+votes are split among many poses, the first of them may still be far ahead. *Contradictions* are the witnesses that
+ask for another pose. *Misfit*, *mismatch* and few *partners* limit what is stated.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from data_tools.arrays import BoolArray, FloatArray
 
-#: Limits of agreement, margin, local margin, lead and contradictions: beyond them nothing was seen when the weights were fitted.
+#: Limits of agreement, margin, local margin, lead and contradictions: beyond them nothing was seen when the weights
+#: were fitted.
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0), (-2.0, 0.0)])
 #: Their weights, and the constant: fitted on 1643 shapes of 151 runs over eleven real and nine generated collections,
 #: those whose mirror image was asked for left out, as ``python -m experiments calibrate confidence`` does again.
@@ -34,7 +35,7 @@ WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, 
 #: Shapes with so few partners may all agree on a wrong pose: in sixes and threes of figures, each in a posture of its
 #: own, some were front to back at .958 to .995, where the sum of both margins was up to .68. Unless it is ...
 FEW_PARTNERS, CLEAR = 5, 0.75
-#: ... that much, as it is for about half of the chairs and teeth, less than what is sure is stated.
+#: ... that much, as for chairs and teeth in threes (in sixes .56 to .73), less than what is sure is stated.
 FEW_LIMIT = 0.94
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
@@ -51,8 +52,8 @@ ALIKE_MISMATCH = 0.41
 #: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds this, after part
 #: of its logarithm over that of the median shape was added. Intruders among four chairs, figures, teeth, skulls or
 #: bumped ellipsoids have 1.03 and more at any pose that was tried; a chair unlike five others and a piano of another
-#: build .97, the other shapes of 28 classes and families less. Among armadillos in all postures, whose own mismatch is
-#: .85, no intruder stands out.
+#: build .97, the other shapes of 28 classes and families less. Among armadillos in all postures, whose own mismatch
+#: is .85, no intruder stands out.
 STRANGE, MISFIT_SHARE = 1.0, 0.15
 #: Confidence in the pose of such a shape, at most: there is nothing that it could be aligned with.
 STRANGE_LIMIT = 0.5
@@ -80,7 +81,7 @@ def terms(evidence: FloatArray) -> FloatArray:
 
 
 def resembles_none(evidence: FloatArray) -> BoolArray:
-    """Return which shapes match no other one much better than chance, compared with the median shape, shape (N,).
+    """Return which shapes match no other one much better than chance, shape (N,), compared with the median shape.
 
     Parameters
     ----------
@@ -93,11 +94,12 @@ def resembles_none(evidence: FloatArray) -> BoolArray:
 def ceiling(evidence: FloatArray) -> FloatArray:
     """Return the most that is stated of poses with this evidence (N, len(KINDS)), shape (N,).
 
-    No more than :data:`STRANGE_LIMIT` of shapes that resemble no other, and than :data:`FEW_LIMIT` where there are few
-    partners and no clear margin. No more than :data:`UNCERTAIN` where the misfit exceeds twice the margin: how badly the shape fits outweighs what
-    tells its poses apart. Its pairs may all say the same, but they compare what hardly compares. Of 1491 shapes of
-    184 runs over 22 collections at .95 or more by the weights alone 42 were such, 9 of them wrong, of the others
-    1.0 %; chosen among seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often.
+    No more than :data:`STRANGE_LIMIT` of shapes that resemble no other, and than :data:`FEW_LIMIT` where there are
+    few partners and no clear margin. No more than :data:`UNCERTAIN` where the misfit exceeds twice the margin: how
+    badly the shape fits outweighs what tells its poses apart. Its pairs may all say the same, but they compare what
+    hardly compares. Of 1491 shapes of 184 runs over 22 collections at .95 or more by the weights alone 42 were such,
+    9 of them wrong, of the others 1.0 %; chosen among seven rules on 12 of these collections, where the wrong ones
+    were two shapes, drawn often.
     """
     margin, misfit, local, partners = (
         evidence[:, KINDS.index(kind)] for kind in ("margin", "misfit", "local margin", "partners")

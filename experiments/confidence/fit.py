@@ -85,7 +85,8 @@ def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray,
     """
     parts = []
     for number, record in enumerate(records.values()):
-        used = ~record["intruder"] & ~np.isnan(terms(record["evidence"])).any(axis=1) & (record["error_deg"] != MIRRORED_DEG)
+        known = ~np.isnan(terms(record["evidence"])).any(axis=1)
+        used = ~record["intruder"] & known & (record["error_deg"] != MIRRORED_DEG)
         parts.append((record["evidence"][used], record["right"][used], np.full(used.sum(), number)))
     evidence, right, kind = (np.concatenate(part) for part in zip(*parts, strict=True))
     return terms(evidence), right, kind

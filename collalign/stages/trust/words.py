@@ -69,14 +69,13 @@ def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) 
 def _strange(names: Sequence[str], trust: Trust) -> list[str]:
     """Return the sentence about shapes that match no other."""
     mismatch = trust.evidence[:, KINDS.index("mismatch")]
-    strange = np.flatnonzero(resembles_none(trust.evidence))
-    if not len(strange):
+    strange = np.flatnonzero(resembles_none(trust.evidence)).tolist()
+    if not strange:
         return []
-    verb, object_ = ("resembles", "it") if len(strange) == 1 else ("resemble", "them")
-    others = np.nanmedian(np.delete(mismatch, strange))
+    verb, pronoun = ("resembles", "it") if len(strange) == 1 else ("resemble", "them")
     return [
-        f"{listed([names[i] for i in strange])} {verb} no other shape; leave {object_} out? The surfaces differ from "
-        f"the most similar shape by {mismatch[strange].min():.2f}, those of the other shapes by {others:.2f} (median); "
+        f"{listed([names[i] for i in strange])} {verb} no other shape; leave {pronoun} out? The mismatch with "
+        f"the most similar shape is {mismatch[strange].min():.2f}, that of the median shape {np.nanmedian(mismatch):.2f}; "
         "1 is chance."
     ]
 
