@@ -33,10 +33,9 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0), (-2.0, 0.0
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, WITNESS_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, 1.0, -5.85
 WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, WITNESS_WEIGHT])
 #: Shapes with so few partners may all agree on a wrong pose: in sixes and threes of figures, each in a posture of its
-#: own, some were front to back at .958 to .995, where the sum of both margins was up to .68. Unless it is ...
-FEW_PARTNERS, CLEAR = 5, 0.75
-#: ... that much, as for chairs and teeth in threes (in sixes .56 to .73), less than what is sure is stated.
-FEW_LIMIT = 0.94
+#: own, some were front to back at .958 to .995, where the sum of both margins was up to .68. Unless it exceeds
+#: the second, as for chairs and teeth in threes (in sixes .56 to .73), no more than the third is stated.
+FEW_PARTNERS, CLEAR, FEW_LIMIT = 5, 0.75, 0.94
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
 #: undecided, those whose pairs lead by more are right in 97 %.
@@ -49,14 +48,14 @@ ALIKE = 0.04
 #: The mismatch of a shape's neighbourhoods with its own after such a turn: up to .40 for boxes, cubes, cylinders and
 #: stars of 1200 vertices, .43 for the eight legs of spiders, whose thin limbs dense points miss.
 ALIKE_MISMATCH = 0.41
-#: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds this, after part
-#: of its logarithm over that of the median shape was added. Intruders among four chairs, figures, teeth, skulls or
-#: bumped ellipsoids have 1.03 and more at any pose that was tried; a chair unlike five others and a piano of another
-#: build .97, the other shapes of 28 classes and families less. Among armadillos in all postures, whose own mismatch
-#: is .85, no intruder stands out.
-STRANGE, MISFIT_SHARE = 1.0, 0.15
-#: Confidence in the pose of such a shape, at most: there is nothing that it could be aligned with.
-STRANGE_LIMIT = 0.5
+#: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds the first, after
+#: a share of its misfit was added: that is the log of the mismatch over the median shape's, which exceeds the third.
+#: Intruders among four figures, skulls, chairs, teeth or bumped ellipsoids reach 1.01 to 1.26 and misfits of .65 or
+#: more, at the best of the poses that were tried; of 160 shapes of 41 draws at their true poses a piano of another
+#: build has .96, others less, clouds of uneven density 1.0 with no misfit. No intruder stands out among armadillos,
+#: which mismatch each other by .85.
+#: Confidence in the pose of such a shape is the fourth at most: there is nothing that it could be aligned with.
+STRANGE, MISFIT_SHARE, LEAST_MISFIT, STRANGE_LIMIT = 1.0, 0.15, 0.4, 0.5
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.995
 
@@ -88,7 +87,7 @@ def resembles_none(evidence: FloatArray) -> BoolArray:
     evidence : ndarray, shape (N, len(KINDS))
     """
     mismatch, misfit = (evidence[:, KINDS.index(kind)] for kind in ("mismatch", "local misfit"))
-    return np.asarray(mismatch + MISFIT_SHARE * misfit > STRANGE)
+    return np.asarray((mismatch + MISFIT_SHARE * misfit > STRANGE) & (misfit > LEAST_MISFIT))
 
 
 def ceiling(evidence: FloatArray) -> FloatArray:

@@ -130,7 +130,7 @@ def pair_proof(poses: PoseList, mismatches_at: Callable[[FloatArray], FloatArray
 
 
 #: Proves a pair. The version changes whenever the same pair would give another proof.
-PROVING = Job(kind="proofs", version="proof-5", run=prove_pair, reader=PairProof)
+PROVING = Job(kind="proofs", version="proof-6", run=prove_pair, reader=PairProof)
 
 
 def certify_pairs(

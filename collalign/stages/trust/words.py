@@ -74,8 +74,9 @@ def _strange(names: Sequence[str], trust: Trust) -> list[str]:
         return []
     verb, pronoun = ("resembles", "it") if len(strange) == 1 else ("resemble", "them")
     return [
-        f"{listed([names[i] for i in strange])} {verb} no other shape; leave {pronoun} out? The mismatch with "
-        f"the most similar shape is {mismatch[strange].min():.2f}, that of the median shape {np.nanmedian(mismatch):.2f}; "
+        f"{listed([names[i] for i in strange])} {verb} no other shape; leave {pronoun} out? The mismatch "
+        f"with the most similar shape is {mismatch[strange].min():.2f}, that of the median shape "
+        f"{np.nanmedian(mismatch):.2f}; "
         "1 is chance."
     ]
 
