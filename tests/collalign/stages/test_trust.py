@@ -25,6 +25,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages import steps
+from collalign.stages.local_evidence import local_evidence
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.outvoted import preferred_poses
@@ -526,6 +527,13 @@ def test_neighbourhoods_tell_what_is_of_another_kind(rng):
     assert column(trust, "partners").tolist() == [NUM - 1] * NUM
     others = np.delete(column(trust, "local margin"), 3)
     assert others.min() > max(column(trust, "local margin")[3], 0.05)
+
+
+def test_neighbourhoods_of_a_sphere_are_all_alike():
+    directions, faces = sphere_mesh(900)
+    turns = np.stack([random_rotation(np.random.default_rng(seed)) for seed in range(4)])
+    sphere, long = samples_of([Shape.from_arrays(directions * axes, faces) for axes in ([1, 1, 1], [3, 1, 1])])
+    assert local_evidence(sphere, sphere, turns)[0].max() < 0.3 < local_evidence(long, long, turns)[0].min()
 
 
 def test_copies_with_thin_limbs_are_not_symmetric():
