@@ -15,6 +15,8 @@ from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
+#: Distance of the points of surfaces that may be partial, in root mean square radii of the median shape.
+PART_CELL = 0.08
 #: Neighbours of a point are those within so many cells.
 RADIUS_CELLS = 5.0
 #: Bins of each of the three angles.

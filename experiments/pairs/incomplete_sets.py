@@ -35,7 +35,7 @@ from experiments.datasets import Dataset, read_range_scans
 from experiments.experiment import Cell
 from experiments.pairs.invariants import without_share
 from experiments.tables import Column, Row
-from pairwise.partial.match import PartialPose, match_partial
+from pairwise.partial.match import SearchedPose, match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: The Stanford bunny's range scans; those that share less than this of their points are not matched.
@@ -147,7 +147,7 @@ def surface_of(shape: Shape) -> PartialSurface:
     return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
 
 
-def chance_of(poses: Sequence[PartialPose]) -> float:
+def chance_of(poses: Sequence[SearchedPose]) -> float:
     """Return the chance that the best pose is right, as ``collalign match --partial`` states it."""
     turns = np.stack([found.pose.rotation for found in poses])
     return share_of_best(turns, -PAIR_WEIGHT * np.log([found.energy for found in poses]))

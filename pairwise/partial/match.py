@@ -28,7 +28,7 @@ SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PartialPose:
+class SearchedPose:
     """A pose of a source on a target that it overlaps in part.
 
     Attributes
@@ -56,7 +56,7 @@ def match_partial(
     group: str = "SO",
     scale_range: tuple[float, float] | None = None,
     num_candidates: int = 16,
-) -> tuple[PartialPose, ...]:
+) -> tuple[SearchedPose, ...]:
     """Return distinct poses of a source on a target, the least energy first.
 
     Parameters
@@ -86,7 +86,7 @@ def match_partial(
     found = counterparts(target, source, poses, many)
     energies, overlaps = found.energies, found.overlaps()
     return tuple(
-        PartialPose(
+        SearchedPose(
             pose=poses[int(p)],
             energy=float(energies[p]),
             overlap_target=float(overlaps[p, 0]),

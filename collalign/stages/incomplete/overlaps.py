@@ -14,12 +14,10 @@ from data_tools.embedding.surface_cells import surface_cells
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
-from data_tools.local_surface import LocalSurface
+from data_tools.local_surface import PART_CELL, LocalSurface
 from data_tools.options import CleaningOptions
 from pairwise.features.overlap import LocalPoses, match_overlapping
 
-#: Distance of the points of surfaces that may be partial, in root mean square radii of the median shape.
-PART_CELL = 0.08
 #: Cells are powers of two to this share, so that a shape more does not change that of all others.
 _STEPS_AN_OCTAVE = 4
 #: Poses that a pair keeps.

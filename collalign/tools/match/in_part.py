@@ -2,24 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
 
-from collalign.confidence.incomplete_model import PAIR_WEIGHT, share_of_best
+from collalign.confidence.incomplete_model import PAIR_WEIGHT
+from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
+from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
+from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.embedding.surface_points import spread_points
+from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
-from data_tools.io.source import Origin, location
+from data_tools.io.source import location
+from data_tools.local_surface import PART_CELL
 from data_tools.percent import percent
+from data_tools.poses import AGREE_DEG, Similarity, turn_deg
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.partial.match import PartialPose, match_partial
+from pairwise.features.overlap import match_overlapping
+from pairwise.partial.match import match_partial
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
+
+#: Poses that a match keeps.
+NUM_POSES = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartialPose:
+    """A pose of a source on a target that it overlaps in part.
+
+    Attributes
+    ----------
+    pose : Similarity
+        Takes the source to the target.
+    chance : float
+        How probable the pose is; what all leave is that none is right.
+    overlap_target, overlap_source : float
+        Share of each surface's points with a counterpart on the other.
+    """
+
+    pose: Similarity
+    chance: float
+    overlap_target: float
+    overlap_source: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -54,9 +85,8 @@ class PartialMatch:
 
     @property
     def confidence(self) -> float:
-        """The chance that the answer is right, by how much worse its best rival fits."""
-        turns = np.stack([found.pose.rotation for found in self.poses])
-        return share_of_best(turns, -PAIR_WEIGHT * np.log([pose.energy for pose in self.poses]))
+        """The chance that the answer is right: that of all poses of its rotation."""
+        return _chance_of_first(self.poses)
 
     def __repr__(self) -> str:
         best = self.poses[0]
@@ -74,7 +104,7 @@ class PartialMatch:
             "candidates": [
                 {
                     "transform": transform.tolist(),
-                    "energy": found.energy,
+                    "chance": found.chance,
                     "reflected": bool(np.linalg.det(found.pose.rotation) < 0),
                     "overlap": {"target": found.overlap_target, "source": found.overlap_source},
                 }
@@ -91,10 +121,12 @@ def match_in_part(
     options: TwoShapeOptions | Mapping[str, Any] | None = None,
     **keywords: Unpack[TwoShapeKeywords],
 ) -> PartialMatch:
-    """Match two shapes of which each may lack what the other has, by what has a counterpart.
+    """Match two shapes of which each may lack what the other has.
 
-    Rotations, shifts and sizes are searched, since centroids and sizes of different parts say nothing. Sizes stay
-    where ``options.sampling.normalisation`` is "none", as for scans of one object.
+    Neither centroids nor sizes of different parts say anything. Poses on which neighbourhoods of both surfaces agree
+    are found at the sizes of the files first. If none of them is convincing, rotations, shifts and scales are
+    searched by closest points. That search is left out if ``options.sampling.normalisation`` is "none", as for scans
+    of one object.
 
     Parameters
     ----------
@@ -107,7 +139,7 @@ def match_in_part(
     Raises
     ------
     InputError
-        If a shape cannot be read or is too small.
+        If a shape cannot be read or is too small, or no pose is found at all.
 
     Examples
     --------
@@ -120,9 +152,8 @@ def match_in_part(
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
-    to, of = (_partial_surface(origin, options) for origin in origins)
-    sizes = (1.0, 1.0) if options.sampling.normalisation == "none" else None
-    poses = match_partial(to, of, group=options.group, scale_range=sizes, num_candidates=8)
+    shapes = tuple(read_shape(origin, options.cleaning) for origin in origins)
+    poses = _posed(*shapes, options.group, known_sizes=options.sampling.normalisation == "none")
     target_file, source_file = (location(origin) for origin in origins)
     names = [origin.name.removesuffix(origin.suffix) for origin in origins]
     return PartialMatch(
@@ -130,6 +161,56 @@ def match_in_part(
     )
 
 
-def _partial_surface(origin: Origin, options: TwoShapeOptions) -> PartialSurface:
-    found = spread_points(read_shape(origin, options.cleaning), MOST_POINTS)
-    return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
+def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> tuple[PartialPose, ...]:
+    """Return distinct poses of a source on a target, the most probable first."""
+    local = _poses_by_neighbourhoods(target, source, group)
+    if known_sizes and not local:
+        raise InputError(f"{source.name} on {target.name}: no pose found, since no neighbourhoods agree on one")
+    is_convincing = bool(local) and _chance_of_first(local) >= DOUBT
+    return local if known_sizes or is_convincing else _poses_by_search(target, source, group)
+
+
+def _chance_of_first(poses: Sequence[PartialPose]) -> float:
+    """Return how probable the first pose is, poses of the same rotation counted together."""
+    turns = np.stack([found.pose.rotation for found in poses])
+    chances = np.array([found.chance for found in poses])
+    return min(float(chances[turn_deg(turns, turns[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
+
+
+def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
+    """Return poses at the sizes of the files."""
+    cell = PART_CELL * float(np.mean([centre_and_radius(shape)[1] for shape in (target, source)]))
+    surfaces = [surface_cells(shape, cell) for shape in (target, source)]
+    if surfaces[0] is None or surfaces[1] is None:
+        return ()
+    found = match_overlapping(surfaces[0], surfaces[1], group=group, num_candidates=NUM_POSES)
+    found = found[np.argsort(-overlap_chances(found), kind="stable")]
+    return tuple(
+        PartialPose(
+            pose=Similarity(rotation=found.rotations[p], scale=1.0, shift=found.shifts[p]),
+            chance=float(chance),
+            overlap_target=float(found.overlaps[p, 0]),
+            overlap_source=float(found.overlaps[p, 1]),
+        )
+        for p, chance in enumerate(overlap_chances(found))
+    )
+
+
+def _poses_by_search(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
+    """Return poses of any size, found by closest points of the surfaces."""
+    surfaces = []
+    for shape in (target, source):
+        read = spread_points(shape, MOST_POINTS)
+        surfaces.append(PartialSurface.from_user(read.points, read.normals, read.on_rim, oriented=read.oriented))
+    searched = match_partial(*surfaces, group=group, num_candidates=NUM_POSES)
+    odds = -PAIR_WEIGHT * np.log([found.energy for found in searched])
+    shares = np.exp(odds - odds.max())
+    return tuple(
+        PartialPose(
+            pose=found.pose,
+            chance=float(share),
+            overlap_target=found.overlap_target,
+            overlap_source=found.overlap_source,
+        )
+        for found, share in zip(searched, shares / shares.sum(), strict=True)
+    )
