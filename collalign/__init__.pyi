@@ -51,7 +51,6 @@ from .reexported import OptionsError as OptionsError
 from .reexported import OutputFolder as OutputFolder
 from .reexported import PairKeywords as PairKeywords
 from .reexported import PairOptions as PairOptions
-from .reexported import PartialPose as PartialPose
 from .reexported import RefinedPose as RefinedPose
 from .reexported import RotationPattern as RotationPattern
 from .reexported import RunLost as RunLost
@@ -80,6 +79,7 @@ from .tools.certify.run import certify_collection as certify_collection
 from .tools.correspond.result import DenseCorrespondence as DenseCorrespondence
 from .tools.correspond.run import dense_correspondence as dense_correspondence
 from .tools.match.in_part import PartialMatch as PartialMatch
+from .tools.match.in_part import PartialPose as PartialPose
 from .tools.match.in_part import match_in_part as match_in_part
 from .tools.match.nonrigid import match_shapes as match_shapes
 from .tools.match.result import NonrigidCandidate as NonrigidCandidate

@@ -31,7 +31,6 @@ from pairwise.dense.refine import RefinedPose as RefinedPose
 from pairwise.options import MatchOptions as MatchOptions
 from pairwise.options import PairKeywords as PairKeywords
 from pairwise.options import PairOptions as PairOptions
-from pairwise.partial.match import PartialPose as PartialPose
 from pairwise.problem.pattern import RotationPattern as RotationPattern
 from pairwise.results import Candidate as Candidate
 from pairwise.results import MatchResult as MatchResult

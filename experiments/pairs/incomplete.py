@@ -208,7 +208,7 @@ def _sets(bench: Bench) -> tuple[Table, ...]:
     complete = {name: {"collection": name, "shapes": num, "seed": SEED} for name, num in COMPLETE_SETS}
     of_sets = bench.measure(measure_cut_collection, sets, version="2")
     of_scans = bench.measure(measure_scan_collection, {"scans": scans}, version="2")
-    of_scan_pairs = bench.measure(measure_scan_pairs, {"pairs of scans": scans}, version="2")
+    of_scan_pairs = bench.measure(measure_scan_pairs, {"pairs of scans": scans}, version="3")
     of_complete = bench.measure(measure_complete_collection, complete, apart=True)
     return (
         Table(

@@ -20,6 +20,7 @@ from collalign.engine.store.records import Record
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
+from collalign.tools.match.in_part import match_in_part
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.embedding.surface_points import spread_points
@@ -35,7 +36,7 @@ from experiments.datasets import Dataset, read_range_scans
 from experiments.experiment import Cell
 from experiments.pairs.invariants import without_share
 from experiments.tables import Column, Row
-from pairwise.partial.match import SearchedPose, match_partial
+from pairwise.partial.match import SearchedPose
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: The Stanford bunny's range scans; those that share less than this of their points are not matched.
@@ -133,10 +134,10 @@ def measure_scan_pairs(cell: Cell) -> Record:
         shape = dataset.shape(j)
         source = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
         with stopwatch() as elapsed:
-            poses = match_partial(surface_of(dataset.shape(i)), surface_of(source), scale_range=(1.0, 1.0))
+            match = match_in_part(dataset.shape(i), source, sampling=sampling)
         found["overlap"].append(overlap)
-        found["best"].append(float(rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ turn.T)))
-        found["chance"].append(chance_of(poses))
+        found["best"].append(float(rotation_angle_deg(match.transform[:3, :3], dataset.rotation(i, j) @ turn.T)))
+        found["chance"].append(match.confidence)
         found["seconds"].append(elapsed.processor_s)
     return dict(found)
 
@@ -148,7 +149,7 @@ def surface_of(shape: Shape) -> PartialSurface:
 
 
 def chance_of(poses: Sequence[SearchedPose]) -> float:
-    """Return the chance that the best pose is right, as ``collalign match --partial`` states it."""
+    """Return the chance that the best pose of a search is right, as ``collalign match --partial`` states it."""
     turns = np.stack([found.pose.rotation for found in poses])
     return share_of_best(turns, -PAIR_WEIGHT * np.log([found.energy for found in poses]))
 

@@ -78,8 +78,8 @@ def match(
         In match.json the first "transform" is the answer, those of the candidates are about the samples alone. Maps
         go to the folder ``map`` by default, in the place of those that an earlier run wrote there.
     partial
-        Match the surfaces by what has a counterpart: rotations, shifts and sizes are searched (sizes stay with
-        --sampling.normalisation none), and the overlap of both is said.
+        Match the surfaces by what they share, at the sizes of the files, and print the overlap of both. If no such
+        pose is convincing, rotations, shifts and sizes are searched (not with --sampling.normalisation none).
     """
     out = out or (Path("map") if bending.nonrigid else None)
     if out is not None:

@@ -152,8 +152,8 @@ def match_in_part(
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
-    shapes = tuple(read_shape(origin, options.cleaning) for origin in origins)
-    poses = _posed(*shapes, options.group, known_sizes=options.sampling.normalisation == "none")
+    to, of = (read_shape(origin, options.cleaning) for origin in origins)
+    poses = _posed(to, of, options.group, known_sizes=options.sampling.normalisation == "none")
     target_file, source_file = (location(origin) for origin in origins)
     names = [origin.name.removesuffix(origin.suffix) for origin in origins]
     return PartialMatch(

@@ -1,0 +1,55 @@
+"""Two shapes that share a part: depth images of one object, another size, and shapes too small to say anything."""
+
+import numpy as np
+import pytest
+
+from collalign import match_in_part
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.options import SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+
+AS_FILED = SamplingOptions(normalisation="none")
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Return a depth image, another one from 40 degrees away in another pose, and that pose."""
+    rng = np.random.default_rng(2)
+    whole = blob(rng, num_vertices=3000)
+    angles = np.radians([0.0, 40.0])
+    seen = [
+        range_view(whole, np.array([np.cos(a), np.sin(a), 0.2]), pixels=100, noise=0.002, rng=rng) for a in angles
+    ]
+    turn, shift = random_rotation(rng), np.array([4.0, -2.0, 1.0])
+    return seen[0], seen[1] @ turn.T + shift, turn, shift
+
+
+def test_depth_images_are_matched_on_what_both_show(views):
+    first, second, turn, shift = views
+    found = match_in_part(first, second, sampling=AS_FILED)
+    assert rotation_angle_deg(found.transform[:3, :3] @ turn, np.eye(3)) < 3
+    np.testing.assert_allclose(found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1)
+    assert 0.5 < found.poses[0].overlap_source < 0.98
+    chances = np.array([pose.chance for pose in found.poses])
+    assert (np.diff(chances) <= 0).all()
+    assert chances.sum() <= 1.0 + 1e-9
+    assert 0.8 < found.confidence < 1.0
+    assert [one["chance"] for one in found.record()["candidates"]] == chances.tolist()
+
+
+def test_another_size_is_searched_where_sizes_say_nothing(views, quick_search):
+    first, second, turn, _ = views
+    found = match_in_part(first, 0.2 * second)
+    assert rotation_angle_deg(found.transform[:3, :3] / found.poses[0].pose.scale @ turn, np.eye(3)) < 20
+    assert found.poses[0].pose.scale == pytest.approx(5.0, rel=0.2)
+    kept = match_in_part(first, 0.2 * second, sampling=AS_FILED)
+    assert all(pose.pose.scale == 1.0 for pose in kept.poses)
+    assert kept.confidence < 0.5
+
+
+def test_too_few_points_give_no_pose(rng):
+    few = rng.random((20, 3))
+    with pytest.raises(InputError, match="no pose found"):
+        match_in_part(few, few, sampling=AS_FILED)
