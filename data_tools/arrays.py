@@ -38,7 +38,7 @@ class Holds:
     lower : int
         No index is smaller.
     nan, positive : bool
-        Whether a number may be NaN; whether it has to be positive and finite.
+        Whether a number, or numbers of an array, may be NaN; whether a number has to be positive and finite.
     """
 
     shape: str = ""

@@ -68,7 +68,7 @@ class PairProof:
     listed_energies: Annotated[FloatArray, Holds(shape="m")]
     listed_rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     listed_maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
-    listed_mismatches: Annotated[FloatArray, Holds(shape="m")]
+    listed_mismatches: Annotated[FloatArray, Holds(shape="m", nan=True)]
     complete_within: Annotated[float, Holds(nan=True)]
     regions: Annotated[FloatArray, Holds(shape="r d d", rotations=True)]
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")]

@@ -147,7 +147,9 @@ def _array(scalar: Any, holds: Holds, value: Any, name: str, sizes: dict[str, in
     elif issubclass(scalar, np.integer):
         array = as_indices(value, name, lower=holds.lower, upper=MAX_INDEX, shape=shape)
     else:
-        array = as_floats(value, name, shape=shape)
+        unknown = np.isnan(value) if holds.nan and value.dtype.kind == "f" else np.zeros(value.shape, dtype=np.bool_)
+        array = as_floats(np.where(unknown, 0.0, value), name, shape=shape)
+        array[unknown] = np.nan
         array = as_rotations(array, name) if holds.rotations else array
     for word, length in zip(words, array.shape, strict=True):
         if word != "_" and not word.endswith("?"):

@@ -32,7 +32,7 @@ class PairPoses:
     rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     maps: Annotated[IntArray, Holds(shape="m k", lower=-1)]
     energies: Annotated[FloatArray, Holds(shape="m")]
-    mismatches: Annotated[FloatArray, Holds(shape="m")]
+    mismatches: Annotated[FloatArray, Holds(shape="m", nan=True)]
     lower_bound: Annotated[float, Holds(nan=True)]
     status: Status
 

@@ -154,9 +154,11 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names():
         {"maps": None},
         {"maps": np.zeros((2, 10), np.int32)},
         {"energies": np.array([np.nan])},
+        {"mismatches": np.array([np.inf])},
+        {"mismatches": np.zeros(2)},
         {
             "energies": np.zeros(0),
-            "gaps": np.zeros(0),
+            "mismatches": np.zeros(0),
             "rotations": np.zeros((0, 3, 3)),
             "maps": np.zeros((0, 3), np.int32),
         },
@@ -167,7 +169,7 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names():
 )
 def test_impossible_poses_are_refused(poses, change):
     record = to_record(poses)
-    record |= {name: record[name][:1] for name in ("rotations", "maps", "energies", "gaps")}
+    record |= {name: record[name][:1] for name in ("rotations", "maps", "energies", "mismatches")}
     from_record(PairPoses, record, "a ~ b")
     with pytest.raises(StoreError, match="a ~ b"):
         from_record(PairPoses, record | change, "a ~ b")
@@ -197,6 +199,11 @@ def test_impossible_samples_are_refused(rng, change):
     from_record(Samples, record, "tooth")
     with pytest.raises(StoreError, match="tooth"):
         from_record(Samples, record | change, "tooth")
+
+
+def test_numbers_that_are_not_known_come_back(poses):
+    assert np.isnan(poses.mismatches).all()  # of so few samples neighbourhoods say nothing
+    assert np.isnan(from_record(PairPoses, through_bytes(to_record(poses)), "a ~ b").mismatches).all()
 
 
 def test_missing_fields_are_named(rng, poses):
