@@ -1,9 +1,8 @@
-"""Writes what an experiment found: CSV, Markdown and pictures, and the page that holds all experiments."""
+"""Writes what an experiment found: CSV, Markdown and pictures, and the page that links to all experiments."""
 
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -20,13 +19,13 @@ _DPI = 110
 
 _HEAD = """# Results
 
-What `python -m experiments NAME` measured, one section per experiment; written by that command and never
-edited by hand. The rows at full precision lie in `results/NAME.csv`. Times are those of the machine that each section
-names; what it says of the toolkit holds for the day that it names, and not for later changes of the toolkit.
+The commands `python -m experiments NAME` measure all figures and write this page and the folder `results`. Nobody
+edits them by hand. Each experiment has a page, linked below. It says how and when it was measured, on which machine,
+and where goals were missed. `results/NAME.csv` has its tables at full precision.
 
-Constants of the toolkit were chosen while looking at the teeth, at SHREC07's glasses, ants, chairs, teddy bears,
-humans and armadillos, and at SCAPE: figures on these are not independent (the sections Collections, Figure 13, Table
-1, random starts, other tools, teeth jobs, SCAPE and SHREC07 maps). Those on mouse skulls and generated families are.
+Some collections are not independent, because constants of the toolkit were chosen on them: the teeth, SCAPE, and
+the glasses, ants, chairs, teddy bears, humans and armadillos of SHREC07. The pages concerned repeat this. Mouse
+skulls and generated families are independent.
 """
 
 
@@ -58,21 +57,27 @@ def write_experiment(experiment: Experiment, outcome: Outcome, bench: Bench, fol
 
 
 def write_page(names: Iterable[str], folder: Path) -> Path:
-    """Put the sections that were written so far into one page, and the figures that matter before them.
+    """Write the page with the figures that matter and a link to each experiment that was measured.
 
     Parameters
     ----------
     names : iterable of str
-        Experiments in the order of the page; those without a section are named at its end.
+        Experiments in the order of the page; those that were not measured are named at its end.
     folder : Path
     """
     files = {name: folder / RESULTS / f"{name}.md" for name in names}
-    sections = [file.read_text("utf-8") for file in files.values() if file.is_file()]
-    linked = [re.sub(r"(!\[[^\]]*\]\()", rf"\1{RESULTS}/", section) for section in sections]
+    links = [_link(name, file.read_text("utf-8")) for name, file in files.items() if file.is_file()]
+    table = "\n".join(["## All experiments", "", "| experiment | command |", "| --- | --- |", *links, ""])
     unmeasured = [f"`{name}`" for name, file in files.items() if not file.is_file()]
     rest = [f"Not measured yet: {', '.join(unmeasured)}.\n"] if unmeasured else []
     first = [text for text in [write_headlines(folder / RESULTS)] if text]
-    return write_atomic(folder / PAGE, "\n".join([_HEAD, *first, *linked, *rest]).encode())
+    return write_atomic(folder / PAGE, "\n".join([_HEAD, *first, table, *rest]).encode())
+
+
+def _link(name: str, section: str) -> str:
+    """Return the row of an experiment, whose title is the first line of its section."""
+    title = section.partition("\n")[0].removeprefix("## ")
+    return f"| [{title}]({RESULTS}/{name}.md) | `python -m experiments {name}` |"
 
 
 def _section(experiment: Experiment, outcome: Outcome, bench: Bench) -> str:

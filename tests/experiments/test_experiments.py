@@ -79,10 +79,11 @@ def test_resumed_files_are_those_of_a_fresh_run(bench, tmp_path):
         contents.append([file.read_bytes() for file in written])
     assert contents[0] == contents[1]
     page = write_page(("squares", "missing"), tmp_path / "fresh").read_text("utf-8")
-    assert "## Squares" in page
-    assert "| cell 3 | 9.0 |  |" in page
+    assert "| [Squares](results/squares.md) | `python -m experiments squares` |" in page
     assert page.endswith("Not measured yet: `missing`.\n")
-    assert (tmp_path / "fresh" / re.search(r"!\[a line\]\((.*?)\)", page)[1]).is_file()
+    details = tmp_path / "fresh" / "results" / "squares.md"
+    assert "| cell 3 | 9.0 |  |" in details.read_text("utf-8")
+    assert (details.parent / re.search(r"!\[a line\]\((.*?)\)", details.read_text("utf-8"))[1]).is_file()
 
 
 def test_tables_show_what_was_not_measured_and_what_is_impossible():
@@ -120,7 +121,9 @@ def test_every_experiment_loads_and_says_what_it_is(name):
 
 def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path):
     assert app(["theorem3", "--quick", "--quiet", "--jobs", "1", "--out", str(tmp_path)], exit_on_error=False) == 0
-    assert (tmp_path / "RESULTS.md").read_text("utf-8").count("## ") == 1
+    page = (tmp_path / "RESULTS.md").read_text("utf-8")
+    assert "](results/theorem3.md) | `python -m experiments theorem3` |" in page
+    assert "Not measured yet: `figure3`" in page
     with Store.open(tmp_path / ".cache" / "experiments.sqlite") as store:
         bench = Bench(data=tmp_path, store=store, quick=True, quiet=True)
         (found,) = theorem3.EXPERIMENT.measure(bench).tables
@@ -130,7 +133,7 @@ def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path):
     assert differences(found, committed.replace("chair,10,2,2", "chair,10,2,3"))
 
 
-def test_the_committed_page_is_made_of_the_committed_sections(tmp_path):
+def test_the_committed_page_links_to_the_committed_sections(tmp_path):
     (tmp_path / "results").mkdir()
     for file in [*(ROOT / "results").glob("*.md"), *(ROOT / "results").glob("*.csv")]:
         assert file.suffix == ".csv" or file.stem in NAMES
@@ -143,7 +146,7 @@ def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
     (tmp_path / "scape.md").write_text("## SCAPE: maps of bodies\n")
     (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\nscape,default,0.0164\n")
     assert "mean error 0.016 of" in write_headlines(tmp_path)
-    assert "[SCAPE: maps of bodies](#scape-maps-of-bodies)" in write_headlines(tmp_path)
+    assert "[scape](results/scape.md)" in write_headlines(tmp_path)
     (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\n")
     assert write_headlines(tmp_path) == ""
 
