@@ -15,13 +15,15 @@ import collalign
 import pairwise
 from collalign.cli import main as collalign_command
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.datasets.synthetic_shapes import voxel_surface
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
 HERE = Path(__file__).resolve().parent
 #: Until the report has drawn what has come into view, in ms.
 _DRAWING_MS = 2500
+#: Keys that turn the skulls of the report from the side to a three-quarter view.
+_THREE_QUARTER = 6 * ("ArrowLeft",) + 3 * ("ArrowDown",)
 
 
 def contact_sheet() -> None:
@@ -32,12 +34,12 @@ def contact_sheet() -> None:
 
 
 def report(folder: Path = HERE) -> None:
-    """The gallery of a report: generated skulls in random poses, one of which is a braincase only."""
+    """The gallery of a report, two rows: generated skulls in random poses, one of which is a braincase only."""
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory() as made, sync_playwright() as driver:
         rng = np.random.default_rng(1)
-        family = deformed_family(_skull(2500), 8, rng, rms=0.012)
+        family = deformed_family(_skull(), 8, rng, rms=0.012)
         family = (*family[:4], _braincase(family[4]), *family[5:])
         write_collection(f"{made}/skulls", planted_collection(family, rng))
         collalign_command(["align", f"{made}/skulls", "--out", f"{made}/out"])
@@ -47,26 +49,50 @@ def report(folder: Path = HERE) -> None:
         page.wait_for_selector("html[data-ready]", state="attached")
         page.locator("section", has=page.locator(".tile")).first.scroll_into_view_if_needed()
         page.wait_for_timeout(_DRAWING_MS)
-        page.screenshot(path=folder / "report.png", clip={"x": 20, "y": 80, "width": 960, "height": 608})
+        for key in _THREE_QUARTER:
+            page.locator(".tile").first.press(key)
+        page.evaluate("document.activeElement.blur()")
+        page.wait_for_timeout(_DRAWING_MS)
+        page.screenshot(path=folder / "report.png", clip={"x": 20, "y": 186, "width": 960, "height": 412})
         browser.close()
 
 
-def _skull(num_vertices: int) -> Shape:
-    """A sphere with a snout, orbits, cheekbones, a crest and a flat base, forward along x and upward along z."""
-    directions, faces = sphere_mesh(num_vertices)
-    radii = np.ones(len(directions))
-    for place, height, width in (
-        ((1.0, 0.0, -0.25), 1.3, 0.36),
-        ((0.75, 0.5, 0.25), -0.5, 0.2),
-        ((0.75, -0.5, 0.25), -0.5, 0.2),
-        ((0.55, 0.85, -0.3), 0.45, 0.22),
-        ((0.55, -0.85, -0.3), 0.45, 0.22),
-        ((-0.6, 0.0, 1.0), 0.18, 0.2),
-        ((0.0, 0.0, -1.0), -0.3, 0.5),
-    ):
-        angles = np.arccos(np.clip(directions @ (np.array(place) / np.linalg.norm(place)), -1.0, 1.0))
-        radii += height * np.exp(-0.5 * (angles / width) ** 2)
-    return Shape.from_arrays(directions * radii[:, None] * [1.1, 0.8, 0.75], faces, name="skull")
+#: Ellipsoids that are added to a skull (+1) or cut out of it (-1), in this order: sign, centre, half axes. Those
+#: off the middle come in pairs.
+_SKULL = (
+    (+1, (-0.45, 0.0, 0.1), (0.85, 0.6, 0.55)),
+    (+1, (0.55, 0.0, -0.12), (0.95, 0.33, 0.34)),
+    (+1, (1.1, 0.0, -0.25), (0.6, 0.24, 0.22)),
+    (+1, (-0.4, 0.0, 0.58), (0.7, 0.08, 0.14)),
+    (+1, (-1.15, 0.0, 0.2), (0.16, 0.45, 0.2)),
+    (-1, (0.42, 0.5, 0.16), (0.34, 0.3, 0.26)),
+    (-1, (0.05, 0.62, -0.05), (0.36, 0.26, 0.3)),
+    (+1, (0.2, 0.3, 0.36), (0.18, 0.2, 0.1)),
+    (+1, (0.62, 0.42, -0.16), (0.2, 0.22, 0.12)),
+    (+1, (0.15, 0.66, -0.2), (0.62, 0.08, 0.1)),
+    (+1, (-0.42, 0.58, -0.2), (0.22, 0.18, 0.12)),
+    (+1, (-0.6, 0.34, -0.42), (0.26, 0.17, 0.2)),
+    (+1, (1.4, 0.16, -0.42), (0.1, 0.08, 0.24)),
+    (+1, (0.8, 0.23, -0.36), (0.46, 0.09, 0.13)),
+    (-1, (0.75, 0.0, -0.55), (0.7, 0.17, 0.2)),
+    (-1, (1.66, 0.0, -0.12), (0.2, 0.14, 0.12)),
+    (-1, (-1.3, 0.0, -0.3), (0.22, 0.16, 0.16)),
+)
+#: Length of a voxel of a skull.
+_VOXEL = 1 / 30
+
+
+def _skull() -> Shape:
+    """A skull with orbits, cheekbones, crest, canines and a hollow palate, forward along x and up along z."""
+    lowest, size = np.array([-1.6, -1.0, -0.9]), (108, 61, 54)
+    points = lowest + _VOXEL * np.moveaxis(np.indices(size), 0, -1)
+    solid = np.zeros(points.shape[:3], dtype=bool)
+    for sign, centre, half_axes in _SKULL:
+        for side in (1.0, -1.0) if centre[1] else (1.0,):
+            inside = (((points - np.array(centre) * [1.0, side, 1.0]) / half_axes) ** 2).sum(axis=-1) < 1.0
+            solid = solid | inside if sign > 0 else solid & ~inside
+    vertices, faces = voxel_surface(solid, resolution=1, smoothing=12)
+    return Shape.from_arrays(lowest + _VOXEL * vertices, faces, name="skull")
 
 
 def _braincase(skull: Shape) -> Shape:

@@ -1,0 +1,105 @@
+"""README and documentation keep to the rules of plain English that a program can tell."""
+
+import re
+
+import pytest
+
+from tests.readme_commands import README
+
+ROOT = README.parent
+#: Most words of a sentence on average, and of nearly all sentences.
+MEAN, LONG = 16, 30
+#: Largest share of sentences that are longer than :data:`LONG`.
+LONG_SHARE = 0.03
+#: Words that the field has other names for, and these.
+AVOIDED = {
+    r"processor[ -]time": "CPU time",
+    r"compared beside": "compared with",
+    r"nor is\b": "and ... is not",
+    r"lie apart": "be outside",
+    r"beyond whose rim": "a sentence that says what is detected",
+    r"posed by what": "aligned on the region that",
+    r"witness(es)?\b": "evidence",
+    r"lenders?\b": "template",
+    r"outvoted": "rejected",
+    r"stands? right": "is correct",
+}
+#: Pages that are not rewritten yet. A page that keeps the rules leaves the list.
+NOT_YET = {
+    "docs/clusters.md",
+    "docs/howto/corrections.md",
+    "docs/howto/hardware.md",
+    "docs/method.md",
+    "docs/proofs.md",
+    "docs/statistics.md",
+    "docs/tasks/from-alpaca.md",
+    "docs/tasks/from-auto3dgm.md",
+    "docs/tutorials/deformable.md",
+    "docs/tutorials/landmarks.md",
+    "docs/tutorials/partial.md",
+    "docs/tutorials/teeth.md",
+    "docs/when-it-fails.md",
+}
+PAGES = sorted([README, ROOT / "RESULTS.md", *(ROOT / "docs").rglob("*.md")])
+
+
+def sentences(text):
+    """Return the sentences of a Markdown page: of paragraphs and items of lists; not tables, headings and code."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!--.*?-->|\$\$.*?\$\$|\\\[.*?\\\]", "", text, flags=re.DOTALL)
+    text = re.sub(r"!\[[^]]*\]\([^)]*\)", "", text)
+    text = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text)
+    text = re.sub(r"`[^`]*`|\\\(.*?\\\)", "code", text)
+    lines = [line for line in text.splitlines() if not re.match(r"\s*(#|\||:::|<)", line)]
+    items = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", "\n".join(lines))
+    ends = re.compile(r"(?<=[.!?:;])[*_\")]*\s+(?=[A-Z`*\"(\[]|code)")
+    found = [one for item in items for one in ends.split(re.sub(r"^\s*([-*]|\d+\.) ", "", item))]
+    return [one for one in (" ".join(one.split()) for one in found) if re.search(r"\w", one)]
+
+
+def faults(text):
+    """Return what breaks the rules in a page."""
+    found = sentences(text)
+    lengths = [len(re.findall(r"[\w'’.-]*\w", one)) for one in found]
+    long = [one for one, words in zip(found, lengths, strict=True) if words > LONG]
+    mean = sum(lengths) / max(1, len(found))
+    said = [f"{mean:.1f} words a sentence on average, {MEAN} are enough"] if mean > MEAN else []
+    if len(long) > max(1, LONG_SHARE * len(found)):
+        said += [f"more than {LONG} words: {one}" for one in long]
+    prose = " ".join(found)
+    said += [f"'{word}': write {better}" for word, better in AVOIDED.items() if re.search(rf"\b{word}", prose, re.IGNORECASE)]
+    return said
+
+
+def name(page):
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pages_are_in_plain_english(page):
+    found = faults(page.read_text("utf-8"))
+    assert bool(found) == (name(page) in NOT_YET), "\n".join(found) or "take the page off the list NOT_YET"
+
+
+def test_only_pages_that_exist_are_excused():
+    assert {name(page) for page in PAGES} >= NOT_YET
+    assert not {"README.md", "RESULTS.md", "docs/index.md"} & NOT_YET
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (f"{'This sentence does not end. ' * 3}{'It goes on and on ' * 9}. {'And so does this one ' * 7}.", "more than 30"),
+        (f"{'It goes on and on ' * 4}.", "on average"),
+        ("It takes 3 s of processor time.", "CPU time"),
+        ("- It is posed by what has a counterpart.", "aligned on"),
+    ],
+)
+def test_a_bad_sentence_is_noticed(bad, said):
+    assert any(said in fault for fault in faults(bad))
+
+
+def test_tables_code_and_links_are_no_sentences():
+    page = "# A title\n\nOne [link](a/b.md). Two `a. B`.\n\n| a cell. |\n\n```bash\ncode. Here\n```\n\n- an item\n- another\n"
+    assert sentences(page) == ["One link.", "Two code.", "an item", "another"]
+    assert faults(page) == []
