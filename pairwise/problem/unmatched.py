@@ -12,9 +12,11 @@ import numpy as np
 
 from data_tools.arrays import IntArray, read_only
 from data_tools.checks import check_number
+from data_tools.threads import one_blas_thread
 from pairwise.problem.problem import Problem
 
 
+@one_blas_thread()
 def with_unmatched(problem: Problem, cost: float) -> Problem:
     """Return the problem in which each source point may stay unmatched.
 

@@ -34,7 +34,7 @@ def placed(surface, rotation, shift):
 
 def test_distances_are_those_of_the_unit_vectors(surface):
     few = LocalSurface.from_user(surface.points[:40], surface.normals[:40], CELL)
-    found = feature_distances(surface, few)
+    found = feature_distances(surface.features, few.features)
     plain = ((surface.features[:, None] - few.features) ** 2).sum(axis=2)
     np.testing.assert_allclose(found, plain, atol=1e-5)
     assert found.shape == (len(surface.points), 40)
