@@ -39,6 +39,9 @@ NUM_WAVES = 400
 _NUM_FEATURES = len(HKS_TIMES) + len(BULGE_RADII)
 _ROWS, _COLUMNS = np.triu_indices(_NUM_FEATURES, 1)
 
+#: Surfaces whose features have less than this share in common are compared as if they had as much: they hardly score.
+LEAST_SHARED = 1e-3
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceChirality:
@@ -149,7 +152,9 @@ def chirality_scores(surfaces: Sequence[SurfaceChirality]) -> FloatArray:
     mean = np.average(np.concatenate(centres), axis=0, weights=areas)
     sums = [_turning_and_size(surfaces[i], mean, whitening) for i in known]
     turning, sizes = (np.stack(each) for each in zip(*sums, strict=True))
-    scores[np.ix_(known, known)] = turning @ turning.T / np.maximum(sizes @ sizes.T, np.finfo(float).tiny)
+    products = sizes @ sizes.T
+    own = np.sqrt(np.maximum(np.diag(products), np.finfo(float).tiny))
+    scores[np.ix_(known, known)] = turning @ turning.T / np.maximum(products, LEAST_SHARED * np.outer(own, own))
     np.fill_diagonal(scores, np.nan)
     return scores
 
