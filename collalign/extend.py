@@ -72,8 +72,8 @@ def add_to_collection(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     a, b, c = (pathlib.Path(folder, "shapes", name) for name in ("a.xyz", "b.xyz", "c.xyz"))
     ...     a.parent.mkdir()
-    ...     for file in (a, b, c):
-    ...         np.savetxt(file, points)
+    ...     for number, file in enumerate((a, b, c)):
+    ...         np.savetxt(file, points + number)
     ...     files = collalign.align_collection([a, b], progress=False).save(folder + "/result")
     ...     collalign.add_to_collection(folder + "/result", [c], progress=False).names
     ('a', 'b', 'c')

@@ -87,6 +87,21 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
         In one unit of length.
     rotations : ndarray, shape (p, 3, 3)
     shifts : ndarray, shape (p, 3)
+        Source coordinates to those of the target, with the rotations.
+
+    Returns
+    -------
+    LocalPoses
+        In the same order.
+
+    Examples
+    --------
+    >>> directions = np.random.default_rng(0).normal(size=(500, 3)) * [1.0, 0.7, 0.5]
+    >>> normals = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> surface = pairwise.LocalSurface.from_user(normals, normals, cell=0.15)
+    >>> judged = pairwise.judge_poses(surface, surface, np.eye(3)[None], np.zeros((1, 3)))
+    >>> float(judged.overlap[0])
+    1.0
     """
     distances = feature_distances(target.features, source.features)
     proper = np.linalg.det(rotations) > 0

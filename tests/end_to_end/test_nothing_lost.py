@@ -64,7 +64,7 @@ def test_other_files_stay_and_former_results_go(finished, project, tmp_path):
     shutil.copytree(finished / "out", out)
     (out / "meshes" / "mine.txt").write_text("mine")
     (project / "meshes" / "chair3.ply").unlink()
-    assert main(["align", str(project / "meshes"), "--out", str(out), *FLAGS, "--no-report"]) == 0
+    assert main(["align", str(project / "meshes"), "--out", str(out), *FLAGS, "--no-report", "--drop"]) == 0
     assert sorted(p.name for p in (out / "meshes").iterdir()) == ["chair1.ply", "chair2.ply", "mine.txt"]
     assert not (out / "report.html").exists()
     assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
