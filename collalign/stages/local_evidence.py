@@ -17,7 +17,9 @@ CONVINCING = 0.5
 NUM_SEARCHED, NUM_PROPOSED = 400, 4
 
 
-def local_evidence(target: Samples, source: Samples, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+def local_evidence(
+    target: Samples, source: Samples, rotations: FloatArray, *, num_points: int = NUM_COMPARED
+) -> tuple[FloatArray, FloatArray]:
     """Return the mismatch and the overlap of two shapes at each of some poses, each (m,); NaN where unknown.
 
     The shapes lie with their centroids and sizes on each other.
@@ -27,6 +29,8 @@ def local_evidence(target: Samples, source: Samples, rotations: FloatArray) -> t
     target, source : Samples
     rotations : ndarray, shape (m, d, d)
         ``R_target_source`` in the embedding; space comes first.
+    num_points : int
+        Points of either surface that are compared, at most.
     """
     unknown = np.full(len(rotations), np.nan)
     if target.local is None or source.local is None:
@@ -39,7 +43,7 @@ def local_evidence(target: Samples, source: Samples, rotations: FloatArray) -> t
         if chosen.any():
             of = source.local.mirrored() if other is None else other
             turns = space[chosen] * flip
-            shares, costs = closeness(target.local, of, turns, np.zeros((len(turns), 3)), num_points=NUM_COMPARED)
+            shares, costs = closeness(target.local, of, turns, np.zeros((len(turns), 3)), num_points=num_points)
             mismatch[chosen], overlap[chosen] = costs, np.sqrt(shares.prod(axis=1))
     return read_only(mismatch), read_only(overlap)
 

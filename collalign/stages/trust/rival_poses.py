@@ -17,6 +17,8 @@ from data_tools.poses import APART_DEG
 MAX_RIVALS = 7
 #: Partners that a pose is tried against, the ones that match best.
 MAX_PARTNERS = 8
+#: Points of either surface whose neighbourhoods are compared at a pose: means over partners need few of each.
+NUM_COMPARED = 100
 #: Support of a candidate falls by this power of its energy over the pair's lowest.
 SUPPORT_POWER = 4.0
 #: No pose of a pair is less plausible than by these log-odds; one that it did not find is as plausible as its last.
@@ -154,5 +156,5 @@ def pose_costs(
     for p, (partner, partner_pose) in enumerate(zip(partners, partner_poses, strict=True)):
         relative = partner_pose.T @ poses
         costs[0, :, p] = surface_gap(surface_points(partner, first=1), own, relative)
-        costs[1, :, p] = local_evidence(partner, shape, relative)[0]
+        costs[1, :, p] = local_evidence(partner, shape, relative, num_points=NUM_COMPARED)[0]
     return costs
