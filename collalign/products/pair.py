@@ -14,9 +14,9 @@ from pairwise.certificates.certificate import Certificate
 
 #: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit of
 #: which candidate is right gives 5.15 and 15.5 to the logarithms of both (16 classes of SHREC07, CAPOD, SCAPE and
-#: molars, 40 pairs each, equal weight a class); 12 is what it gave to the logarithm of the costs used before. With
-#: both .841 of the pairs choose the right candidate, with energies alone .798, no class less; the mean squared
-#: distance of closest dense points, used before, adds nothing.
+#: molars, 40 pairs each, equal weight a class); the powers are these over 12, what it gave to the costs used before.
+#: With both, the right candidate is first in .841 of the pairs, with energies alone in .798, no class less. All 16
+#: classes were in the fit. The mean squared distance of closest dense points, used before, gets no weight beside.
 ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
