@@ -75,6 +75,19 @@ class PosedShapes:
     def __iter__(self) -> Iterator[AlignedShape]:
         return (self[at] for at in range(len(self)))
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """Return the transforms, shape (N, 4, 4), for ``np.asarray``; read-only where they are not copied.
+
+        Raises
+        ------
+        ValueError
+            If no copy may be made (``copy=False``) and the type asked for needs one.
+        """
+        wanted = np.dtype(np.float64 if dtype is None else dtype)
+        if copy is False and wanted != self.transforms.dtype:
+            raise ValueError(f"the transforms are float64 and cannot be {wanted} without a copy")
+        return self.transforms.astype(wanted, copy=bool(copy))
+
     def __contains__(self, shape: object) -> bool:
         """Whether there is a shape of this name."""
         name = shape.name if isinstance(shape, AlignedShape) else shape

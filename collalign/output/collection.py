@@ -281,7 +281,7 @@ class Collection(PosedShapes):
             tile_of(self._shape(at), self.transforms[at], float(self.confidence[at])) for at in chosen
         )
 
-    def aligned_meshes(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
+    def to_trimesh(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
         """Return shapes in the common frame, at full resolution and as cleaned for matching.
 
         Parameters

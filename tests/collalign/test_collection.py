@@ -142,14 +142,24 @@ def test_lists_of_shapes_and_pairs_are_tables(result):
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
 
 
+def test_an_array_of_a_collection_has_the_transforms(result):
+    assert np.array_equal(np.asarray(result), result.transforms)
+    assert np.asarray(result, dtype=np.float32).dtype == np.float32
+    changed = np.array(result)
+    changed[0] = 0.0
+    assert result.transforms[0].any()
+    with pytest.raises(ValueError, match="without a copy"):
+        result.__array__(np.float32, copy=False)
+
+
 def test_meshes_lie_in_the_common_frame(result, made):
-    meshes = result.aligned_meshes()
+    meshes = result.to_trimesh()
     assert [type(mesh).__name__ for mesh in meshes.values()] == ["Trimesh", "PointCloud", "Trimesh"]
     for at, mesh in enumerate(meshes.values()):
         np.testing.assert_allclose(
             np.asarray(mesh.vertices)[made.samples[at]], made.positions[at], atol=1e-5 * np.ptp(made.positions)
         )
-    assert list(result.aligned_meshes(["two"])) == ["two"]
+    assert list(result.to_trimesh(["two"])) == ["two"]
 
 
 def test_the_plot_has_two_pictures_of_each_shape(result):
