@@ -36,8 +36,8 @@ def export(
         Folder for the files.
     space
         Coordinates: aligned, aligned in the units of the files (unscaled), those of the files (raw), or Procrustes
-        superimposed. By default unscaled for tps, morphologika and csv, so that sides are alike and sizes kept, and
-        aligned for the others.
+        superimposed. By default unscaled for tps, morphologika, csv and parquet, so that sides are alike and sizes
+        kept, and aligned for the others.
     sources
         Folder of the original files where they have moved.
     include_doubtful

@@ -12,7 +12,7 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.report.shown import some_shapes
 from collalign.output.tool_record import write_tool_record
-from collalign.tools.export import itk, meshes, morphologika, shapeworks, slicer_json, tables, tps
+from collalign.tools.export import itk, meshes, morphologika, parquet, shapeworks, slicer_json, tables, tps
 from collalign.tools.export.request import ExportRequest, Space, coordinates_sentence
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
@@ -31,6 +31,7 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
     "slicer-json": slicer_json.write,
     "shapeworks": shapeworks.write,
     "csv": tables.write_csv,
+    "parquet": parquet.write,
     "ply": meshes.writer("ply"),
     "obj": meshes.writer("obj"),
     "stl": meshes.writer("stl"),
@@ -38,7 +39,7 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
 }
 
 #: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
-STATISTICS = ("morphologika", "tps", "csv")
+STATISTICS = ("morphologika", "tps", "csv", "parquet")
 
 
 @one_blas_thread()

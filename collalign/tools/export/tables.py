@@ -39,8 +39,8 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     """
     counted = request.counted
     tables: dict[str, Table] = {
-        "shapes": _shapes(request),
-        "landmarks": _landmarks(request),
+        "shapes": shape_columns(request),
+        "landmarks": landmark_columns(request),
     }
     if not len(counted.collection):
         return tables
@@ -62,7 +62,8 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     return tables
 
 
-def _shapes(request: ExportRequest) -> Table:
+def shape_columns(request: ExportRequest) -> Table:
+    """Return the table of all shapes: pose, size, confidence, why a shape does not count, labels."""
     collection = request.collection
     entries: list[list[float]] = collection.transforms[:, :3].reshape(len(collection), 12).T.tolist()
     columns: dict[str, list[Any]] = {
@@ -79,7 +80,8 @@ def _shapes(request: ExportRequest) -> Table:
     return columns | label_columns(collection, columns)
 
 
-def _landmarks(request: ExportRequest) -> Table:
+def landmark_columns(request: ExportRequest) -> Table:
+    """Return the landmarks of all shapes, one row each, in the space asked for."""
     labels, coordinates = request.landmarks()
     names = request.collection.names
     x, y, z = coordinates.reshape(-1, 3).T.tolist()

@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def rows(path):
 
 
 def test_every_format_of_the_contract_exists():
-    contract = {"morphologika", "tps", "slicer-json", "shapeworks", "csv", "ply", "itk"}
+    contract = {"morphologika", "tps", "slicer-json", "shapeworks", "csv", "parquet", "ply", "itk"}
     assert contract <= set(FORMATS)
 
 
@@ -256,6 +257,28 @@ def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
     with pytest.raises(InputError, match=r"elsewhere.*not there any more.*--sources"):
         export(moved, "ply", tmp_path / "out")
     assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
+
+
+def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    export(view, "csv", tmp_path)
+    files = {path.stem: path for path in export(view, "parquet", tmp_path)}
+    assert set(files) == {"shapes", "landmarks", "pairs"}
+    names = parquet.read_table(files["shapes"], columns=["name", "T11"]).to_pydict()
+    assert names == {"name": list(view.names), "T11": view.transforms[:, 0, 0].tolist()}
+    landmarks = parquet.read_table(files["landmarks"]).to_pylist()
+    written = rows(tmp_path / "landmarks.csv")
+    assert [row["landmark"] for row in landmarks] == [row["landmark"] for row in written]
+    np.testing.assert_array_equal([row["x"] for row in landmarks], [float(row["x"] or "nan") for row in written])
+    energies = [row["energy"] for row in parquet.read_table(files["pairs"]).to_pylist()]
+    np.testing.assert_array_equal(energies, [pair.energy for pair in view.pairs])
+
+
+def test_without_pyarrow_parquet_says_what_to_install(view, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pip install 'collalign\[parquet\]'"):
+        export(view, "parquet", tmp_path)
+    assert not any(tmp_path.glob("*.parquet"))
 
 
 def test_csv_tables(view, tmp_path):

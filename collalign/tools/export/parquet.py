@@ -1,0 +1,67 @@
+"""Tables of the whole result as Apache Parquet, for data sets that nobody wants to read at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from collalign.confidence.candidate_model import candidate_chances
+from collalign.output.collection import Collection
+from collalign.tools.export.request import ExportRequest
+from collalign.tools.export.tables import Table, landmark_columns, shape_columns
+from data_tools.errors import UnavailableError
+
+#: Rows that a reader gets at a time.
+_GROUP_ROWS = 50_000
+
+
+def write(request: ExportRequest) -> tuple[Path, ...]:
+    """Write ``shapes.parquet``, ``landmarks.parquet`` and ``pairs.parquet``.
+
+    Shapes and landmarks have the columns of the CSV tables, pairs those of ``pairs.csv`` that say what was decided.
+    Rows come in groups of 50 000, so that Arrow, DuckDB, pandas and others read a part, or one column.
+
+    Raises
+    ------
+    UnavailableError
+        If pyarrow is not installed.
+    """
+    tables = {
+        "shapes": shape_columns(request),
+        "landmarks": landmark_columns(request),
+        "pairs": _pair_columns(request.collection),
+    }
+    return tuple(_write_table(request.path(f"{name}.parquet"), table) for name, table in tables.items())
+
+
+def _pair_columns(collection: Collection) -> Table:
+    pairs, names = collection.pairs, collection.names
+    chances = [float(candidate_chances(pair)[pair.choice]) if pair.choice >= 0 else float("nan") for pair in pairs]
+    return {
+        "target": [names[pair.target] for pair in pairs],
+        "source": [names[pair.source] for pair in pairs],
+        "energy": [pair.energy for pair in pairs],
+        "lower_bound": [pair.lower_bound for pair in pairs],
+        "status": [pair.status for pair in pairs],
+        "choice": [pair.choice for pair in pairs],
+        "inlier": [pair.inlier for pair in pairs],
+        "disagreement_deg": [pair.disagreement_deg for pair in pairs],
+        "chance": chances,
+    }
+
+
+def _write_table(path: Path, table: Table) -> Path:
+    arrow, parquet = _arrow()
+    parquet.write_table(arrow.table(dict(table)), path, row_group_size=_GROUP_ROWS)
+    return path
+
+
+def _arrow() -> tuple[Any, Any]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise UnavailableError(
+            "format parquet needs pyarrow, which is not installed; run: pip install 'collalign[parquet]'"
+        ) from error
+    return pyarrow, pyarrow.parquet
