@@ -85,7 +85,7 @@ class Rows:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return ``array`` itself, marked as read-only."""
+    """Return ``array`` (any shape) itself, marked as read-only."""
     array.flags.writeable = False
     return array
 
@@ -206,7 +206,7 @@ def as_mask(mask: ArrayLike, name: str, *, shape: Sequence[int | None]) -> BoolA
 
 
 def as_weights(weights: ArrayLike | None, name: str, *, num: int) -> FloatArray:
-    """Check non-negative weights, not all zero; ``None`` means all ones.
+    """Check non-negative weights (num,), not all zero; ``None`` means all ones.
 
     Raises
     ------

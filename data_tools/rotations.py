@@ -63,6 +63,7 @@ def rotation_angles(first: FloatArray, second: FloatArray) -> FloatArray:
 def chordal_angles(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the angle in radians of the plane rotation as far from the identity as first is from second, in |.|_F.
 
+    Of matrices (..., 3, 3); the angles have shape (...).
     |first - second|_F^2 = 8 sin^2(angle / 2), which keeps full precision at small angles; pi where it is more than 8.
     """
     distance = np.sqrt(((first - second) ** 2).sum(axis=(-1, -2)))

@@ -115,7 +115,7 @@ def object_symmetry(
 
 
 def check_pairing(partner: ArrayLike, num: int) -> IntArray:
-    """Return a pairing of ``num`` points as integers.
+    """Return a pairing of ``num`` points as integers, shape (num,).
 
     Raises
     ------

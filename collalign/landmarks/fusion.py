@@ -43,7 +43,7 @@ def template_weights(
 
 
 def template_distance(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> float:
-    """Return the root of the harmonic mean of the mean squared distances of a specimen from its templates."""
+    """Return the root of the harmonic mean of mean squared distances of a specimen (v, 3) from its templates."""
     squares = _squared_distances(templates, specimen, vertices)
     return float(np.sqrt(1.0 / np.mean(1.0 / squares))) if squares.all() else 0.0
 

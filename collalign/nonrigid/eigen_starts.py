@@ -59,7 +59,22 @@ def descend_maps(
     *,
     sizes: tuple[int, ...] = TUNED.descent_sizes,
 ) -> LocalMinima:
-    """Improve maps of the samples by local minimisation in more and more functions."""
+    """Improve maps of the samples by local minimisation in more and more functions.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+    source_samples : ndarray of int, shape (k,)
+        Rows of the source's working surface.
+    allowed : ndarray of bool, shape (n, k)
+        Which samples of the target each of these may go to.
+    maps : ndarray of int, shape (m, k)
+        Where to start.
+    origin : str
+        What the starts are called.
+    sizes : tuple of int
+        Numbers of functions, one round each.
+    """
     for dim in sizes:
         problem = embedded_problem(target, source, source_samples, allowed, dim)
         minima = minimise(problem, procrustes(problem, maps), max_iterations=20, origins=origin)

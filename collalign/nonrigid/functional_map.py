@@ -47,7 +47,7 @@ class FunctionalMap:
 
 
 def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the nearest target row of each source row and the nearest source row of each target row.
+    """Return the nearest target row (n, q) of each source row (k, q), shape (k,), and the reverse, shape (n,).
 
     Ties go to the first. Maximises ``-|t - s|^2 / 2``, a product of rows with two more columns, in blocks that fit
     caches: in thirty and more dimensions that beats any tree. Single precision is enough for rows around the

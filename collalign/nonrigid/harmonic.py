@@ -37,7 +37,7 @@ class Side:
 
     @classmethod
     def of(cls, shape: SpectralShape, rows: IntArray | slice, num: int) -> Side:
-        """Return the points at ``rows`` of the working surface in its ``num`` lowest functions."""
+        """Return the points at ``rows`` (k,) of the working surface in its ``num`` lowest functions."""
         values = np.concatenate([[0.0], shape.eigenvalues[: num - 1]])
         scale = np.concatenate([[0.0], np.maximum(values[1:], LOWEST) ** -0.5])
         functions = shape.functions[rows, : num - 1]

@@ -197,7 +197,7 @@ def chirality_of(candidate: Refined, options: NonrigidOptions) -> float:
 
 
 def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool) -> list[FunctionalMap]:
-    """Return the refined map of a start and, where normals tell, one of either orientation that it leads to."""
+    """Return the refined map of a start (q, q) and, where normals tell, one of either orientation."""
     plain = refiner.from_rotation(rotation_target_source)
     if not has_normals:
         return [plain]
@@ -252,7 +252,7 @@ def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
 
 
 def is_same_map(first: FloatArray, second: FloatArray) -> bool:
-    """Whether two functional maps agree in the lowest functions."""
+    """Whether two functional maps (q, q) agree in the lowest functions."""
     size = TUNED.num_compared + 1
     return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < TUNED.same_map
 

@@ -64,11 +64,11 @@ class PoseMapper:
         self._features = _start_features(target, np.eye(3))
 
     def map_from(self, R_target_source: FloatArray) -> FunctionalMap:
-        """Return the map that closest points at a pose, either determinant, lead to."""
+        """Return the map that closest points at a pose (3, 3), of either determinant, lead to."""
         return self._refiner.zoomout.refine(*self.closest_points(R_target_source))
 
     def closest_points(self, R_target_source: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the point maps of the samples, there and back, by closest points at a pose."""
+        """Return the maps of the samples, (k,) and (n,), by closest points at a pose (3, 3)."""
         return mutual_nearest_rows(self._features, _start_features(self.source, R_target_source))
 
     def maps_from_signs(self, num: int = NUM_SIGN_MAPS) -> list[FunctionalMap]:
@@ -98,7 +98,7 @@ class PoseMapper:
         return judge(self.target.spectral, self.source.spectral, found)
 
     def surface_gap(self, R_target_source: FloatArray) -> float:
-        """Return the mean squared distance of closest points and normals at a pose, both ways."""
+        """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""
         turn, source = R_target_source.T, self.source
         fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
         moved = np.hstack([source.points @ turn, SURFACE_NORMAL_WEIGHT * source.normals @ turn])
@@ -107,13 +107,13 @@ class PoseMapper:
         return float((gaps**2).sum(axis=1).mean())
 
     def rotation_of(self, found: FunctionalMap, *, chirality: float) -> FloatArray:
-        """Return the orthogonal matrix of determinant ``chirality`` that fits a map and its inverse best."""
+        """Return the orthogonal matrix (3, 3) of determinant ``chirality`` that fits a map and its inverse best."""
         to = np.vstack([self.target.points[found.map_target_source], self.target.points])
         of = np.vstack([self.source.points, self.source.points[found.map_source_target]])
         return nearest_orthogonal((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality)
 
     def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
-        """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose."""
+        """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose (3, 3)."""
         forward, backward = found.map_target_source, found.map_source_target
         target, source = self.target.normals, self.source.normals @ R_target_source.T
         cosines = np.concatenate([target[forward] * source, target * source[backward]]).sum(axis=1)

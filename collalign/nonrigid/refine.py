@@ -55,14 +55,14 @@ class Refiner:
         )
 
     def from_rotation(self, rotation_target_source: FloatArray) -> FunctionalMap:
-        """Refine a rotation of the lowest eigenfunctions (without the constant one)."""
+        """Refine a rotation (q, q) of the lowest eigenfunctions, without the constant one."""
         size = len(rotation_target_source) + 1
         c_source_target = np.eye(size)
         c_source_target[1:, 1:] = rotation_target_source.T
         return self.from_functional_map(c_source_target)
 
     def from_functional_map(self, c_source_target: FloatArray) -> FunctionalMap:
-        """Refine a functional map, the constant function first."""
+        """Refine a functional map (q, q), the constant function first."""
         size = len(c_source_target)
         moved = self._source[:, :size] @ c_source_target
         return self.zoomout.refine(*mutual_nearest_rows(self._target[:, :size], moved))
@@ -108,7 +108,7 @@ def between_files(laid: FloatArray, target: SpectralShape, source: SpectralShape
 
 
 def unit_rows(values: FloatArray) -> FloatArray:
-    """Return rows scaled together such that their root mean square length is one."""
+    """Return rows (n, q) scaled together such that their root mean square length is one."""
     size = float(np.sqrt((values**2).sum(axis=1).mean()))
     return values / size if size > 0 else values
 

@@ -18,7 +18,7 @@ from data_tools.surface.topology import mesh_edges
 
 
 def without_torn_ends(target: SpectralShape, source: SpectralShape, torn: FunctionalMap) -> tuple[IntArray, IntArray]:
-    """Return the point maps of the samples of two meshes, there and back, with -1 beyond where they are torn."""
+    """Return the maps of the samples of two meshes, (k,) and (n,), with -1 beyond where they are torn."""
     of_target, of_source = _Net(target), _Net(source)
     there, back = torn.map_target_source, torn.map_source_target
     return (

@@ -59,12 +59,12 @@ class RigidPieces:
         return lambda edges: np.asarray(solve(edges + asked))
 
     def turned_edges(self, moved: FloatArray) -> FloatArray:
-        """Return the weighted sum of each vertex's edges at rest, turned as those of the moved surface are."""
+        """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
         rest, _, turns = self._edges(moved)
         return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", turns, rest)))
 
     def turned_back(self, moved: FloatArray) -> FloatArray:
-        """Return the weighted sum of each vertex's edges on the moved surface, turned back."""
+        """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
         _, now, turns = self._edges(moved)
         return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", turns, now)))
 

@@ -73,7 +73,7 @@ def mirrored(shape: Shape) -> Shape:
 
 
 def shuffled(shape: Shape, rng: np.random.Generator) -> tuple[Shape, IntArray]:
-    """Return a copy with its vertices and triangles in random order, and the old index of each new vertex."""
+    """Return a copy with vertices and triangles in random order, and the old index of each new vertex, (v,)."""
     order = rng.permutation(len(shape.vertices))
     rank = np.argsort(order)
     faces = rank[shape.faces]

@@ -22,7 +22,7 @@ _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.f
 
 
 def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an NPZ archive.
+    """Return the arrays of an NPZ archive, of any shape, by name.
 
     Parameters
     ----------

@@ -104,7 +104,14 @@ class Certificate:
 
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
-    """Return the part of a problem that travels in its certificates: all but the points."""
+    """Return the part of a problem that travels in its certificates: all but the points.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``candidates`` and ``constant_cost`` (n, k), ``weights`` (k,), ``pattern`` (d, d), ``special_blocks``
+        (b, 2), and numbers of shape ().
+    """
     arrays: dict[str, NDArray[Any]] = {
         "candidates": problem.allowed,
         "weights": problem.weights,

@@ -80,7 +80,15 @@ class DenseMatcher:
         self._there, self._back = _Nearest(len(source.points)), _Nearest(len(target.points))
 
     def mean_cost(self, pairs: tuple[IntArray, IntArray], pose: Similarity) -> float:
-        """Return the mean over the pairs of squared distance of points and of invariants; normals are left out."""
+        """Return the mean over pairs of squared distance of points and of invariants; normals are left out.
+
+        Parameters
+        ----------
+        pairs : tuple of ndarray of int, shape (p,) each
+            Indices on target and source.
+        pose : Similarity
+            Takes the source to the target.
+        """
         of_target, of_source = pairs
         gaps = self.target.points[of_target] - pose.apply(self.source.points[of_source])
         other = self.target.invariants[of_target] - self.source.invariants[of_source]
@@ -94,7 +102,7 @@ class DenseMatcher:
         return np.concatenate([*features, np.ones((1, len(shape.points)))])
 
     def pair_up(self, pose: Similarity) -> tuple[IntArray, IntArray]:
-        """Return indices on target and source of nearest neighbours both ways at a pose."""
+        """Return indices on target and source, shape (p,) each, of nearest neighbours both ways at a pose."""
         former, self._source = self._source, self._columns(self.source, pose)
         moved = np.sqrt(np.square(self._source - former).sum(axis=0))
         from_source = _squared_from(self._source)

@@ -88,7 +88,7 @@ class RotationPattern:
 
     @cached_property
     def components(self) -> tuple[IntArray, ...]:
-        """Index sets of the finest diagonal blocks that hold the pattern; R is projected block by block."""
+        """Indices, shape (b,) each, of the finest diagonal blocks that hold the pattern; R is projected by block."""
         if self.mask.all():
             return (np.arange(self.dim),)
         _, labels = connected_components(self.mask | self.mask.T, directed=False)

@@ -71,7 +71,7 @@ def map_residuals(edges: IntArray, maps: FloatArray, bases: FloatArray) -> Float
 
 
 def residual_weights(residuals: FloatArray) -> FloatArray:
-    """Return weights of maps by their residuals, 1 at the median one."""
+    """Return weights of maps by their residuals, shape (e,) both, 1 at the median one."""
     median = max(float(np.median(residuals)), float(np.finfo(float).tiny))
     return np.asarray(1.0 / np.maximum(residuals / median, SMALLEST_RESIDUAL))
 

@@ -104,7 +104,7 @@ def spectral_samples(**known: Any) -> SpectralShape:
 
 
 def posed_surface(spectral: SpectralShape, normals: FloatArray) -> PosedSurface:
-    """Return the surface with its samples centred and scaled."""
+    """Return the surface with its samples centred and scaled, given the normals of its vertices (v, 3)."""
     centred = spectral.vertices - spectral.vertices.mean(axis=0)
     points = centred / np.sqrt((centred**2).sum(axis=1).mean())
     eigen = Spectrum(spectral.eigenvalues, spectral.functions, spectral.mass, "cotangent")

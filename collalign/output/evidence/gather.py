@@ -43,7 +43,7 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
 
 
 def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
-    """Angles left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
+    """Angles (c,) left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """

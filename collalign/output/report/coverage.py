@@ -26,7 +26,7 @@ Meshes = dict[str, tuple[dict[str, Any], str]]
 
 
 def counterparts_on(vertices: FloatArray, faces: IntArray) -> Callable[[FloatArray], BoolArray]:
-    """Return a function that says which places have a counterpart on a display mesh."""
+    """Return a function that says which places (p, 3) have a counterpart on a mesh (v, 3), (f, 3)."""
     tree, on_rim = cKDTree(vertices), np.zeros(len(vertices), dtype=bool)
     if len(faces):
         on_rim[boundary_edges(faces).ravel()] = True

@@ -189,7 +189,7 @@ class PairGraph:
 
     @cached_property
     def best_choice(self) -> IntArray:
-        """The most plausible candidate of each pair, or of lowest energy; the first present one without either."""
+        """The most plausible candidate of each pair (E,), or of lowest energy, or the first present one."""
         if self.log_odds is not None:
             return np.argmax(np.where(self.present, self.log_odds, -np.inf), axis=1)
         if self.energies is None:
@@ -207,7 +207,7 @@ class PairGraph:
         return self.candidates[np.arange(self.num_edges), choice]
 
     def connected_components(self) -> tuple[IntArray, ...]:
-        """Return the components, each sorted, ordered by first member; pairs of zero weight join nothing."""
+        """Return the shapes of each component, sorted, shape (c,) each; pairs of zero weight join nothing."""
         graph = networkx.Graph()
         graph.add_nodes_from(range(self.num_shapes))
         graph.add_edges_from(self.edges[self.weights > 0].tolist())

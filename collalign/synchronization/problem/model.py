@@ -120,7 +120,7 @@ class EdgeModel:
         return np.exp(self.log_terms(squared) + self.costs(squared)[:, None])
 
     def updated(self, squared: FloatArray) -> EdgeModel:
-        """Return the model re-estimated at the given squared distances (one expectation-maximisation step)."""
+        """Return the model re-estimated at squared distances (E, m): one expectation-maximisation step."""
         share = self.responsibilities(squared)
         free = ~self.graph.fixed
         right = share.sum(axis=1) * free

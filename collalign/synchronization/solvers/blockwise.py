@@ -80,7 +80,16 @@ def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) 
 
 
 def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:
-    """Return the graph of one block of coordinates, of one chosen candidate per pair where a choice is given."""
+    """Return the graph of one block of coordinates.
+
+    Parameters
+    ----------
+    graph : PairGraph
+    index : ndarray of int, shape (b,)
+        Coordinates of the block, adjacent.
+    choice : ndarray of int, shape (E,), optional
+        The candidate of each pair that the graph keeps; all of them by default.
+    """
     special = any(start == index[0] and stop == index[-1] + 1 for start, stop in graph.pattern.special_blocks)
     part = graph.candidates[:, :, index[:, None], index]
     block = replace(

@@ -81,7 +81,22 @@ def polish(
     weights: FloatArray,
     free: BoolArray,
 ) -> FloatArray:
-    """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames."""
+    """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (N, d, d)
+        P_i, where to start.
+    edges : ndarray of int, shape (E, 2)
+    rotations : ndarray, shape (E, d, d)
+    weights : ndarray, shape (E,)
+    free : ndarray of bool, shape (N,)
+        Which frames may move.
+
+    Returns
+    -------
+    ndarray, shape (N, d, d)
+    """
     targets = rotations * weights[:, None, None]
     for _ in range(MAX_STEPS):
         frames, step = gauss_newton_step(frames, edges, targets, weights, free)

@@ -104,7 +104,7 @@ def maximise_likelihood(
 
 
 def weighted_start(model: EdgeModel) -> FloatArray:
-    """Return the normalised eigenprojection of the best candidates, weighted by the evidence of their energies."""
+    """Return the eigenprojection (N, d, d) of the best candidates, weighted by the evidence of their energies."""
     graph = model.graph
     chance = np.exp(model.log_prior[np.arange(graph.num_edges), graph.best_choice])
     return spectral_frames(graph, graph.chosen(graph.best_choice), chance / model.variances)

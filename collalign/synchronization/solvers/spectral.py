@@ -159,7 +159,7 @@ def alternate_assignments(
 def assign_all_pairs(
     points: Sequence[FloatArray], frames: FloatArray
 ) -> tuple[dict[tuple[int, int], IntArray], float]:
-    """Return the best assignment of every pair at the given ``R_common_i``, and the energy of all pairs."""
+    """Return the best map (k,) of every pair at the given ``R_common_i`` (N, d, d), and the energy of all."""
     posed = [x @ g.T for x, g in zip(points, frames, strict=True)]
     maps, energy = {}, 0.0
     for first in range(len(posed)):

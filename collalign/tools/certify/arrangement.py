@@ -58,7 +58,7 @@ class PairEnergies:
         return np.swapaxes(frames[left], 1, 2) @ frames[right]
 
     def descend(self, frames: FloatArray) -> Arrangement:
-        """Alternate exact maps of all pairs with sweeps of closed-form poses until neither lowers the energy."""
+        """Alternate exact maps of all pairs with closed-form poses (N, 3, 3) until neither lowers the energy."""
         energy = np.inf
         for _ in range(_MOST_ROUNDS):
             energies, moments = self._assign(frames)

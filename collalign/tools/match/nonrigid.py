@@ -135,7 +135,7 @@ def match_of(
     *,
     num_candidates: int,
 ) -> NonrigidMatch:
-    """Return candidates, the chosen one first, and its maps of the files' vertices both ways as a match."""
+    """Return candidates, the chosen one first, and its maps of the files' vertices, (v,) each, as a match."""
     forward, backward = maps
     confidence, at_vertices = trust_of(target, source, found)
     return NonrigidMatch(

@@ -46,7 +46,7 @@ def write_symmetry_tables(
 def score_rows(
     names: Sequence[str], columns: Columns, components: PrincipalComponents, numbers: Mapping[str, FloatArray]
 ) -> Rows:
-    """Return a row per specimen: labels, numbers, scores on the components (Procrustes distances)."""
+    """Return a row per specimen: labels, numbers (N,), scores on the components (Procrustes distances)."""
     count = min(NUM_COMPONENTS, len(components.shares))
     rows: Rows = [["name", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
     for at, name in enumerate(names):

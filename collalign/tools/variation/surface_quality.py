@@ -49,7 +49,7 @@ class SurfaceQuality:
 
     @property
     def order(self) -> IntArray:
-        """The specimens, the worst represented first."""
+        """The specimens (N,), the worst represented first."""
         return np.argsort(-self.share, kind="stable")
 
     @property

@@ -116,7 +116,7 @@ def _each_triangle(sizes: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def checked_indices(path: Path, values: ArrayLike, num_vertices: int) -> IntArray:
-    """Return vertex numbers as integers.
+    """Return vertex numbers (any shape) as integers.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def checked_indices(path: Path, values: ArrayLike, num_vertices: int) -> IntArra
 
 
 def joined(parts: Sequence[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
-    """Return several meshes as one, the vertices of each after those of the one before."""
+    """Return several meshes, (v, 3) and (f, 3), as one, the vertices of each after those of the one before."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     vertices = np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in parts)])
     faces = [faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]

@@ -63,7 +63,7 @@ def read_vtk(source: Source) -> RawShape:
 
 
 def vtk_surface(path: Path, points: FloatArray, polygons: _Cells, strips: _Cells, lost: set[str]) -> RawShape:
-    """Return the surface, or the cloud, of points with polygons and strips."""
+    """Return the surface, or the cloud, of points (v, 3) with polygons and strips."""
     faces = [no_faces()]
     for (corners, sizes), split in ((polygons, fan_triangles), (strips, strip_triangles)):
         if (sizes < 0).any() or sizes.sum() != len(corners):
@@ -164,7 +164,7 @@ class _Reader:
 
 
 def text_numbers(path: Path, content: bytes, at: int, num: int) -> tuple[FloatArray, int]:
-    """Return so many numbers of a text from a place on, and where they end.
+    """Return so many numbers (num,) of a text from a place on, and where they end.
 
     Raises
     ------
