@@ -47,6 +47,7 @@ from .reexported import Landmarks as Landmarks
 from .reexported import LocalSurface as LocalSurface
 from .reexported import MatchOptions as MatchOptions
 from .reexported import MatchResult as MatchResult
+from .reexported import Note as Note
 from .reexported import OptionsError as OptionsError
 from .reexported import OutputFolder as OutputFolder
 from .reexported import PairKeywords as PairKeywords
@@ -96,5 +97,6 @@ from .tools.variation.shape_model import ShapeTestOptions as ShapeTestOptions
 from .tools.variation.surface_quality import SurfaceQuality as SurfaceQuality
 from .tools.variation.surface_variation import SurfaceVariation as SurfaceVariation
 from .version import __version__ as __version__
+from .wording import note_text as note_text
 
 __all__: list[str]

@@ -27,7 +27,7 @@ from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.detect import open_among_closed, told_incomplete
-from collalign.stages.own_knowledge import given_constraints, own_note, own_points, with_own_samples
+from collalign.stages.own_knowledge import given_constraints, own_notes, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete, pose_all
@@ -42,6 +42,7 @@ from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
+from data_tools.notes import Note
 from data_tools.poses import each_moved_by
 from data_tools.threads import one_blas_thread
 
@@ -170,7 +171,7 @@ def align_listing(
         missing = {i: why for i, why in found_open.items() if i not in stay}
     matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
-    matched = replace(matched, notes=(own_note(own, given, constraints, posed.rotations), *matched.notes))
+    matched = replace(matched, notes=(*own_notes(own, given, constraints, posed.rotations), *matched.notes))
     times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
     found = _collected(run, matched, posed, listing.skipped_names)
     return replace(found, own=own.kinds)
@@ -205,9 +206,10 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         notes=(
             *solution.warnings,
             *shapes.notes,
-            *filter(None, (*matched.notes, *posed.notes)),
+            *matched.notes,
+            *posed.notes,
             *_unknown_confidence(solution.confidence, asked.synchronization),
-            *(one.sentence for one in copies),
+            *(one.note for one in copies),
         ),
         copies=copies,
         incomplete=posed.incomplete,
@@ -241,8 +243,8 @@ def _by_hand(run: Run, posed: Posed) -> dict[str, float]:
     return {run.shapes.names[i]: float(known[i]) for i in sorted(run.constraints.by_hand)}
 
 
-def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[str, ...]:
-    """Return the sentence that says that nothing is known about the poses, where that is so."""
+def _unknown_confidence(confidence: FloatArray, method: str) -> tuple[Note, ...]:
+    """Return the note that says that nothing is known about the poses, where that is so."""
     if not np.isnan(confidence).all():
         return ()
-    return (f"No confidence is known for any pose: the {method} synchronization does not estimate it.",)
+    return (Note("no-confidence", values={"method": method}),)

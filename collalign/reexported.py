@@ -18,6 +18,7 @@ from data_tools.landmarks.landmark_files import Landmarks as Landmarks
 from data_tools.landmarks.landmark_files import SemilandmarkRows as SemilandmarkRows
 from data_tools.landmarks.landmark_files import Semilandmarks as Semilandmarks
 from data_tools.local_surface import LocalSurface as LocalSurface
+from data_tools.notes import Note as Note
 from data_tools.options import CleaningKeywords as CleaningKeywords
 from data_tools.options import CleaningOptions as CleaningOptions
 from data_tools.options import EmbeddingKeywords as EmbeddingKeywords

@@ -19,7 +19,7 @@ MIN_POINTS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class CleaningOptions:
-    """What is repaired when a file is read; every change is written to ``Shape.notes``.
+    """What is repaired when a file is read; every change is noted in ``Shape.notes``.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import Alternative, Pair
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
+from data_tools.notes import Note
 from data_tools.poses import each_moved_by
 
 NUM_SAMPLES = 24
@@ -88,7 +89,7 @@ def view_of(num_shapes=10, *, seed=0, num_missing=0, subdivisions=2):
             versions={"collalign": "0.1.0", "numpy": np.__version__}, times_s={"read": 0.5, "pairs": 12.25}
         ),
         cycle_errors_deg=np.abs(rng.normal(0, 12, 400)),
-        notes=("One shape is mirrored against the others.",),
+        notes=(Note("doubtful", ("shape_001",)),),
     )
 
 

@@ -11,7 +11,7 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import plain_cell
 from data_tools.io.files import composed, read_any_text
 from data_tools.io.listing import READERS
-from data_tools.percent import listed
+from data_tools.notes import Note
 
 #: Values that mean "not known", compared without regard to case.
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
@@ -63,16 +63,15 @@ class Labels:
         found = {by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()}
         return {by: values for by, values in found.items() if any(values)}
 
-    def mismatches(self, names: Sequence[str]) -> list[str]:
-        """Return sentences on rows that belong to none of the named shapes, and on shapes without a row."""
+    def mismatches(self, names: Sequence[str]) -> list[Note]:
+        """Return notes on rows that belong to none of the named shapes, and on shapes without a row."""
         strange = [row[0] for row in self.rows if not {*row} & {*names}]
         bare = sorted({*names} - {name for row in self.rows for name in row})
         found = []
         if strange:
-            called = listed([*map(repr, strange)])
-            found.append(f"{self.source}: no shape is called {called}; rows are found by the shapes' names")
+            found.append(Note("labels-unknown", values={"source": str(self.source), "rows": tuple(strange)}))
         if bare:
-            found.append(f"{self.source}: there is no row for {listed([*map(repr, bare)])}")
+            found.append(Note("labels-missing", tuple(bare), {"source": str(self.source)}))
         return found
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +35,7 @@ from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_n
 from collalign.products.own import Own
 from collalign.products.run_record import REST
 from collalign.products.trust import DOUBT
+from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
@@ -43,15 +43,16 @@ from data_tools.io.listing import FolderListing, parts_of, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of, location, refuse_overlap
+from data_tools.notes import Note
 from data_tools.percent import percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
 
 #: What is done to nearly every file and loses nothing of its surface; said of each in ``alignment.json`` alone.
-_USUAL = re.compile(
-    "made of |merged |not kept of |coordinates in |preprocessed on |geodesics are |tufted |"
-    "dropped \\d+ (degenerate triangles|vertices of no triangle)"
-)
+_USUAL = {
+    *("made-of-parts", "duplicates-merged", "not-kept", "coarse-steps", "subsampled", "decimated", "edge-geodesics"),
+    *("tufted-laplacian", "degenerate-dropped", "unreferenced-dropped"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,8 +270,8 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
     if path is None:
         return None
     table = read_labels(path)
-    for sentence in table.mismatches(names):
-        warn(sentence)
+    for note in table.mismatches(names):
+        warn(note_text(note))
     return table
 
 
@@ -334,17 +335,18 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
         shown = [f"{name} ({percent(value) if value >= 0 else 'unknown'})" for name, value in doubtful.items()]
         say(f"Doubtful poses, look at them first: {', '.join(shown[:10])}{', ...' if shown[10:] else ''}")
     for note in collection.notes:
-        say(f"Note: {note}")
+        say(f"Note: {note_text(note)}")
     lost = [
-        f"{name}: {note}"
+        f"{name}: {note_text(note)}"
         for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)
-        for note in [note for note in notes if not _USUAL.match(note)][:1]
+        for note in [note for note in notes if note.code not in _USUAL][:1]
     ]
     if lost:
         more = f" and {len(lost) - 1} more" if lost[1:] else ""
         say(f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all.")
     if collection.run.skipped:
-        say(f"Skipped, no shapes: {', '.join(collection.run.skipped)}")
+        files = collection.run.skipped
+        say(note_text(Note("not-shapes", values={"num": len(files), "files": files})))
     for item in collection.excluded:
         warn(f"Left out: {item.file}: {item.reason}")
     tell(
@@ -355,7 +357,7 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
         doubtful=[{"name": name, "confidence": value if value >= 0 else None} for name, value in doubtful.items()],
         left_out=[{"file": item.file, "reason": item.reason} for item in collection.excluded],
         skipped=collection.run.skipped,
-        notes=collection.notes,
+        notes=note_records(collection.notes),
     )
     say_files(written)
     return INCOMPLETE if collection.excluded else 0

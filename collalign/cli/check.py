@@ -14,14 +14,16 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
+from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.errors import CollectionError
-from data_tools.io.formats.raw_shape import not_kept_sentence
+from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
-from data_tools.io.precision import coarse_sentence
+from data_tools.io.precision import coarse_coordinates
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 
 
@@ -35,7 +37,7 @@ class FileFacts:
     points, triangles : int
     size : ndarray, shape (3,)
         Sides of its box.
-    notes : tuple of str
+    notes : tuple of Note
     digest : str
         Of the file's content.
     signature : ndarray, shape (18,)
@@ -46,13 +48,15 @@ class FileFacts:
     points: int
     triangles: int
     size: Annotated[FloatArray, Holds(shape="3")]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     digest: str
     signature: Annotated[FloatArray, Holds(shape="18")]
 
     def told(self) -> dict[str, Any]:
         """Return what programs are told: all but what only finds copies."""
-        return {field: value for field, value in asdict(self).items() if field not in ("digest", "signature")}
+        hidden = ("digest", "signature")
+        told = {field: value for field, value in asdict(self).items() if field not in hidden}
+        return told | {"notes": note_records(self.notes)}
 
 
 def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
@@ -100,25 +104,27 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     for one in facts:
         triangles = f", {one['triangles']} triangles" if one["triangles"] else ""
         size = " x ".join(f"{side:.4g}" for side in one["size"])
-        say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *one["notes"]]))
+        texts = [note["text"] for note in one["notes"]]
+        say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *texts]))
     num = common_num_points([one["points"] for one in facts], options.sampling.num_points)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]
-    said = {one["name"]: one["notes"] for one in facts}
-    notes += [*coarse_sentence(said), *not_kept_sentence(said)]
+    said = {one.name: one.notes for one in read}
+    notes += [*coarse_coordinates(said), *content_not_kept(said)]
     if num < options.sampling.num_points:
-        notes.append(f"Shapes would be matched at {num} points: most have fewer than {options.sampling.num_points}.")
+        notes.append(Note("fewer-points", values={"num": num, "asked": options.sampling.num_points}))
     if few := [one["name"] for one in facts if one["points"] < num]:
-        notes.append(f"Fewer than {num} points, which a run leaves out: {', '.join(few)}.")
+        notes.append(Note("too-few-points", tuple(few), {"num": num}))
     signatures = [one.signature for one in read]
     copies = find_copies([one.name for one in read], [one.digest for one in read], signatures)
-    notes += [one.sentence for one in copies]
+    notes += [one.note for one in copies]
     skipped = listing.skipped_names
-    for note in [*notes, *([f"No shapes: {', '.join(skipped)}"] if skipped else [])]:
-        say(f"Note: {note}")
+    others = [Note("not-shapes", values={"num": len(skipped), "files": tuple(skipped)})] if skipped else []
+    for note in [*notes, *others]:
+        say(f"Note: {note_text(note)}")
     for item in left_out:
         warn(f"Would be left out: {item.file}: {item.reason}")
     missing = [{"file": item.file, "reason": item.reason} for item in left_out]
-    tell(shapes=facts, left_out=missing, skipped=skipped, notes=notes)
+    tell(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
     able = len(facts) - len(few)
     if able < 2:
         raise CollectionError(f"{able} readable shapes, at least two are needed to align a collection")

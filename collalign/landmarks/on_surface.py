@@ -15,8 +15,8 @@ from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem, declared_system
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.percent import listed
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 
@@ -59,7 +59,7 @@ class _Surface:
 
 def place_templates(
     given: Mapping[str, Landmarks], files: Mapping[str, Path], meshes: Meshes
-) -> tuple[dict[str, Landmarks], tuple[str, ...], CoordinateSystem]:
+) -> tuple[dict[str, Landmarks], tuple[Note, ...], CoordinateSystem]:
     """Bring landmarks into the coordinate systems of their templates and check that they lie on these.
 
     Landmarks that are declared LPS or RAS are converted to what the template's file declares; where that declares
@@ -78,7 +78,7 @@ def place_templates(
     -------
     landmarks : dict of str to Landmarks
         By template, in the coordinates of its file.
-    notes : tuple of str
+    notes : tuple of Note
         How coordinate systems were brought together, which landmarks are off their surface, and which ones were taken
         as missing: those farther than one root mean square radius from it, and those off it whose coordinates are one
         number, which is a code (-999, 9999, -1, 0).
@@ -90,21 +90,19 @@ def place_templates(
     InputError
         If landmarks do not lie on their template, with the remedy where one is found.
     """
-    placed, notes, systems = {}, [], set()
+    placed, notes, systems = {}, list[Note](), set()
     for name, marks in given.items():
         surface = _Surface(read_shape(files[name], CleaningOptions(largest_component=False), name=name))
         declared = declared_system(files[name])
         system = declared or _system_on(marks, surface)
         placed[name], codes = _without(name, _in_system(marks, system), surface, _is_code)
         systems |= {system} if system and not declared else set()
-        notes += _conversions(name, marks, system, "is declared" if declared else "is taken as")
-        notes += [f"{name}: taken as missing, three times one number that is not on its surface: {codes}"] * bool(
-            codes
-        )
+        notes += _conversions(name, marks, system)
+        notes += [Note("landmark-codes", (name,), {"labels": codes})] if codes else []
         if len(points := _known(one.points for one in _sets(placed[name]))):
             notes += _check(name, points, surface, meshes)
             placed[name], stray = _without(name, placed[name], surface, _is_beyond)
-            notes += [f"{name}: taken as missing, farther from its surface than its radius: {stray}"] * bool(stray)
+            notes += [Note("landmarks-too-far", (name,), {"labels": stray})] if stray else []
             notes += _off_surface(name, placed[name], surface)
         elif codes:
             raise InputError(
@@ -114,13 +112,13 @@ def place_templates(
     return placed, tuple(notes), "RAS" if systems == {"RAS"} else "LPS"
 
 
-def _conversions(name: str, marks: Landmarks, system: CoordinateSystem | None, told: str) -> list[str]:
+def _conversions(name: str, marks: Landmarks, system: CoordinateSystem | None) -> list[Note]:
     """Say how landmarks and surface came together, where anything but LPS is declared."""
     declared = sorted({one.system for one in _sets(marks) if one.system})
     if not declared or {*declared, system} == {"LPS"}:
         return []
-    done = "they are taken as they stand" if declared == [system] else "they were converted"
-    return [f"{name}: its landmarks are declared {' and '.join(declared)}, its surface {told} {system}; {done}"]
+    systems = {"declared": tuple(declared), "system": str(system)}
+    return [Note("landmarks-in-system" if declared == [system] else "landmarks-converted", (name,), systems)]
 
 
 def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:
@@ -135,8 +133,8 @@ def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:
 
 def _without(
     name: str, marks: Landmarks, surface: _Surface, wrong: Callable[[FloatArray, _Surface], BoolArray]
-) -> tuple[Landmarks, str]:
-    """Return landmarks and semilandmarks without those that are wrong, and the names of these as a list.
+) -> tuple[Landmarks, tuple[str, ...]]:
+    """Return landmarks and semilandmarks without those that are wrong, and the names of these.
 
     Raises
     ------
@@ -154,7 +152,7 @@ def _without(
             raise InputError(f"{name}: the curve {one.name!r} has {len(points)} points near the surface, too few")
         kept.append(replace(one, points=read_only(points)))
     points = read_only(np.where(lost[:, None], np.nan, marks.points))
-    return replace(marks, points=points, semilandmarks=tuple(kept)), listed(names)
+    return replace(marks, points=points, semilandmarks=tuple(kept)), tuple(names)
 
 
 def _found_wrong(
@@ -183,16 +181,16 @@ def _one_number(points: FloatArray) -> BoolArray:
     return np.asarray((np.abs(points) == np.abs(points[:, :1])).all(axis=1))
 
 
-def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> list[str]:
+def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> list[Note]:
     """Refuse landmarks that are off the surface, or somewhat off and on it by a remedy; doubt those in one place."""
     off, several = surface.median(points), len(points) >= _MIN_LANDMARKS
     if off <= SURE:
         crowded = several and _spread(points) < _ONE_PLACE * surface.radius
-        unit, near = min(_rescaled(points, surface, larger=True), key=lambda one: one[1], default=("", np.inf))
-        return [f"{name}: its landmarks are close together, and {unit}; check their unit"] * (
-            crowded and near <= SURE
-        )
-    found = [*_rescaled(points, surface), (_TURNED, surface.median(points * LPS_RAS))]
+        times, near = min(_rescaled(points, surface, larger=True), key=lambda one: one[1], default=(1.0, np.inf))
+        return [Note("landmarks-close", (name,), {"times": times})] if crowded and near <= SURE else []
+    unit = "{:.4g} times as large they lie on it: the files are in different units"
+    found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
+    found += [(_TURNED, surface.median(points * LPS_RAS))]
     for other, vertices, faces in meshes:
         near = _Surface(Shape.from_arrays(vertices, faces)).median(points)
         found.append((f"they lie on {other}: is the file that of another specimen?", near))
@@ -210,27 +208,27 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
 _TURNED = "with x and y negated they lie on it: one of the files is in RAS, the other in LPS"
 
 
-def _rescaled(points: FloatArray, surface: _Surface, *, larger: bool = False) -> list[tuple[str, float]]:
-    """Return how near landmarks are in other units, unless that brings them all into one place."""
+def _rescaled(points: FloatArray, surface: _Surface, *, larger: bool = False) -> list[tuple[float, float]]:
+    """Return other units, and how near landmarks are in them; none that brings them all into one place."""
     factors = [*_UNITS, *(() if larger else (1 / unit for unit in _UNITS))]
     spread = _spread(points)
     return [
-        (
-            f"{factor:.4g} times as large they lie on it: the files are in different units",
-            surface.median(points * factor),
-        )
+        (factor, surface.median(points * factor))
         for factor in factors
         if factor * spread >= _ONE_PLACE * surface.radius
     ]
 
 
-def _off_surface(name: str, placed: Landmarks, surface: _Surface) -> list[str]:
+def _off_surface(name: str, placed: Landmarks, surface: _Surface) -> list[Note]:
     known = np.flatnonzero(np.isfinite(placed.points).all(axis=1))
     if not len(known):
         return []
     away = surface.distances(placed.points[known])
-    far = [f"{placed.labels[known[at]]} ({away[at] * surface.radius:.4g})" for at in np.flatnonzero(away > FAR)]
-    return [f"{name}: landmarks off its surface keep their distance: {listed(far)}"] * bool(far)
+    far = np.flatnonzero(away > FAR)
+    if not len(far):
+        return []
+    labels, distances = tuple(placed.labels[at] for at in known[far]), tuple((away[far] * surface.radius).tolist())
+    return [Note("landmarks-off-surface", (name,), {"labels": labels, "distances": distances})]
 
 
 def _sets(marks: Landmarks) -> tuple[Landmarks | Semilandmarks, ...]:

@@ -12,6 +12,7 @@ from collalign.landmarks.labels import called_like
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
+from data_tools.notes import Note
 from data_tools.percent import listed
 from data_tools.poses import moved_by
 
@@ -28,14 +29,14 @@ class LandmarkTable:
         By template, in the coordinates of its file; NaN where it has none.
     semilandmarks : tuple of SemilandmarkRows
         Which of them are on curves and patches.
-    notes : tuple of str
+    notes : tuple of Note
         Whose landmarks are called otherwise than the first template's, and how they were matched.
     """
 
     labels: tuple[str, ...]
     points: Mapping[str, FloatArray]
     semilandmarks: tuple[SemilandmarkRows, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def landmark_rows(self) -> list[int]:
@@ -69,13 +70,13 @@ def landmark_table(
     """
     if not given:
         raise InputError("landmarks: no landmark file is given")
-    builder, notes = _Builder(transforms, curve_points), list[str]()
+    builder, notes = _Builder(transforms, curve_points), list[Note]()
     (first, like), *others = given.items()
     builder.add(first, like)
     for name, marks in others:
         renamed, how = called_like(marks, like)
         if how:
-            notes.append(f"{name}: its landmarks are called otherwise than those of {first}; {how}")
+            notes.append(Note("landmarks-renamed", (name,), {"template": first, "how": how}))
         builder.add(name, renamed)
     return replace(builder.table(), notes=tuple(notes))
 

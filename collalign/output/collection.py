@@ -33,6 +33,7 @@ from data_tools.io.files import file_stems
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
+from data_tools.notes import Note
 from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
 
@@ -78,8 +79,8 @@ class Collection(PosedShapes):
         Shapes of different parts are not aligned with each other: their relative poses are unknown or ambiguous.
     excluded : tuple of Excluded
         Files and pairs that were left out.
-    notes : tuple of str
-        What a user must know before trusting the whole, one sentence each.
+    notes : tuple of Note
+        What a user must know before trusting the whole; :func:`collalign.note_text` puts each into words.
     copies : tuple of Copies
         Shapes that are one and the same surface.
     incomplete : tuple of Incomplete
@@ -125,7 +126,7 @@ class Collection(PosedShapes):
     alternatives: tuple[tuple[Alternative, ...], ...]
     part_numbers: IntArray
     excluded: tuple[Excluded, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
     by_hand: Mapping[str, float] = field(default_factory=dict)

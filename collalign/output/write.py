@@ -30,6 +30,7 @@ from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_ve
 from collalign.products.pair import are_weighed
 from collalign.products.run_record import OUTPUTS
 from collalign.products.trust import KINDS, Trust
+from collalign.wording import note_records
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
@@ -240,10 +241,10 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
         ],
         "excluded": [{"file": item.file, "reason": item.reason} for item in collection.excluded],
         "copies": [asdict(one) for one in collection.copies],
-        "notes": list(collection.notes),
+        "notes": note_records(collection.notes),
         **_incomplete(collection),
         "shape_notes": {
-            name: list(notes)
+            name: note_records(notes)
             for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)
             if notes
         },

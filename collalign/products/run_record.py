@@ -8,6 +8,7 @@ from collalign.products.deformation import VertexMaps
 from collalign.products.trust import Trust
 from data_tools.arrays import FloatArray
 from data_tools.io.source import Origin
+from data_tools.notes import Note
 
 #: What a run does before its stages and between them, and how its results are written, among the times.
 REST, OUTPUTS = "rest", "outputs"
@@ -58,7 +59,7 @@ class Made:
         Of the files' contents when they were read; saving refuses a file that has changed since.
     coordinates, invariants : ndarray, shapes (N, k, d) and (N, k, m)
         The samples as they were matched: embedded, centred and scaled, and what no rotation changes.
-    shape_notes : tuple of tuple of str
+    shape_notes : tuple of tuple of Note
         What was repaired or simplified in each shape before it was matched.
     trust : Trust or None
         The evidence behind the confidences; None where none was gathered.
@@ -70,6 +71,6 @@ class Made:
     digests: tuple[str, ...]
     coordinates: FloatArray
     invariants: FloatArray
-    shape_notes: tuple[tuple[str, ...], ...]
+    shape_notes: tuple[tuple[Note, ...], ...]
     trust: Trust | None = None
     vertices: VertexMaps | None = None

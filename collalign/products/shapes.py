@@ -10,6 +10,7 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.io.source import Origin
+from data_tools.notes import Note
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +43,7 @@ class Shapes:
         Keys of the shapes' records in the store.
     samples : tuple of Samples
     excluded : tuple of Excluded
-    notes : tuple of str
+    notes : tuple of Note
         What was done otherwise than asked for.
     """
 
@@ -52,7 +53,7 @@ class Shapes:
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]
     excluded: tuple[Excluded, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def some(self, chosen: Sequence[int]) -> Shapes:
         """Return some of the shapes, by position."""

@@ -23,6 +23,7 @@ from data_tools.embedding.own_points import OwnPoints
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
+from data_tools.notes import Note
 from data_tools.options import AS_STORED, MIN_POINTS
 from data_tools.poses import AGREE_DEG, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg, rotation_angles
@@ -172,22 +173,24 @@ def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constrain
     return pairs
 
 
-def own_note(own: Own, points: Mapping[str, OwnPoints], known: Constraints, rotations: FloatArray) -> str:
-    """Return the sentence that says what the caller gave and what became of it; empty for nothing."""
-    words, some = [], next(iter(points.values()), None)
+def own_notes(
+    own: Own, points: Mapping[str, OwnPoints], known: Constraints, rotations: FloatArray
+) -> tuple[Note, ...]:
+    """Return the note that says what the caller gave and what became of it; none for nothing."""
+    said, some = dict[str, float](), next(iter(points.values()), None)
     if some is not None and some.invariants is not None:
-        words.append(f"invariants ({some.invariants.shape[1]} columns of weight {some.weight:g})")
+        said |= {"num_invariants": some.invariants.shape[1], "weight": float(some.weight)}
     if some is not None and some.samples is not None:
-        words.append(f"samples ({len(some.samples)} a shape)")
+        said["num_samples"] = len(some.samples)
     if known.candidates:
         near = sum(
             bool((rotation_angle_deg(poses, rotations[i].T @ rotations[j]) <= AGREE_DEG).any())
             for (i, j), poses in known.candidates.items()
         )
-        words.append(f"poses of {len(known.candidates)} pairs, {near} within {AGREE_DEG:g} deg of the result")
+        said |= {"num_posed": len(known.candidates), "num_near": near, "near_deg": AGREE_DEG}
     if own.pair_weights:
-        words.append(f"weights of {len(known.weights)} pairs, {list(known.weights.values()).count(0.0)} left out")
-    return f"Given by the caller: {'; '.join(words)}." if words else ""
+        said |= {"num_weights": len(known.weights), "num_zero": list(known.weights.values()).count(0.0)}
+    return (Note("given", values=said),) if said else ()
 
 
 def _pose_of_matches(pair: Names, rows: ArrayLike, vertices: Callable[[str], FloatArray], group: str) -> FloatArray:

@@ -33,7 +33,7 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
         decided, matched = known
         scans = align_scans(decided, matched, missing if all_told else {})
         if scans is not None:
-            return replace(matched, notes=()), scans  # they speak of whole shapes
+            return replace(matched, notes=()), scans  # which are about whole shapes
     matched, posed = _pose_on_complete(run, missing, known)
     whole = turned_out_whole(posed.incomplete)
     if whole:

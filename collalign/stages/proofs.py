@@ -29,7 +29,7 @@ from collalign.stages.shape_stage import SAMPLING
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.percent import listed, percent
+from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
@@ -74,22 +74,19 @@ class PairProof:
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")]
 
 
-def statement(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int) -> str:
+def proofs_note(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int) -> Note:
     """Return what proofs of pairs came to: these before and after, of so many that were worth one."""
-    num_optimal = sum(pair.status == Status.PROVEN_OPTIMAL.name for pair in proven)
-    num_improved = sum(new.energies[0] < old.energies[0] for old, new in zip(former, proven, strict=True))
     complete = [pair for pair in proven if not np.isnan(pair.complete_within)]
-    text = f"{num_optimal} of {len(proven)} pairs proven optimal"
-    if len(proven) < num_wanted:
-        text += f" ({num_wanted} were worth proving, the budget ended)"
-    if num_chiralities := sum(pair.chirality_proven for pair in proven):
-        text += f", {num_chiralities} mirror decisions proven"
-    if num_improved:
-        text += f", {num_improved} better poses found"
-    return (
-        f"{text}; of {len(complete)} all poses within {percent(LISTED_WITHIN - 1)} of the best energy are "
-        f"known, {sum(len(pair.regions) == 1 for pair in complete)} have no second one."
-    )
+    numbers = {
+        "num_optimal": sum(pair.status == Status.PROVEN_OPTIMAL.name for pair in proven),
+        "num_tried": len(proven),
+        "num_wanted": num_wanted,
+        "num_chirality": sum(bool(pair.chirality_proven) for pair in proven),
+        "num_improved": sum(bool(new.energies[0] < old.energies[0]) for old, new in zip(former, proven, strict=True)),
+        "num_complete": len(complete),
+        "num_unique": sum(len(pair.regions) == 1 for pair in complete),
+    }
+    return Note("pairs-proven", values={**numbers, "within": LISTED_WITHIN})
 
 
 def prove_pair(
@@ -135,7 +132,7 @@ PROVING = Job(kind="proofs", version="proof-6", run=prove_pair, reader=PairProof
 
 def certify_pairs(
     session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], solution: SynchronizationResult | None
-) -> tuple[list[Pair], SynchronizationResult | None, str]:
+) -> tuple[list[Pair], SynchronizationResult | None, Note]:
     """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
 
     Parameters
@@ -152,7 +149,7 @@ def certify_pairs(
         With bounds and with all poses of nearly the best energy among the candidates.
     solution : SynchronizationResult or None
         Of the returned pairs; None where a new pose changed them.
-    statement : str
+    note : Note
         What was proven.
 
     Raises
@@ -173,9 +170,9 @@ def certify_pairs(
     proven, tried = list(pairs), list(found)
     for e, proof in found.items():
         proven[e] = with_proof(pairs[e], proof)
-    said = statement([pairs[e] for e in tried], [proven[e] for e in tried], len(wanted))
+    note = proofs_note([pairs[e] for e in tried], [proven[e] for e in tried], len(wanted))
     is_changed = any(len(proven[e].energies) > len(pairs[e].energies) for e in tried)
-    return proven, None if is_changed else solution, said
+    return proven, None if is_changed else solution, note
 
 
 def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
@@ -226,8 +223,8 @@ def with_proof(pair: Pair, proof: PairProof) -> Pair:
     return pair
 
 
-def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArray) -> tuple[str, ...]:
-    """Return the sentence that names the pairs whose complete lists hold no pose near the common poses, if any.
+def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArray) -> tuple[Note, ...]:
+    """Return the note that names the pairs whose complete lists hold no pose near the common poses, if any.
 
     Parameters
     ----------
@@ -243,10 +240,8 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
             found.append(f"{names[pair.target]} - {names[pair.source]}")
     if not found:
         return ()
-    return (
-        f"Proven: no pose of {listed(found)} that costs at most {LISTED_WITHIN:g} times the best one is within "
-        f"{np.rad2deg(CONTRADICTION_RAD):.0f} deg of the common poses.",
-    )
+    numbers = {"within": LISTED_WITHIN, "apart_deg": float(np.rad2deg(CONTRADICTION_RAD))}
+    return (Note("proofs-contradict", values={"pairs": tuple(found), **numbers}),)
 
 
 def _wanted(shapes: Shapes, pair: Pair, options: AlignOptions) -> Wanted:

@@ -15,17 +15,18 @@ from data_tools.embedding.embedding import Samples
 from data_tools.embedding.own_points import OwnPoints
 from data_tools.embedding.sampled_file import sample_file
 from data_tools.errors import CollectionError, InputError, printable
-from data_tools.io.formats.raw_shape import not_kept_sentence
+from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
-from data_tools.io.precision import coarse_sentence
+from data_tools.io.precision import coarse_coordinates
 from data_tools.io.source import Origin, Source
+from data_tools.notes import Note
 from data_tools.odd_sizes import odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-13", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-14", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
@@ -56,12 +57,11 @@ def prepare_shapes(
     if num < asked:
         fewer = replace(session.options.sampling, num_points=num)
         shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own)
-        note = f"Shapes are matched at {num} points instead of {asked}: most have fewer than {asked}."
-        shapes = replace(shapes, notes=(note,))
+        shapes = replace(shapes, notes=(Note("fewer-points", values={"num": num, "asked": asked}),))
     shapes = _with_enough(shapes, num, strict=session.options.strict)
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
-    shapes = replace(shapes, notes=(*shapes.notes, *odd, *coarse_sentence(said), *not_kept_sentence(said)))
+    shapes = replace(shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said)))
     if len(shapes.names) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
         raise CollectionError(
@@ -87,20 +87,20 @@ def common_num_points(counts: Sequence[int], asked: int) -> int:
     return int(few[few >= SMALLEST_SHARE * median][0]) if median < asked else asked
 
 
-def odd_sizes(sizes: Mapping[str, float]) -> tuple[str, ...]:
-    """Return sentences that name shapes of quite another size than the others.
+def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
+    """Return notes that name shapes of quite another size than the others.
 
     Parameters
     ----------
     sizes : mapping of str to float
         A length of each shape in the unit of its file.
     """
-    ratios, said = odd_ratios(sizes), []
-    for word, sign in (("smaller", -1), ("larger", 1)):
-        odd = [f"{name} ({ratio**sign:.3g} times)" for name, ratio in ratios.items() if ratio**sign > 1]
+    ratios, found = odd_ratios(sizes), []
+    for code, sign in (("much-smaller", -1), ("much-larger", 1)):
+        odd = {name: float(ratio**sign) for name, ratio in ratios.items() if ratio**sign > 1}
         if odd:
-            said.append(f"Much {word} than the median shape, perhaps in another unit: {', '.join(odd)}.")
-    return tuple(said)
+            found.append(Note(code, tuple(odd), {"times": tuple(odd.values())}))
+    return tuple(found)
 
 
 def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:

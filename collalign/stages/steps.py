@@ -41,6 +41,7 @@ from collalign.stages.trust.witnesses import witness_notes
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.notes import Note
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +82,7 @@ class Matched:
     pairs: list[Pair]
     failed: list[Excluded]
     solution: SynchronizationResult | None
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     side_limits: Mapping[int, float] = field(default_factory=dict)
 
 
@@ -91,7 +92,7 @@ def match(run: Run) -> tuple[Run, Matched]:
     with run.stage("pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
-        group, note, side_limits = decide_group(
+        group, notes, side_limits = decide_group(
             session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
         )
         run = with_group(run, group)
@@ -103,7 +104,7 @@ def match(run: Run) -> tuple[Run, Matched]:
         pairs=pairs,
         failed=failed,
         solution=solution,
-        notes=(note,),
+        notes=notes,
         side_limits=side_limits,
     )
     return run, matched
@@ -114,8 +115,8 @@ def prove(run: Run, matched: Matched) -> Matched:
     if not run.session.options.certify:
         return matched
     with run.stage("proofs"):
-        pairs, solution, statement = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
-    return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, statement))
+        pairs, solution, proven = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
+    return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, proven))
 
 
 def weigh(run: Run, matched: Matched) -> Matched:
@@ -146,7 +147,7 @@ class Posed:
     transforms: FloatArray
     labels: IntArray
     consensus: FloatArray
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     side_limits: Mapping[int, float]
     trust: Trust | None = None
     vertices: VertexMaps | None = None
@@ -195,7 +196,7 @@ def _settled(
         transforms=transforms,
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
-        notes=tuple(contradictions(run.shapes.names, pairs, rotations)),
+        notes=contradictions(run.shapes.names, pairs, rotations),
         side_limits=side_limits,
     )
 

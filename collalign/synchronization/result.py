@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from collalign.products.pair import Alternative
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.notes import Note
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,8 +29,8 @@ class SynchronizationResult:
         Connected parts of the graph of pairs.
     alternatives : tuple of tuple of Alternative
         For each shape its best other poses, most probable first.
-    warnings : tuple of str
-        Which poses cannot be compared, one sentence each.
+    warnings : tuple of Note
+        Which poses cannot be compared.
     """
 
     rotations: FloatArray
@@ -39,6 +40,6 @@ class SynchronizationResult:
     parts: tuple[IntArray, ...]
     components: tuple[IntArray, ...]
     alternatives: tuple[tuple[Alternative, ...], ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
 
     __repr__ = one_line

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -13,15 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.percent import listed
+from data_tools.notes import Note
 from data_tools.surface.shape import Shape
 
 _LEVELS = (np.arange(16) + 0.5) / 16
-_SAID = {
-    "identical": "these files are identical",
-    "moved": "these files hold the same surface, in other poses or sizes",
-    "mirrored": "these files hold mirror images of one surface, in other poses or sizes",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,14 +33,9 @@ class Copies:
     kind: Literal["identical", "moved", "mirrored"]
 
     @property
-    def sentence(self) -> str:
-        """Who they are, what that means, and how to leave them out."""
-        meaning = "Each counts as a specimen in means and statistics"
-        if self.kind == "mirrored":
-            meaning = "If one was made from the other, each still counts as a specimen in means and statistics"
-        others = " ".join(shlex.quote(name) for name in self.names[1:9])
-        more = " ..." if self.names[9:] else ""
-        return f"{listed(self.names)}: {_SAID[self.kind]}. {meaning}; to count one, add --exclude {others}{more}."
+    def note(self) -> Note:
+        """Who they are, as a note."""
+        return Note("copies", self.names, {"kind": self.kind})
 
 
 def shape_signature(shape: Shape) -> FloatArray:

@@ -16,6 +16,7 @@ from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.local_surface import LocalSurface
+from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
@@ -70,7 +71,7 @@ class Samples:
     local : LocalSurface or None
         Points one cell apart with descriptors of their neighbourhoods, about the centroid of the surface and in its
         root mean square radii; None where there are too few.
-    notes : tuple of str
+    notes : tuple of Note
         What a user should know: decimated, which operators.
     """
 
@@ -89,7 +90,7 @@ class Samples:
     signature: Annotated[FloatArray, Holds(shape="18")]
     rim: str
     local: LocalSurface | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         blocks, dim = self.block_sizes, self.coordinates.shape[1]

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.decimation import decimate
@@ -42,7 +43,7 @@ class WorkingSurface:
         The copy.
     to_original : ndarray of int, shape (w,)
         The vertex of the given shape nearest to each vertex of the copy.
-    notes : tuple of str
+    notes : tuple of Note
         What differs from the given shape, and which operators were used so far.
     """
 
@@ -53,7 +54,7 @@ class WorkingSurface:
         self._farthest: dict[tuple[int, str, bool], IntArray] = {}
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What a user should know about the preprocessing."""
         return tuple(self._notes)
 
@@ -69,7 +70,7 @@ class WorkingSurface:
         """Geodesic distances."""
         solver = GeodesicSolver(self.shape)
         if self.shape.is_mesh and solver.method != "heat":
-            self._notes.append("geodesics are shortest paths along edges, as the heat method does not suit the mesh")
+            self._notes.append(Note("edge-geodesics"))
         return solver
 
     @cached_property
@@ -77,7 +78,7 @@ class WorkingSurface:
         """Stiffness and mass."""
         operators = surface_operators(self.shape)
         if operators.kind == "tufted":
-            self._notes.append("tufted Laplacian, as the mesh has edges of more than two triangles, or needles")
+            self._notes.append(Note("tufted-laplacian"))
         return operators
 
     @cached_property
@@ -118,20 +119,20 @@ class WorkingSurface:
         return self._spectra[num]
 
 
-def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, str]:
+def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, Note | None]:
     max_faces = max(options.max_faces, FACES_PER_SAMPLE * options.num_points)
     if shape.is_mesh and len(shape.faces) > max_faces:
         return _decimate(shape, max_faces)
     if not shape.is_mesh and len(shape.vertices) > MOST_CLOUD_POINTS:
         rng = np.random.default_rng(0)
         kept = np.sort(rng.choice(len(shape.vertices), MOST_CLOUD_POINTS, replace=False))
-        note = f"preprocessed on {len(kept)} of {len(shape.vertices)} points"
+        note = Note("subsampled", values={"kept": len(kept), "total": len(shape.vertices)})
         return Shape.from_arrays(shape.vertices[kept], name=shape.name, file=shape.file), kept, note
     used = _used(shape)
     if shape.is_mesh and len(used) < len(shape.vertices):
         faces = np.searchsorted(used, shape.faces)
-        return Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file), used, ""
-    return shape, np.arange(len(shape.vertices)), ""
+        return Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file), used, None
+    return shape, np.arange(len(shape.vertices)), None
 
 
 def _used(shape: Shape) -> IntArray:
@@ -141,7 +142,7 @@ def _used(shape: Shape) -> IntArray:
     return np.flatnonzero(in_triangle)
 
 
-def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
+def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, Note]:
     """Return a decimated copy; its vertices map back to the nearest original one.
 
     Where thin legs come off, so that 1 % of the area is lost, it gets more triangles. One of SHREC07's chairs lost
@@ -155,5 +156,5 @@ def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, str]:
             break
     used = _used(shape)
     _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)
-    note = f"preprocessed on a copy decimated from {len(shape.faces)} to {len(small.faces)} triangles"
+    note = Note("decimated", values={"before": len(shape.faces), "after": len(small.faces)})
     return small, used[nearest], note

@@ -13,6 +13,7 @@ from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, not_kept
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
+from data_tools.notes import Note
 
 
 def read_obj(source: Source) -> RawShape:
@@ -44,7 +45,7 @@ def read_obj(source: Source) -> RawShape:
     return RawShape(vertices_of_lines(path, points), faces, _lost(text))
 
 
-def _lost(text: str) -> tuple[str, ...]:
+def _lost(text: str) -> tuple[Note, ...]:
     """Return the note that names what else the file has."""
     words = {"vt": "texture coordinates", "usemtl": "materials"}
     return not_kept(thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE))

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from data_tools.arrays import FloatArray
+from data_tools.notes import Note
 
-#: Begins the note of a shape in coarse steps.
-COARSE = "coordinates in steps of "
+#: The code of the note of a shape in coarse steps.
+COARSE = "coarse-steps"
 
 
 def fits_single(vertices: FloatArray) -> bool:
@@ -22,7 +23,7 @@ def fits_single(vertices: FloatArray) -> bool:
     return bool(moved <= 1e-6 * np.ptp(finite, axis=0).max())
 
 
-def coarse_note(vertices: FloatArray) -> tuple[str, ...]:
+def coarse_note(vertices: FloatArray) -> tuple[Note, ...]:
     """Return a note where coordinates are in single precision, in steps above a thousandth of the shape's size.
 
     Parameters
@@ -32,8 +33,8 @@ def coarse_note(vertices: FloatArray) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple of str
-        One sentence with the step and its share of the size, or none.
+    tuple of Note
+        One with the step and its share of the size, or none.
     """
     with np.errstate(all="ignore"):  # of what is beyond single precision
         is_single = (vertices.astype(np.float32) == vertices).all(axis=0)
@@ -41,29 +42,17 @@ def coarse_note(vertices: FloatArray) -> tuple[str, ...]:
     step, size = float(steps.max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if not step > 1e-3 * size:
         return ()
-    return (f"{COARSE}{step:.3g}, {step / size:.1%} of its size: finer detail was lost when it was saved",)
+    return (Note(COARSE, values={"step": step, "share": step / size}),)
 
 
-def coarse_sentence(notes: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the sentence that names shapes in coarse steps, what that costs, and what helps; none if there are none.
+def coarse_coordinates(notes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
+    """Return the note that names the shapes of a collection in coarse steps; none if there are none.
 
     Parameters
     ----------
-    notes : mapping of str to sequence of str
+    notes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    coarse = [
-        f"{name} ({note.removeprefix(COARSE).split(':')[0]})"
-        for name, own in notes.items()
-        for note in own
-        if note.startswith(COARSE)
-    ]
-    if not coarse:
-        return ()
-    coarse = coarse[:10] + [f"and {len(coarse) - 10} more"] * (len(coarse) > 10)
-    return (
-        "Coordinates in coarse steps, since single precision has few digits far from the origin: "
-        f"{', '.join(coarse)}. Detail below a step is lost, so poses are less exact or wrong. Shift the originals "
-        "close to the origin before they are saved in single precision, or save them in double precision or as text "
-        "with all digits.",
-    )
+    found = {name: one.values["step"] for name, own in notes.items() for one in own if one.code == COARSE}
+    steps = tuple(float(step) for step in found.values() if not isinstance(step, tuple))
+    return (Note("coarse-coordinates", tuple(found), {"steps": steps}),) if found else ()

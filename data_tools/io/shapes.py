@@ -56,7 +56,7 @@ def read_shape(
     Returns
     -------
     Shape
-        ``notes`` says what cleaning changed.
+        ``notes`` says what reading and cleaning changed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Repairs that every mesh needs before operators are built on it, each reported in one sentence."""
+"""Repairs that every mesh needs before operators are built on it, each reported in a note."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_faces, read_only
 from data_tools.errors import InputError
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, vertex_components
@@ -25,7 +26,7 @@ MAX_NON_FINITE_SHARE = 0.05
 
 def drop_non_finite(
     shape_name: str, vertices: FloatArray, faces: IntArray
-) -> tuple[FloatArray, IntArray, IntArray, str]:
+) -> tuple[FloatArray, IntArray, IntArray, Note]:
     """Drop the vertices of a mesh whose coordinates are not finite, and their triangles.
 
     Parameters
@@ -42,8 +43,8 @@ def drop_non_finite(
     faces : ndarray of int, shape (g, 3)
     kept : ndarray of int, shape (k,)
         Where each vertex was.
-    note : str
-        What was dropped, in one sentence.
+    note : Note
+        What was dropped.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def drop_non_finite(
             f"{shape_name}: {num_bad} of {len(vertices)} vertices have coordinates that are NaN or infinite; up to "
             f"{MAX_NON_FINITE_SHARE:.0%} of them are dropped with their triangles, more are damage"
         )
-    note = f"dropped {num_bad} vertices that are NaN or infinite, with {int((~good).sum())} triangles"
+    note = Note("non-finite-dropped", values={"vertices": num_bad, "triangles": int((~good).sum())})
     return vertices[finite], (np.cumsum(finite) - 1)[faces[good]], np.flatnonzero(finite), note
 
 
@@ -84,7 +85,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
     """
     options = CleaningOptions() if options is None else options
     vertices, faces, kept = shape.vertices, shape.faces, np.arange(len(shape.vertices))
-    notes: list[str] = []
+    notes: list[Note] = []
     if options.merge_vertices:
         vertices, faces, kept = _merge_vertices(vertices, faces, kept, notes)
     if shape.is_mesh:
@@ -111,7 +112,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
 
 
 def _merge_vertices(
-    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[str]
+    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[Note]
 ) -> tuple[FloatArray, IntArray, IntArray]:
     first, inverse = _places(vertices + 0.0)
     num_merged = len(vertices) - len(first)
@@ -120,7 +121,7 @@ def _merge_vertices(
     order = np.argsort(first)
     rank = np.empty(len(first), dtype=np.int64)
     rank[order] = np.arange(len(first))
-    notes.append(f"merged {num_merged} duplicate vertices")
+    notes.append(Note("duplicates-merged", values={"num": num_merged}))
     first = first[order]
     return vertices[first], rank[inverse][faces], kept[first]
 
@@ -151,7 +152,7 @@ def _hashes(vertices: FloatArray) -> NDArray[np.uint64]:
     return np.asarray((bits * _HASH_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
-def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) -> tuple[IntArray, FloatArray]:
+def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[Note]) -> tuple[IntArray, FloatArray]:
     """Return the triangles that are left and their areas."""
     areas = face_areas(vertices, faces)
     good: BoolArray = np.asarray(2.0 * areas > DEGENERATE_TOL * float((np.ptp(vertices, axis=0) ** 2).sum()))
@@ -159,39 +160,32 @@ def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[str]) ->
     sides = vertices[faces[doubtful]] - vertices[faces[doubtful][:, [2, 0, 1]]]
     longest_squared = np.einsum("fkd,fkd->fk", sides, sides).max(axis=1, initial=0.0)
     good[doubtful] = 2.0 * areas[doubtful] > DEGENERATE_TOL * longest_squared
-    return _keep(faces, good, "dropped {} degenerate triangles", notes), areas[good]
+    if not good.all():
+        notes.append(Note("degenerate-dropped", values={"num": int((~good).sum())}))
+    return faces[good], areas[good]
 
 
-def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[str]) -> IntArray:
+def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]) -> IntArray:
     """Return the triangles of the largest component, and of those nearly as large."""
     corners = np.ascontiguousarray(faces.T)
     _, labels = vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
     of_face = labels[faces[:, 0]]
     areas = np.bincount(of_face, weights=face_area)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
-    share = 100.0 * areas[kept].sum() / areas.sum()
-    which = "the largest"
-    if kept.sum() > 1:
-        which = f"the {kept.sum()} largest, which are nearly of one size,"
-    text = f"kept {which} of {int((areas > 0).sum())} components ({share:.3g} % of the area)"
-    if kept.sum() > 1 and kept[of_face].all():
-        notes.append(text)
-    return _keep(faces, kept[of_face], text + ", dropped {} triangles", notes)
+    good = kept[of_face]
+    if kept.sum() > 1 or not good.all():
+        share = float(100.0 * areas[kept].sum() / areas.sum())
+        numbers = {"kept": int(kept.sum()), "total": int((areas > 0).sum()), "dropped": int((~good).sum())}
+        notes.append(Note("components-kept", values={**numbers, "share": share}))
+    return faces[good]
 
 
 def _drop_unreferenced(
-    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[str]
+    vertices: FloatArray, faces: IntArray, kept: IntArray, notes: list[Note]
 ) -> tuple[FloatArray, IntArray, IntArray]:
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
     if used.all():
         return vertices, faces, kept
-    notes.append(f"dropped {int((~used).sum())} vertices of no triangle")
+    notes.append(Note("unreferenced-dropped", values={"num": int((~used).sum())}))
     return vertices[used], (np.cumsum(used) - 1)[faces], kept[used]
-
-
-def _keep(faces: IntArray, good: BoolArray, text: str, notes: list[str]) -> IntArray:
-    if good.all():
-        return faces
-    notes.append(text.format(int((~good).sum())))
-    return faces[good]

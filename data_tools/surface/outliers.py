@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
@@ -59,14 +60,11 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
     kept = np.flatnonzero(~(far | strays))
     notes = []
     if num := int(far.sum()):
-        one, more = ("vertex", "vertices") if shape.is_mesh else ("point", "points")
         times = float(_from_middle(shape.vertices)[far].max() / radius)
-        notes.append(
-            f"left out {num} {more if num > 1 else one} far from all others "
-            f"(up to {times:.3g} times as far from the middle as these)"
-        )
+        points = "vertices" if shape.is_mesh else "points"
+        notes.append(Note("far-points-left-out", values={"num": num, "points": points, "times": times}))
     if num := int(strays.sum()):
-        notes.append(f"left out {num} stray {'points' if num > 1 else 'point'} beside the surface")
+        notes.append(Note("stray-points-left-out", values={"num": num}))
     rest = Shape(
         name=shape.name,
         vertices=read_only(shape.vertices[kept]),

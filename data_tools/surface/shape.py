@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only
+from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.topology import face_areas
 
@@ -28,8 +29,8 @@ class Shape:
         Empty for a point cloud. Read-only.
     file : Path or None
         Where it was read from.
-    notes : tuple of str
-        What cleaning changed, one sentence each.
+    notes : tuple of Note
+        What reading and cleaning changed.
     source_indices : ndarray of int, shape (v,), or None
         Where cleaning removed vertices: each vertex's index in the file. Read-only. None: the same as here.
     file_size : int or None
@@ -43,7 +44,7 @@ class Shape:
     vertices: FloatArray
     faces: IntArray
     file: Path | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = ()
     source_indices: IntArray | None = None
     file_size: int | None = None
     parts: tuple[tuple[str, int], ...] = ()
@@ -56,7 +57,7 @@ class Shape:
         *,
         name: str = "shape",
         file: Path | None = None,
-        notes: tuple[str, ...] = (),
+        notes: tuple[Note, ...] = (),
     ) -> Shape:
         """Check the arrays and build a shape.
 
@@ -77,10 +78,10 @@ class Shape:
         sizes = [len(part.vertices) for part in parts]
         starts = np.cumsum([0, *sizes[:-1]])
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
-        notes = (f"made of {', '.join(part.name for part in parts)}",)
+        made = Note("made-of-parts", values={"parts": tuple(part.name for part in parts)})
         return replace(
             cls.from_arrays(np.concatenate([part.vertices for part in parts]), faces, name=name, file=file),
-            notes=notes + tuple(f"{note} ({part.name})" for part in parts for note in part.notes),
+            notes=(made, *(replace(note, shapes=(part.name,)) for part in parts for note in part.notes)),
             parts=tuple((part.name, size) for part, size in zip(parts, sizes, strict=True)),
         )
 

@@ -65,7 +65,7 @@ def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[
     if kind not in FAMILIES or FAMILIES[kind].related:
         for part in _parts(aligned, known):
             errors[part] = posed.shape_errors_deg(aligned.rotations[part], [aligned.names[i] for i in part])
-    notes = " ".join(aligned.notes)
+    noted = {name for note in aligned.notes for name in note.shapes}
     return [
         {
             "stated": float(aligned.confidence[i]),
@@ -73,7 +73,7 @@ def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[
             "error_deg": float(errors[i]),
             "right": bool(errors[i] <= RIGHT_DEG),
             "intruder": i not in known,
-            "named": bool(aligned.confidence[i] < DOUBT or name in notes),
+            "named": bool(aligned.confidence[i] < DOUBT or name in noted),
         }
         for i, name in enumerate(aligned.names)
     ]

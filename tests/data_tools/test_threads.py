@@ -109,9 +109,14 @@ def is_door(function, monkeypatch):
     return False
 
 
+#: Public functions that compute nothing.
+NOT_COMPUTING = {"collalign.note_text"}
+
+
 def public_functions():
     exported = {f"{p.__name__}.{name}": getattr(p, name) for p in PACKAGES for name in p.__all__}
-    return DOORS | {name: value for name, value in exported.items() if isinstance(value, FunctionType)}
+    computing = {name: value for name, value in exported.items() if name not in NOT_COMPUTING}
+    return DOORS | {name: value for name, value in computing.items() if isinstance(value, FunctionType)}
 
 
 @pytest.mark.parametrize("name", public_functions())

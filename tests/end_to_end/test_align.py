@@ -25,6 +25,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from tests.finished_runs import chairs
+from tests.notes import codes
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -202,7 +203,7 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
     assert re.search(rf"repaired copy \({two.stem}: kept the largest of 2 components .*\)\. Your files", captured.out)
     record = json.loads((out / "alignment.json").read_text())
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
-    assert any("merged" in note for note in record["shape_notes"][usual.stem]), "usual, and not said"
+    assert "duplicates-merged" in codes(record["shape_notes"][usual.stem]), "usual, and not said"
     assert len(record["shapes"]) == 5
     assert main(["align", str(mixed), "--out", str(tmp_path / "strict"), "--strict", *FLAGS]) == 2
     assert capsys.readouterr().err.count("broken.ply") == 1
@@ -393,9 +394,9 @@ def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
     labels.write_text("name,sex\nchair1,f\nnobody,m\n")
     assert main(["align", str(folder), "--out", str(out), *FLAGS, "--no-report", "--labels", str(labels)]) == 0
     notes = json.loads((out / "alignment.json").read_text())["notes"]
-    assert any("no shape is called 'nobody'" in note for note in notes)
+    assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [["nobody"]]
     assert main(["export", str(out), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
-    assert set(notes) <= set((tmp_path / "csv" / "notes-csv.txt").read_text().splitlines())
+    assert {note["text"] for note in notes} <= set((tmp_path / "csv" / "notes-csv.txt").read_text().splitlines())
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
@@ -445,8 +446,8 @@ def test_certification_proves_pairs_and_says_so(folder, tmp_path, capsys):
     for row in rows:
         assert not float(row["lower_bound"]) > float(row["energy"]) * (1 + 1e-9)
     proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
-    notes = " ".join(json.loads((out / "alignment.json").read_text())["notes"])
-    assert f"{proven} of " in notes
+    notes = json.loads((out / "alignment.json").read_text())["notes"]
+    assert [one["values"]["num_optimal"] for one in notes if one["code"] == "pairs-proven"] == [proven]
     check_certificates(out, capsys)
     assert main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"]) == 2
 
@@ -457,4 +458,4 @@ def test_the_published_synchronization_runs_with_both_embeddings(kind, folder, p
     published = align_collection(folder, options=options, run=RunOptions(jobs=1))
     assert worst_error_deg(published.rotations, planted) < 20
     assert np.isnan(published.confidence).all()
-    assert any("No confidence" in note for note in published.notes)
+    assert "no-confidence" in codes(published.notes)

@@ -14,6 +14,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
+from tests.notes import codes
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]
 PLACE = np.array([456789.123, 5412345.678, 312.4])
@@ -79,8 +80,10 @@ def test_transforms_take_the_files_to_the_aligned_meshes(surveyed):
 
 def test_what_the_outputs_lack_is_said(surveyed):
     notes = json.loads((surveyed / "out" / "alignment.json").read_text())["notes"]
-    assert any("are without materials, texture coordinates, which 4 of 4 files have" in note for note in notes)
-    assert not any("coarse steps" in note for note in notes)
+    (lost,) = [note for note in notes if note["code"] == "content-not-kept"]
+    assert lost["values"] == {"things": ["materials", "texture coordinates"], "total": 4}
+    assert len(lost["shapes"]) == 4
+    assert "coarse-coordinates" not in codes(notes)
 
 
 def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path, capsys):
@@ -92,6 +95,6 @@ def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path, capsys)
     for more in (["--check"], []):
         assert main(["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS, *more]) == 0
         said = capsys.readouterr().out
-        assert "Coordinates in coarse steps" in said
+        assert "Coordinates come in coarse steps" in said
         assert "s0 (0.5, " in said
-        assert "Matched on a repaired copy" not in said or "coordinates in steps" not in said
+        assert "Matched on a repaired copy" not in said or "coordinates come in steps" not in said

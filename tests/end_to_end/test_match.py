@@ -54,7 +54,7 @@ def test_a_mirror_image_that_fits_much_better_is_said(files, tmp_path, capsys):
     printed = capsys.readouterr().out
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert np.linalg.det(np.array(record["transform"])[:3, :3]) > 0
-    assert "Note: the mirror image of d fits much better" in printed
+    assert "Note: The mirror image of d fits much better" in printed
     assert record["mirror_score"] < record["score"] / 1.5
     energies = [float(word) for word in re.findall(r"(?:energy|poses:) ([-+.e\d]+)", printed.splitlines()[0])]
     assert energies == sorted(energies)

@@ -13,6 +13,7 @@ from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.finished_runs import chairs
+from tests.notes import only
 
 NUM = 5
 OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}
@@ -53,7 +54,7 @@ def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(plant
     assert len(pair.energies) > 1
     assert (np.diff(pair.energies) >= 0).all()
     assert found.own == ("candidates",)
-    assert any("Given by the caller: poses of 2 pairs, 1 within 20 deg" in note for note in found.notes)
+    assert only(found.notes, "given").values == {"num_posed": 2, "num_near": 1, "near_deg": 20.0}
     for i, j in ((0, 1), (2, 3)):
         true = planted.relative_rotation(i, j)
         assert rotation_angle_deg(found.rotations[i].T @ found.rotations[j], true) < 15
@@ -68,7 +69,7 @@ def test_matched_vertices_give_a_pose_of_the_pair(planted, store):
     rows = np.column_stack([np.arange(len(posed)), near])[::7]
     found = align(planted, store=store, correspondences={(second, first): rows}, **few)
     assert found.own == ("correspondences",)
-    assert any("poses of 1 pairs, 1 within 20 deg" in note for note in found.notes)
+    assert only(found.notes, "given").values == {"num_posed": 1, "num_near": 1, "near_deg": 20.0}
     assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
     one, other = ((shape.vertices, shape.faces) for shape in planted.shapes[:2])
     shifted = np.vstack([np.zeros((1, 3)), one[0]]), one[1] + 1  # its first vertex is of no triangle
@@ -146,7 +147,7 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(plante
     own.write_text(json.dumps({"pairs": pairs, "invariants": "values"}))
     flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
     assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
-    said = "Given by the caller: invariants (1 columns of weight 0.4); poses of 2 pairs, "
+    said = "Given by you: invariants (1 columns of weight 0.4); poses of 2 pairs, "
     assert said in capsys.readouterr().out
     record = json.loads((out / "alignment.json").read_text())
     assert record["decided"]["own"] == ["invariants", "candidates", "correspondences", "pair_weights"]

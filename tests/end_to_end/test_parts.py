@@ -70,7 +70,7 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses)
     np.testing.assert_allclose(exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4)
     record = json.loads((out / "alignment.json").read_text())
     assert [shape["file"] for shape in record["shapes"]] == ["s0.*", "s1.*", "s2.*", "s3.*"]
-    assert record["shape_notes"]["s0"][0] == "made of cranium, mandible"
+    assert record["shape_notes"]["s0"][0]["values"] == {"parts": ["cranium", "mandible"]}
 
 
 def test_without_being_asked_files_are_shapes_of_their_own(folder):

@@ -21,6 +21,7 @@ from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.poses import turn_deg
 from data_tools.rotations import random_rotation
+from tests.notes import codes
 from tests.products import pair_of, samples_at
 
 NUM = 8
@@ -65,7 +66,7 @@ def test_scans_are_recognised_and_posed_by_default(by_default, views):
     assert by_default.confidence.min() > 0.95
     assert [one.shape for one in by_default.incomplete] == [*range(NUM)]
     assert all("share only parts" in one.reason for one in by_default.incomplete)
-    assert any("All are incomplete" in note for note in by_default.notes)
+    assert "all-incomplete" in codes(by_default.notes)
 
 
 def test_scans_that_are_called_so_have_the_same_poses(by_default, views, aligned):
@@ -103,7 +104,7 @@ def test_fixed_poses_are_refused_for_scans(views, aligned):
 def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(views, aligned, monkeypatch):
     few = dict([*views[0].items()][::4]) | {"view2": views[0]["view2"]}
     monkeypatch.setattr(scanning, "MOST_SURE", 1.1)
-    assert not any("All are incomplete" in note for note in aligned(few).notes)
+    assert "all-incomplete" not in codes(aligned(few).notes)
 
 
 def test_complete_open_shapes_are_no_scans():

@@ -94,7 +94,7 @@ def mirror(values):
 
 
 def add_note(values):
-    values[ALIGNMENT_FILE]["notes"].append("One more.")
+    values[ALIGNMENT_FILE]["notes"].append({"code": "doubtful", "shapes": [], "values": {}, "text": "One more."})
 
 
 def drop_pair(values):

@@ -54,7 +54,12 @@ def out(tmp_path):
         }
         for i, name in enumerate(names)
     ]
-    record = {"shapes": shapes, "groups": [["a", "zahn-ä"], ["c"]], "notes": ["Look at c."], "excluded": []}
+    record = {
+        "shapes": shapes,
+        "groups": [["a", "zahn-ä"], ["c"]],
+        "notes": [{"code": "doubtful", "text": "Look at c."}],
+        "excluded": [],
+    }
     (tmp_path / "alignment.json").write_text(json.dumps(record), encoding="utf-8")
     return tmp_path
 

@@ -36,7 +36,9 @@ def out(tmp_path):
     np.savez(tmp_path / "correspondences.npz", names=names, labels=labels, positions=positions)
     turn = [[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
     shapes = [{"name": n, "transform": turn, "confidence": c} for n, c in (("a", 0.99), ("b", None))]
-    (tmp_path / "alignment.json").write_text(json.dumps({"shapes": shapes, "notes": ["Look."]}), encoding="utf-8")
+    (tmp_path / "alignment.json").write_text(
+        json.dumps({"shapes": shapes, "notes": [{"code": "doubtful", "text": "Look."}]}), encoding="utf-8"
+    )
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.ply").touch()
     return tmp_path

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from collalign.engine.store.records import Record
 from data_tools.arrays import Holds, as_floats, as_indices, as_mask, as_rotations, read_only
 from data_tools.errors import InputError, StoreError
+from data_tools.notes import Note
 
 T = TypeVar("T")
 #: What makes a value of a record, whose name is given for messages: a dataclass, or a function of both.
@@ -81,6 +82,8 @@ def _made(kind: Any, record: Record) -> Any:
 
 def _plain(value: Any) -> Any:
     """Return a value as records hold it."""
+    if isinstance(value, Note):
+        return value.record()
     if is_dataclass(value):
         return to_record(value)
     if isinstance(value, Enum):
@@ -107,6 +110,8 @@ def _checked(hint: Any, value: Any, name: str, sizes: dict[str, int]) -> Any:
         return tuple(_checked(inner[0], item, name, sizes) for item in _instance(list, value, name))
     if origin is dict:
         return {key: _checked(inner[1], item, name, sizes) for key, item in _instance(dict, value, name).items()}
+    if hint is Note:
+        return Note.from_record(_instance(dict, value, name))
     if is_dataclass(hint):
         return _made(hint, _instance(dict, value, name))
     if issubclass(hint, Enum):

@@ -16,6 +16,7 @@ from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
+from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.closest import SurfacePoints, closest_on_triangles
@@ -71,7 +72,7 @@ class SpectralShape:
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
-    notes : tuple of str
+    notes : tuple of Note
         What a user should know about the preparation.
     """
 
@@ -93,7 +94,7 @@ class SpectralShape:
     samples: IntArray
     dense: IntArray
     orientation: FloatArray
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @property
     def basis(self) -> FloatArray:
@@ -174,12 +175,13 @@ def prepare_surface(
     )
 
 
-def _matched_part(shape: Shape) -> tuple[Shape, IntArray, tuple[str, ...]]:
+def _matched_part(shape: Shape) -> tuple[Shape, IntArray, tuple[Note, ...]]:
     """Return the component of the largest area, the shape's vertices that lie at its vertices, and notes."""
     part = clean(shape)
     kept = np.flatnonzero(cKDTree(part.vertices).query(shape.vertices)[0] == 0.0)
     total = shape.file_size or len(shape.vertices)
-    lost = (f"{total - len(kept)} of its {total} vertices have no counterpart",) if len(kept) < total else ()
+    num = total - len(kept)
+    lost = (Note("outside-component", values={"num": num, "total": total}),) if num else ()
     return part, kept, part.notes + lost
 
 

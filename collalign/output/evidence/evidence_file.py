@@ -16,7 +16,7 @@ from collalign.output.evidence.gather import json_types, label_maps, options_rec
 EVIDENCE_FILE = "evidence.npz"
 CORRESPONDENCES_FILE = "correspondences.npz"
 #: Raised with every change that older readers cannot understand.
-EVIDENCE_VERSION = 2
+EVIDENCE_VERSION = 3
 
 PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
 PAIR_FLAGS = ("inlier", "chirality_proven")
@@ -51,7 +51,7 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
         "timings_s": collection.run.times_s,
         "command": collection.run.command,
         "date": collection.run.date,
-        "notes": collection.notes,
+        "notes": [note.record() for note in collection.notes],
         "by_hand": collection.by_hand,
     }
     arrays: dict[str, NDArray[Any]] = {

@@ -36,6 +36,7 @@ from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
 from data_tools.io.source import read_source
+from data_tools.notes import Note
 from data_tools.threads import one_blas_thread
 
 
@@ -140,7 +141,7 @@ def _collection(data: dict[str, NDArray[Any]], correspondences: dict[str, Any], 
             command=text.get("command", ""),
             date=text.get("date", ""),
         ),
-        notes=tuple(text["notes"]),
+        notes=tuple(map(Note.from_record, text["notes"])),
         by_hand={name: np.nan if value is None else float(value) for name, value in text.get("by_hand", {}).items()},
         transforms=read_only(transforms),
         confidence=read_only(_known(data["confidence"], "confidence", (num,))),

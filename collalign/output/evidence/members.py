@@ -12,6 +12,7 @@ from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
 from data_tools.embedding.copies import Copies
 from data_tools.io.csv_cells import csv_text
+from data_tools.notes import Note
 
 #: The table of those who do not count, beside statistics that are written.
 LEFT_OUT_FILE = "left_out.csv"
@@ -36,9 +37,12 @@ class Members:
     copies: tuple[Copies, ...] = ()
 
     @property
-    def sentence(self) -> str:
-        """Who was left out and why; empty where all count."""
-        return f"Left out of the statistics: {self._listed}." if self.left_out else ""
+    def notes(self) -> tuple[Note, ...]:
+        """Who was left out and why; none where all count."""
+        if not self.left_out:
+            return ()
+        names, reasons = zip(*self.left_out, strict=True)
+        return (Note("left-out-of-statistics", names, {"reasons": reasons}),)
 
     @property
     def table(self) -> bytes:

@@ -18,8 +18,10 @@ from collalign.output.collection import Collection
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
+from collalign.wording import note_text
 from data_tools.arrays import IntArray
 from data_tools.errors import CollalignError
+from data_tools.notes import Note
 from data_tools.percent import MAX_NAMED, percent
 from data_tools.threads import one_blas_thread
 
@@ -195,7 +197,7 @@ def _json_for_html(document: object) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
+def _summary(collection: Collection, notes: tuple[Note, ...]) -> str:
     """The first thing a reader sees: what to look at and what is missing, in the whole collection; then the rest."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     doubtful = [collection.names[at] for at in order if not collection.confidence[at] >= DOUBT]
@@ -222,7 +224,7 @@ def _summary(collection: Collection, notes: tuple[str, ...]) -> str:
         (len(collection.pairs), f"pairs compared, {against} against the common poses"),
     ]
     items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
-    listed = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
+    listed = "".join(f"<li>{html.escape(note_text(note))}</li>" for note in notes)
     told = f'<ul class="notes">{listed}</ul>' if listed else ""
     return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{told}'
 

@@ -17,6 +17,7 @@ from collalign.output.collection import Collection
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import IntArray
+from data_tools.notes import Note
 
 T = TypeVar("T")
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
@@ -27,12 +28,9 @@ def shown_part(collection: Collection) -> Collection:
     """Return the collection as far as a page shows it: all of it, or some shapes with a note that says so."""
     if len(collection) <= MOST_SHOWN:
         return collection
-    note = (
-        f"{MOST_SHOWN} of {len(collection)} shapes are shown below, the {MOST_SHOWN // 2} most doubtful ones and "
-        "others evenly spaced; alignment.json, pairs.csv and the exports hold all of them."
-    )
+    numbers = {"num": MOST_SHOWN, "total": len(collection), "num_doubtful": MOST_SHOWN // 2}
     part = some_shapes(collection, chosen_shapes(collection, MOST_SHOWN))
-    return replace(part, notes=(*collection.notes, note))
+    return replace(part, notes=(*collection.notes, Note("shown-in-part", values=numbers)))
 
 
 def page_members(collection: Collection) -> list[IntArray]:

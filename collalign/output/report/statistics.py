@@ -12,6 +12,7 @@ from collalign.analysis.ordination import classical_mds
 from collalign.analysis.procrustes import common_labels, procrustes_distances
 from collalign.output.collection import Collection
 from collalign.output.evidence.members import statistics_members
+from collalign.wording import note_text
 
 _HISTOGRAM_BINS = 36
 
@@ -36,7 +37,7 @@ def shape_map(collection: Collection) -> dict[str, Any]:
         "points": coordinates.tolist(),
         "axes": [f"principal coordinate {at + 1} ({100 * share:.0f} %)" for at, share in enumerate(shares)],
         "words": f"Procrustes distances of {len(members)} shapes; "
-        f"{common_labels(samples).sum()} sample points are common to all. " + who.sentence,
+        f"{common_labels(samples).sum()} sample points are common to all. " + " ".join(map(note_text, who.notes)),
         "tree": {
             "linkage": joined[:, :3].tolist(),
             "order": leaves_list(joined).tolist(),

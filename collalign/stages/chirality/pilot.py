@@ -34,7 +34,7 @@ from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.percent import listed, percent
+from data_tools.notes import Note
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 
@@ -45,17 +45,12 @@ from pairwise.dense.refine import refine_pose
 LOOKS = ((2, 1, 4), (6, 3, 15))
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
 MOST_SHAPES = 150
-#: Said of specimens of the other side that are added to a collection without mirror images.
-KEPT_UNMIRRORED = (
-    "Added shapes look like mirror images, but the collection was aligned without mirror images and keeps that; to "
-    "mirror them, align all shapes again."
-)
 #: Most confidence in a pose whose mirror image is as likely, and in those of a folder so small that surfaces alone
 #: named the sides.
 ONE_OF_TWO, OF_FEW = 0.5, 0.8
-#: The group; why, for the user, in one sentence or two, empty where the user decided; and the most that may be stated
-#: of shapes whose side is in doubt, by position.
-GroupChoice: TypeAlias = tuple[Literal["SO", "O"], str, Mapping[int, float]]
+#: The group; notes that say why, none where the user decided; and the most that may be stated of shapes whose side is
+#: in doubt, by position.
+GroupChoice: TypeAlias = tuple[Literal["SO", "O"], tuple[Note, ...], Mapping[int, float]]
 
 
 def decide_group(
@@ -83,15 +78,15 @@ def decide_group(
         Whether a pose that was given mirrors its shape.
     """
     if session.options.group != "auto":
-        return session.options.group, "", {}
+        return session.options.group, (), {}
     if former is not None and former.group == "O":
-        return "O", "Shapes may be mirrored, as in the collection that shapes were added to.", {}
+        return "O", (Note("reflected-as-before"),), {}
     if any_mirrored:
-        return "O", "Shapes may be mirrored, because a pose that was given is.", {}
-    group, note, limits = group_of_shapes(session, shapes, descriptors, edges)
+        return "O", (Note("reflected-by-given-pose"),), {}
+    group, notes, limits = group_of_shapes(session, shapes, descriptors, edges)
     if former is None or group == "SO":
-        return group, note, limits
-    return "SO", f"{KEPT_UNMIRRORED} The evidence: {note}", limits
+        return group, notes, limits
+    return "SO", (Note("added-not-reflected"), *notes), limits
 
 
 def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
@@ -105,14 +100,14 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     num = len(shapes.names)
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
-        group, note, limits = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
-        note += f" This was decided on {MOST_SHAPES} of {num} shapes."
-        return group, note, {int(chosen[i]): limit for i, limit in limits.items()}
+        group, notes, limits = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
+        notes = (*notes, Note("sides-sampled", values={"num": MOST_SHAPES, "total": num}))
+        return group, notes, {int(chosen[i]): limit for i, limit in limits.items()}
     scores = surface_scores(session, shapes)
     alone = surface_sides(scores)
     if alone.are_clear:
         limits = dict.fromkeys(range(num), OF_FEW) if num < MIN_SHAPES else {}
-        return "O", _note_of_surfaces(alone, shapes.names), limits
+        return "O", _notes_of_surfaces(alone, shapes.names), limits
     both_kinds = replace(session, options=replace(session.options, group="O"))
 
     def energies_of(nearest: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
@@ -135,11 +130,11 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         sides, energies = staged_sides(edges, descriptors, energies_of)
     surfaces = surface_sides(scores, sides.mirrored)
     if are_mixed(sides, surfaces):
-        return "O", _note_of_both(sides, shapes.names), {}
+        return "O", _notes_of_both(sides, shapes.names), {}
     is_open = sides.are_likely and not look_like_posture(sides, surfaces)
     doubted = np.flatnonzero(sides.mirrored | sides.unsure).tolist() if is_open else []
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
-    return "SO", _note_of_none(sides, surfaces, num_better, shapes.names), dict.fromkeys(doubted, ONE_OF_TWO)
+    return "SO", (_note_of_none(sides, surfaces, num_better, shapes.names),), dict.fromkeys(doubted, ONE_OF_TWO)
 
 
 def staged_sides(
@@ -227,59 +222,39 @@ def chirality_energies(
     return plain, mirrored
 
 
-def _note_of_surfaces(sides: SurfaceSides, names: tuple[str, ...]) -> str:
-    """Return the sentences about sides that surfaces name alone."""
-    caution = ""
-    if len(names) < MIN_SHAPES:
-        caution = f" So few shapes are trusted by {percent(OF_FEW)} at most: check one of each side."
-    return (
-        f"{_mixed(sides.mirrored, names)} The surfaces of the two sides are mirror images in their details, whatever "
-        f"their poses.{caution} To forbid mirror images, use --group SO."
-    )
+def _notes_of_surfaces(sides: SurfaceSides, names: tuple[str, ...]) -> tuple[Note, ...]:
+    """Return the notes about sides that surfaces name alone."""
+    caution = (Note("few-for-sides", values={"most": OF_FEW}),) if len(names) < MIN_SHAPES else ()
+    return (_mixed(sides.mirrored, names), Note("sides-by-surface"), *caution)
 
 
-def _note_of_both(sides: Sides, names: tuple[str, ...]) -> str:
-    """Return the sentences about sides that fits find and surfaces confirm."""
-    return (
-        f"{_mixed(sides.mirrored, names)} In {sides.num_between} pairs between the sides the mirror image fits "
-        f"better, by a median factor of {np.exp(sides.median_between):.2f} in energy, and the surfaces agree; "
-        f"{sides.contradicted:.1%} of the evidence contradicts the sides. To forbid mirror images, use --group SO."
-    )
+def _notes_of_both(sides: Sides, names: tuple[str, ...]) -> tuple[Note, ...]:
+    """Return the notes about sides that fits find and surfaces confirm."""
+    numbers = {
+        "num_between": int(sides.num_between),
+        "factor": float(np.exp(sides.median_between)),
+        "contradicted": float(sides.contradicted),
+    }
+    return _mixed(sides.mirrored, names), Note("sides-by-fit", values=numbers)
 
 
-def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> str:
-    few = listed([name for name, is_meant in zip(names, mirrored, strict=True) if is_meant])
-    return (
-        f"Left and right specimens are mixed, {mirrored.sum()} of {len(names)} on the smaller side ({few}): shapes "
-        "may be mirrored."
-    )
+def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> Note:
+    few = tuple(name for name, is_meant in zip(names, mirrored, strict=True) if is_meant)
+    return Note("left-right-mixed", few, {"total": len(names)})
 
 
-def _note_of_none(sides: Sides, surfaces: SurfaceSides, num_better: int, names: tuple[str, ...]) -> str:
-    """Return the sentences about shapes that are not mirrored."""
-    pairs = "pairs" if sides.num_pairs != 1 else "pair"
-    evidence = f"in {num_better} of {sides.num_pairs} {pairs} of similar shapes the mirror image fits better"
+def _note_of_none(sides: Sides, surfaces: SurfaceSides, num_better: int, names: tuple[str, ...]) -> Note:
+    """Return the note about shapes that are not mirrored."""
+    evidence = {"num_better": num_better, "num_pairs": int(sides.num_pairs)}
     if not sides.are_likely:
         if len(names) < MIN_SHAPES:
-            return (
-                f"No shape is mirrored: {len(names)} shapes are too few to notice that left and right specimens are "
-                f"mixed; if they are, align with --group O."
-            )
-        return f"No shape is mirrored: no mix of left and right specimens was noticed ({evidence})."
+            return Note("not-reflected-few", values={"num": len(names)})
+        return Note("not-reflected", values=evidence)
     if look_like_posture(sides, surfaces):
-        return (
-            f"No shape is mirrored: this looks like posture. {evidence[0].upper()}{evidence[1:]}, but the surfaces "
-            "are no mirror images in their details."
-        )
+        return Note("not-reflected-posture", values=evidence)
     meant = sides.mirrored | sides.unsure
-    doubted = listed([name for name, is_meant in zip(names, meant, strict=True) if is_meant])
-    if not surfaces.are_known:
-        why = "without triangles that agree on an outer side, side cannot be told from posture"
-    elif len(names) < MIN_SHAPES:
-        why = "so few shapes cannot tell"
-    else:
-        why = "the surfaces by themselves do not tell the sides clearly, it may be posture"
-    return (
-        f"No shape is mirrored, but {doubted} may be mirror images of the others ({evidence}): {why}. If left and "
-        f"right specimens are mixed, align with --group O; if not, --group SO says so."
-    )
+    doubted = tuple(name for name, is_meant in zip(names, meant, strict=True) if is_meant)
+    cause = "surfaces" if surfaces.are_known else "no-outer-side"
+    if surfaces.are_known and len(names) < MIN_SHAPES:
+        cause = "few-shapes"
+    return Note("not-reflected-unclear", doubted, {**evidence, "cause": cause})

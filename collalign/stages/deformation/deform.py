@@ -23,7 +23,7 @@ from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.percent import listed, percent
+from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 
 #: Triangles of a surface, at most: places of vertices are as exact as these.
@@ -188,13 +188,13 @@ def _vertices(
     )
 
 
-def vertex_notes(found: VertexMaps | None) -> tuple[str, ...]:
+def vertex_notes(found: VertexMaps | None) -> tuple[Note, ...]:
     """Return what a user must know of the maps of all vertices."""
     if found is None:
-        return ("There are no maps of vertices: fewer than two meshes could be mapped to each other.",)
-    notes = [f"No maps of the vertices of {name}: {reason}" for name, reason in found.left_out]
+        return (Note("no-vertex-maps"),)
+    notes = [Note("vertex-maps-missing", (name,), {"reason": reason}) for name, reason in found.left_out]
     doubtful = np.flatnonzero(found.confidence < 0.5)
     if len(doubtful):
-        names = listed([f"{found.names[i]} ({percent(found.confidence[i])})" for i in doubtful])
-        notes.append(f"Maps that are more likely wrong than right (the report shows where): those of {names}.")
+        names = tuple(found.names[i] for i in doubtful)
+        notes.append(Note("vertex-maps-doubtful", names, {"confidences": tuple(found.confidence[doubtful].tolist())}))
     return tuple(notes)

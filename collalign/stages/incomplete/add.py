@@ -20,7 +20,7 @@ from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.percent import percent
+from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, turn_deg
 from pairwise.status import Status
 
@@ -221,15 +221,13 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
     )
 
 
-def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> str:
-    """Return the sentence that names the incomplete shapes and says what follows from that."""
-    words = [
-        f"covers {percent(one.coverage)}" if one.coverage else "covers nothing: an intruder?" for one in incomplete
-    ]
-    listed = "; ".join(f"{names[one.shape]} ({one.reason}; {w})" for one, w in zip(incomplete, words, strict=True))
-    if len(incomplete) == len(names):
-        return f"All are incomplete, and posed on each other by what they have in common: {listed}."
-    return (
-        f"Incomplete, posed on the complete shapes by what has a counterpart there: {listed}. "
-        "The mean is that of the complete shapes; samples without a counterpart have no label."
+def incomplete_note(names: Sequence[str], incomplete: Sequence[Incomplete]) -> Note:
+    """Return the note that names the incomplete shapes, why each is one, and how much of the others it covers."""
+    return Note(
+        "all-incomplete" if len(incomplete) == len(names) else "incomplete",
+        tuple(names[one.shape] for one in incomplete),
+        {
+            "reasons": tuple(one.reason for one in incomplete),
+            "coverages": tuple(float(one.coverage) for one in incomplete),
+        },
     )

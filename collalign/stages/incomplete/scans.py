@@ -21,6 +21,7 @@ from collalign.stages.steps import Matched, Posed, Run
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError
+from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, scales_of, turn_deg
 from pairwise.features.overlap import LocalPoses
 from pairwise.status import Status
@@ -154,12 +155,12 @@ def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, 
     )
 
 
-def _unjoined(names: Sequence[str], joined: JoinedScans) -> tuple[str, ...]:
-    """Return the sentence that names the parts that no overlap joins, if there are several."""
+def _unjoined(names: Sequence[str], joined: JoinedScans) -> tuple[Note, ...]:
+    """Return the note that names the parts that no overlap joins, if there are several."""
     if len(joined.parts) < 2:
         return ()
     groups = "; ".join(", ".join(names[i] for i in part.tolist()) for part in joined.parts)
-    return (f"No overlap joins all shapes. Poses can be compared within these groups only: {groups}.",)
+    return (Note("unjoined-scans", values={"groups": groups}),)
 
 
 def _incomplete(i: int, kept: Overlaps, reason: str) -> Incomplete:

@@ -17,6 +17,7 @@ from collalign.synchronization.clusters import part_turns
 from data_tools.arrays import IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
+from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 
@@ -113,16 +114,12 @@ def _with_all_pairs(
     inlier = misfit_deg <= APART_DEG
     choice[within], inlier[within] = solution.edge_choice, solution.edge_inlier
     counts = np.bincount(labels)
-    sizes = ", ".join(map(str, counts))
-    words = (
-        f"Split into {len(counts)} parts of {sizes} shapes: poses are comparable within each part; how the "
-        "parts are turned to each other is a vote of the pairs between them."
-    )
-    # The first sentence counts the parts as unconnected, unless one of them fell apart further.
+    split = Note("different-parts", values={"num": len(counts), "sizes": tuple(counts.tolist())})
+    # The first note counts the parts as unconnected, unless one of them fell apart further.
     own = solution.warnings[1:] if len(counts) == len(solution.components) > 1 else solution.warnings
     return replace(
         solution,
         edge_choice=read_only(choice),
         edge_inlier=read_only(inlier),
-        warnings=(words, *own) if len(counts) > 1 else own,
+        warnings=(split, *own) if len(counts) > 1 else own,
     )

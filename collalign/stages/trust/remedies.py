@@ -1,4 +1,4 @@
-"""What to try where poses are in doubt: a sentence for each cause that the shapes themselves show."""
+"""What to try where poses are in doubt: a note for each cause that the shapes themselves show."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from collalign.products.trust import DOUBT
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import FloatArray
+from data_tools.notes import Note
 from data_tools.percent import MAX_NAMED, listed
 
 #: Folders of which at least this share is in doubt may hold several kinds of shapes, ...
@@ -24,8 +25,8 @@ WORSE_ACROSS = 1.5
 MAY_BE_CUT = 0.7
 
 
-def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[str]:
-    """Return sentences that name the option which helps where most shapes, or open surfaces, are in doubt.
+def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[Note]:
+    """Return notes that name the option which helps where most shapes, or open surfaces, are in doubt.
 
     Parameters
     ----------
@@ -42,17 +43,11 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
     kinds = _kinds(pairs, len(confidence), options.group) if mostly and options.clusters == 1 else []
     if kinds:
         groups = "; ".join(listed([shapes.names[i] for i in kind]) for kind in kinds)
-        said.append(
-            f"The pairs agree within {len(kinds)} groups of shapes and not between them ({groups}): if the folder "
-            "holds several kinds, --clusters 0 aligns each by itself."
-        )
+        said.append(Note("several-kinds", values={"num": len(kinds), "groups": groups}))
     elif options.incomplete == AUTO:
         cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if shapes.samples[i].rim != "closed"]
         if cut:
-            said.append(
-                f"{listed(cut)}: in doubt, with open borders. If a part is missing, --incomplete {','.join(cut)} "
-                "poses what is there."
-            )
+            said.append(Note("open-borders", tuple(cut)))
     return said
 
 

@@ -17,7 +17,7 @@ from collalign.products.trust import Witness
 from collalign.stages.evidence.weigh import judged_by
 from collalign.stages.poses.synchronize import synchronize_pairs
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.percent import listed
+from data_tools.notes import Note
 from data_tools.poses import APART_DEG, turn_deg
 
 #: Families of evidence that share no measurement, by what they are called in sentences.
@@ -67,8 +67,8 @@ def _in_frame(said: FloatArray, reported: FloatArray) -> FloatArray:
     return np.asarray(tried[int(np.argmin(apart.sum(axis=1)))] @ said)
 
 
-def witness_notes(names: Sequence[str], witnesses: Sequence[Witness], rotations: FloatArray) -> list[str]:
-    """Return a sentence for every witness that contradicts poses.
+def witness_notes(names: Sequence[str], witnesses: Sequence[Witness], rotations: FloatArray) -> list[Note]:
+    """Return a note for every witness that contradicts poses.
 
     Parameters
     ----------
@@ -81,10 +81,7 @@ def witness_notes(names: Sequence[str], witnesses: Sequence[Witness], rotations:
     for witness in witnesses:
         against = np.flatnonzero(witness.contradicts)
         if len(against):
-            turns = turn_deg(witness.poses[against], rotations[against])
-            shapes = listed([names[i] for i in against.tolist()])
-            notes.append(
-                f"Taken by themselves, {witness.family} ask for other poses of {shapes}, turned by up to "
-                f"{turns.max():.0f} deg: compare both in the report."
-            )
+            most_deg = float(np.max(turn_deg(witness.poses[against], rotations[against])))
+            shapes = tuple(names[i] for i in against.tolist())
+            notes.append(Note("evidence-disagrees", shapes, {"family": witness.family, "most_deg": most_deg}))
     return notes

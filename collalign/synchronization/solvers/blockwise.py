@@ -24,6 +24,7 @@ from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.notes import Note
 from pairwise.problem.pattern import RotationPattern
 
 #: Pairs whose right candidate is at least this probable agree with the answer.
@@ -215,8 +216,8 @@ def _embedded(block: FloatArray, around: FloatArray, index: IntArray) -> FloatAr
     return read_only(matrix)
 
 
-def connectivity_warnings(num_components: int) -> tuple[str, ...]:
-    """Return the sentence that says that components are not connected, where there are several."""
+def connectivity_warnings(num_components: int) -> tuple[Note, ...]:
+    """Return the note that says that components are not connected, where there are several."""
     if num_components == 1:
         return ()
-    return (f"The pairs leave {num_components} parts unconnected: poses are comparable within each part only.",)
+    return (Note("unconnected", values={"num": num_components}),)

@@ -15,12 +15,12 @@ from collalign.output.evidence.loading import load
 from collalign.output.verify import verify_result
 from collalign.tools.certify.files import (
     FILES,
-    certification_summary,
-    former_statement,
+    certification_notes,
     tell_in_report,
     write_certification,
 )
 from collalign.tools.certify.run import certify_collection
+from collalign.wording import note_text
 from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
@@ -50,12 +50,11 @@ def certify(
     files = inputs_of(load(result).source_files())
     with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
         output.refuse_foreign(FILES)
-        former = former_statement(result)
         found = certify_collection(result, shapes=shapes, budget_s=budget_s, run=run)
         written = write_certification(found, output)
-    written += tell_in_report(found, result, former)
-    for line in certification_summary(found):
-        say(line)
+    written += tell_in_report(found, result)
+    for note in certification_notes(found):
+        say(note_text(note))
     say_files(written)
     return 0
 

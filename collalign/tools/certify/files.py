@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,16 @@ from collalign.output.report.page import write_report
 from collalign.output.write import REPORT_FILE, WRITER, report_title
 from collalign.products.trust import DOUBT
 from collalign.tools.certify.result import CertifiedCollection, JointBound, share_of
-from data_tools.arrays import IntArray
-from data_tools.io.files import read_text, write_atomic
+from collalign.wording import note_records
+from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.percent import listed
+from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG
 
 JSON_FILE = "certification.json"
 FILES = (JSON_FILE, PROOF_FILE)
+#: How the codes of its notes begin.
+_KIND = "arrangement-"
 
 
 def write_certification(certified: CertifiedCollection, output: OutputFolder) -> tuple[Path, ...]:
@@ -51,7 +52,7 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
     return output.publish(complete=True)
 
 
-def tell_in_report(certified: CertifiedCollection, result: Path, former: Sequence[str]) -> tuple[Path, ...]:
+def tell_in_report(certified: CertifiedCollection, result: Path) -> tuple[Path, ...]:
     """Say what is proven of all shapes among the notes of a result and of its report; return what was written.
 
     Parameters
@@ -59,14 +60,13 @@ def tell_in_report(certified: CertifiedCollection, result: Path, former: Sequenc
     certified : CertifiedCollection
         Of a part of the shapes nothing is said there.
     result : Path
-    former : sequence of str
-        What an earlier certification said, which this replaces.
+        Where it holds what an earlier certification said, this takes its place.
     """
     collection = load(result)
     if len(certified.names) < len(collection):
         return ()
-    kept = (note for note in collection.notes if note not in former)
-    collection = replace(collection, notes=(*kept, *certification_summary(certified)))
+    kept = (note for note in collection.notes if not note.code.startswith(_KIND))
+    collection = replace(collection, notes=(*kept, *certification_notes(certified)))
     with OutputFolder.open(result, writer=WRITER) as output:
         save_evidence(collection, output.staging)
         if (result / REPORT_FILE).is_file():
@@ -74,17 +74,11 @@ def tell_in_report(certified: CertifiedCollection, result: Path, former: Sequenc
         return output.publish()
 
 
-def former_statement(result: Path) -> list[str]:
-    """Return what ``certification.json`` of a result says, nothing where there is none."""
-    file = result / JSON_FILE
-    return list(json.loads(read_text(file))["statement"]) if file.is_file() else []
-
-
 def certification_record(certified: CertifiedCollection) -> dict[str, object]:
     """Return the contents of ``certification.json``."""
     joint = certified.joint
     return {
-        "statement": list(certification_summary(certified)),
+        "statement": note_records(certification_notes(certified)),
         "lower_bound": joint.bound,
         "energy": {"stated": joint.stated_energy, "near": joint.near_energy, "cheapest_known": joint.energy},
         "share": joint.share,
@@ -106,49 +100,42 @@ def certification_record(certified: CertifiedCollection) -> dict[str, object]:
     }
 
 
-def certification_summary(certified: CertifiedCollection) -> tuple[str, ...]:
-    """Return what is proven, what the result has to do with it, and what is not proven, one sentence each."""
-    joint, names = certified.joint, certified.names
-    turned = np.flatnonzero((certified.changes_deg > AGREE_DEG) | ~certified.same_chirality)
-    saving = 1.0 - share_of(joint.bound, joint.near_energy)
-    less = _percent(1.0 - share_of(joint.energy, joint.near_energy))
-    own = f"The poses of the result are those of the cheapest arrangement known, up to {AGREE_DEG:.0f} deg."
-    if len(turned):
-        own = f"Refuted: turning {listed([names[i] for i in turned])} costs {less} less. "
-        own += _evidence(certified, turned)
+def certification_notes(certified: CertifiedCollection) -> tuple[Note, ...]:
+    """Return what is proven, what the result has to do with it, which shapes stay free, and what is not proven."""
+    joint = certified.joint
+    bound = {
+        "num": len(certified.names),
+        "gap": 1.0 - share_of(joint.bound, joint.near_energy),
+        "unproven": 1.0 - joint.share,
+        "bound": joint.bound,
+        "result": joint.near_energy,
+        "cheapest": joint.energy,
+        "num_points": certified.coordinates.shape[1],
+        "num_pairs": len(joint.edges),
+        "ended": joint.ended,
+    }
     return (
-        f"Proven: no consistent arrangement of these {len(names)} shapes is cheaper than the result by more than "
-        f"{_percent(saving)}, nor than the cheapest one known by more than {_percent(1.0 - joint.share)} (lower "
-        f"bound {joint.bound:.6g}, result {joint.near_energy:.6g}, cheapest {joint.energy:.6g}: the sum over "
-        f"{len(joint.edges)} pairs of squared distances of {certified.coordinates.shape[1]} matched samples; "
-        f"{joint.ended}).",
-        own,
-        _free(joint),
-        "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
+        Note(f"{_KIND}bound", values=bound),
+        _own_note(certified),
+        _free_note(joint),
+        Note(f"{_KIND}scope"),
     )
 
 
-def _evidence(certified: CertifiedCollection, turned: IntArray) -> str:
-    """Say whether the evidence, of which energies are a part only, lets shapes be turned."""
-    doubtful = [certified.names[i] for i in turned if not certified.confidence[i] >= DOUBT]
-    if not doubtful:
-        return "Other evidence is for the poses of the result, of which none of these is in doubt."
-    return f"Of these the result itself doubts {listed(doubtful)}: see R_cheapest_shape in {JSON_FILE}."
+def _own_note(certified: CertifiedCollection) -> Note:
+    """Say whether the result is the cheapest arrangement known, and if not, whether it is in doubt there."""
+    joint, names = certified.joint, certified.names
+    rotated = np.flatnonzero((certified.changes_deg > AGREE_DEG) | ~certified.same_chirality)
+    if not len(rotated):
+        return Note(f"{_KIND}cheapest", values={"deg": AGREE_DEG})
+    doubtful = tuple(names[i] for i in rotated if not certified.confidence[i] >= DOUBT)
+    saving = 1.0 - share_of(joint.energy, joint.near_energy)
+    return Note(f"{_KIND}refuted", tuple(names[i] for i in rotated), {"saving": float(saving), "doubtful": doubtful})
 
 
-def _free(joint: JointBound) -> str:
-    """Say what is unproven beside what the pairs of one shape cost: two of N shares of the energy, on average."""
+def _free_note(joint: JointBound) -> Note:
+    """Compare what is unproven with what the pairs of one shape cost: two of N shares of the energy, on average."""
     unproven, own = 1.0 - joint.share, 2.0 / len(joint.frames)
     if unproven >= own:
-        return (
-            f"Left free: every shape by itself, since what is unproven is more than one shape's pairs cost "
-            f"({_percent(own)} on average)."
-        )
-    return (
-        "Not asked: which single shapes this leaves free. What is unproven is "
-        f"{unproven / own:.2g} of what the pairs of one shape cost on average."
-    )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2f} %"
+        return Note(f"{_KIND}free", values={"one": own})
+    return Note(f"{_KIND}fixed", values={"times": unproven / own})

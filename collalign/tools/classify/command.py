@@ -11,6 +11,7 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
 from collalign.tools.classify.run import classify_leave_one_out
 from collalign.tools.classify.surface_distance import posed_clouds, surface_distances
+from collalign.wording import note_text
 
 #: Said below every classification.
 _DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
@@ -44,8 +45,8 @@ def classify(
     collection = load(result)
     table = read_labels(labels)
     values = table.column(by, collection.names)
-    for sentence in table.mismatches(collection.names):
-        warn(sentence)
+    for note in table.mismatches(collection.names):
+        warn(note_text(note))
     who = statistics_members(
         collection,
         exclude=exclude,
@@ -60,5 +61,5 @@ def classify(
         names=[collection.names[at] for at in chosen],
     )
     tell(**found.as_dict(), left_out=dict(who.left_out))
-    say("\n".join(filter(None, [found.table(), _DISTANCES, who.sentence])))
+    say("\n".join(filter(None, [found.table(), _DISTANCES, *map(note_text, who.notes)])))
     return 0

@@ -12,6 +12,7 @@ from collalign.cli.talk import say_files, warn
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
+from collalign.wording import note_text
 
 
 def export(
@@ -48,6 +49,6 @@ def export(
     paths = write_export(collection, format, to, space=space, sources=sources, **who)
     space = usual_space(format) if space is None else space
     for note in export_notes(collection, format, space, **who):
-        warn(note)
+        warn(note_text(note))
     say_files(paths)
     return 0

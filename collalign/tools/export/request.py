@@ -20,6 +20,7 @@ from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import each_moved_by
 from data_tools.surface.shape import Shape
@@ -141,25 +142,15 @@ class ExportRequest:
         return path
 
 
-def coordinates_sentence(collection: Collection, space: Space) -> str:
+def coordinates_note(collection: Collection, space: Space) -> Note:
     """Say which coordinates a file for statistics has, whether sides are made alike, and what became of size."""
-    turned = f"{int(collection.reflected.sum())} of {len(collection)} specimens"
-    others = {
-        "raw": f"those of the files: {turned} are of the other side and stay so, which statistics would find as "
-        "shape. Leave --space raw away for statistics",
-        "unscaled": f"the common frame, in the unit of each file: {turned} are reflected, and centroid sizes are "
-        "kept. Use --space raw for the coordinates of the files",
-        "aligned": f"the common frame, where sizes are made alike: {turned} are reflected, and centroid sizes are in "
-        "the table of specimens",
-        "procrustes": f"superimposed at unit centroid size: {turned} are reflected, and centroid sizes are in the "
-        "table of specimens",
-    }
-    said = others[space]
-    if space == "raw" and not collection.reflected.any():
-        said = "those of the files"
+    kind: str = space
+    if space == "raw" and collection.reflected.any():
+        kind = "raw-sides"
     if space == "aligned" and collection.options.scaling == "rigid":
-        said = others["unscaled"]
-    return f"Coordinates: {said}."
+        kind = "unscaled"
+    numbers = {"num_reflected": int(collection.reflected.sum()), "total": len(collection)}
+    return Note(f"coordinates-{kind}", values=numbers)
 
 
 def specimen_comment(*, space: Space, reflected: bool) -> str:

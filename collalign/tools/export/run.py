@@ -13,13 +13,15 @@ from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics
 from collalign.output.report.shown import some_shapes
 from collalign.output.tool_record import write_tool_record
 from collalign.tools.export import itk, meshes, morphologika, parquet, shapeworks, slicer_json, tables, tps
-from collalign.tools.export.request import ExportRequest, Space, coordinates_sentence
+from collalign.tools.export.request import ExportRequest, Space, coordinates_note
+from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.notes import Note
 from data_tools.threads import one_blas_thread
 
 __all__ = ["FORMATS", "STATISTICS", "Space", "export", "export_notes", "usual_space"]
@@ -125,7 +127,7 @@ def export(
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             said = export_notes(collection, format, space, exclude=exclude, include_doubtful=include_doubtful)
-            notes = "".join(f"{note}\n" for note in said)
+            notes = "".join(f"{note_text(note)}\n" for note in said)
             write_atomic(output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace"))
             decided = {
                 "result": "" if result is None else str(result),
@@ -147,12 +149,12 @@ def usual_space(format: str, otherwise: Space = "aligned") -> Space:
 
 def export_notes(
     collection: Collection, format: str, space: Space, *, exclude: Sequence[str] = (), include_doubtful: bool = False
-) -> tuple[str, ...]:
-    """Return what a reader of an export must know, one sentence each, what the alignment said included."""
-    told = [coordinates_sentence(collection, space)] if format in STATISTICS else []
+) -> tuple[Note, ...]:
+    """Return what a reader of an export must know, the notes of the alignment included."""
+    told = [coordinates_note(collection, space)] if format in STATISTICS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
-        told += [who.sentence] if who.left_out else []
+        told += who.notes
     return (*told, *collection.notes)
 
 

@@ -23,11 +23,13 @@ from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, st
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
 from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_score
+from collalign.wording import note_records, note_text
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import composed
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import refuse_overlap
+from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
@@ -100,10 +102,8 @@ def match(
     tell(**found.record())
     say(_summary(found))
     if found.mirror_fits_better:
-        say(
-            f"Note: the mirror image of {found.source.name} fits much better, with an energy of "
-            f"{found.mirror_score:.4g}. If one of the shapes is of the other side, or was mirrored, add --group O"
-        )
+        note = Note("mirror-fits-better", (found.source.name,), {"energy": found.mirror_score})
+        say(f"Note: {note_text(note)}")
     if out is not None:
         _write_rigid(found, target, source, out, options.cleaning)
     return 0
@@ -179,7 +179,7 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
         bar.advance()
     say(result.summary)
     for note in (*result.notes, *notes):
-        say(f"Note: {note}")
-    tell(confidence=result.confidence, orientation=result.orientation, notes=(*result.notes, *notes))
+        say(f"Note: {note_text(note)}")
+    tell(confidence=result.confidence, orientation=result.orientation, notes=note_records((*result.notes, *notes)))
     say_files(written)
     return 0

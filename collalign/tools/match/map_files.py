@@ -18,6 +18,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_ply
 from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.notes import Note
 from data_tools.surface.shape import Shape
 
 LANDMARKS_FILE = "map_landmarks.csv"
@@ -54,7 +55,7 @@ def stage_match(
 
 def placed_landmarks(
     files: Mapping[str, Path], shapes: Sequence[Shape], landmarks: Sequence[Path]
-) -> tuple[dict[str, Landmarks], tuple[str, ...]]:
+) -> tuple[dict[str, Landmarks], tuple[Note, ...]]:
     """Return the landmarks that some files hold of two shapes, by shape and in its coordinates, and notes on them.
 
     Raises

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -148,7 +149,7 @@ def match_of(
         dense_source=read_only(source.to_original[source.dense]),
         confidence=confidence,
         vertex_confidence=read_only(np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)),
-        notes=tuple(f"{s.name}: {note}" for s in (target, source) for note in s.notes),
+        notes=tuple(replace(note, shapes=(s.name, *note.shapes)) for s in (target, source) for note in s.notes),
     )
 
 

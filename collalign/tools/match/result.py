@@ -12,11 +12,13 @@ import numpy as np
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.output.vertex_maps import at_vertices
+from collalign.wording import note_text
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.files import write_atomic
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape
+from data_tools.notes import Note
 from data_tools.options import AS_STORED
 from data_tools.percent import percent
 
@@ -77,7 +79,7 @@ class NonrigidMatch:
         :mod:`collalign.confidence.map_model`.
     vertex_confidence : ndarray, shape (number of source vertices,)
         Probability that the image of each vertex of the source file is within that; NaN where there is none.
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     target_name: str
@@ -89,7 +91,7 @@ class NonrigidMatch:
     dense_source: IntArray
     confidence: float
     vertex_confidence: FloatArray
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __repr__(self) -> str:
         num = len(self.point_map_target_source)
@@ -161,7 +163,7 @@ class NonrigidMatch:
             candidate_origins=np.array([c.origin for c in self.candidates]),
             confidence=self.confidence,
             vertex_confidence=self.vertex_confidence,
-            notes=np.array(self.notes, dtype=np.str_),
+            notes=np.array([*map(note_text, self.notes)], dtype=np.str_),
         )
         write_atomic(output.stage("map.npz"), buffer.getvalue())
         write_atomic(output.stage("map.txt"), _lines(self.point_map_target_source))

@@ -11,6 +11,7 @@ import numpy as np
 from collalign.output.write import REPORT_FILE
 from collalign.products.trust import DOUBT
 from collalign.tools.stability.result import Stability
+from collalign.wording import note_text
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import html_figure, html_table, write_html_page
 from data_tools.io.csv_cells import csv_text
@@ -75,7 +76,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
         lines.insert(1, f"Least stable, look at them first: {worst}.")
         lines.append(f"Of the {len(moved)} shapes that moved, {sure} had not been called doubtful.")
     if stability.who.left_out:
-        lines.append(stability.who.sentence)
+        lines += map(note_text, stability.who.notes)
     if doubted.any():
         still = sum(poses[i] == 1.0 for i in np.flatnonzero(doubted))
         lines.append(f"Of the {int(doubted.sum())} doubtful shapes {still} never moved.")

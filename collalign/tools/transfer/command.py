@@ -22,6 +22,7 @@ from collalign.tools.transfer.files import left_out_summary, write_transfer
 from collalign.tools.transfer.landmarks_page import landmarks_page
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
+from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
 from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_tables import READABLE
@@ -105,7 +106,7 @@ def transfer(
         include_doubtful=written.include_doubtful,
     )
     for note in export_notes(collection, written.format, space, include_doubtful=written.include_doubtful):
-        warn(note)
+        warn(note_text(note))
     say_files((*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out)))
     return _summarise(found, leave_one_out=written.leave_one_out)
 
@@ -115,7 +116,7 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
     if leave_one_out:
         say(left_out_summary(found))
     for note in found.notes:
-        say(f"Note: {note}")
+        say(f"Note: {note_text(note)}")
     left_out: dict[str, object] = {}
     missing = np.isnan(found.points).any(axis=2).sum(axis=1)
     for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
@@ -123,5 +124,5 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
             reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
             left_out[name] = {"landmarks": count, "reasons": reasons}
             say(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
-    tell(notes=found.notes, left_out=left_out)
+    tell(notes=note_records(found.notes), left_out=left_out)
     return INCOMPLETE if missing.any() else 0

@@ -15,6 +15,7 @@ from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page
 from collalign.output.report.shown import shown_part
 from collalign.tools.transfer.result import TransferredLandmarks
+from collalign.wording import note_text
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.percent import MAX_NAMED
 
@@ -47,7 +48,8 @@ def landmarks_page(collection: Collection, found: TransferredLandmarks, result: 
     named = ", ".join(opener(found.names[at]) for at in doubted[:MAX_NAMED] if found.names[at] in shown.names)
     said = f"{len(found.names) - len(doubted)} of {len(found.names)} specimens have all {len(chosen)} landmarks."
     summary = f'<p class="verdict {"warn" if named else "plain"}">{said}{f" Look at: {named}." if named else ""}</p>'
-    notes = "".join(f"<li>{html.escape(note)}</li>" for note in dict.fromkeys((*found.notes, *collection.notes)))
-    summary += f'<ul class="notes">{notes}</ul>' if notes else ""
+    notes = dict.fromkeys(map(note_text, (*found.notes, *collection.notes)))
+    items = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
+    summary += f'<ul class="notes">{items}</ul>' if items else ""
     version = str(collection.run.versions.get("collalign", ""))
     return render_page("Landmarks", summary, dict(json_types(document)), blobs, version=version)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from data_tools.arrays import FloatArray
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.notes import Note
 
 #: What became of a landmark.
 PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE, NO_COUNTERPART, OUT_OF_RANGE = (
@@ -45,7 +46,7 @@ class TransferredLandmarks:
         What was predicted for them, calibrated on the other templates alone.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves and patches.
-    notes : tuple of str
+    notes : tuple of Note
         What is known of the templates' coordinates, and of landmarks off their surface.
     system : {"LPS", "RAS"}
         What the landmarks say of the shapes' coordinates, where their files declare nothing.
@@ -60,5 +61,5 @@ class TransferredLandmarks:
     left_out_errors: FloatArray
     left_out_radii: FloatArray
     semilandmarks: tuple[SemilandmarkRows, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     system: CoordinateSystem = "LPS"

@@ -16,6 +16,7 @@ from collalign.output.evidence.loading import load
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions
+from collalign.wording import note_text
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.landmarks.landmark_tables import READABLE
@@ -85,6 +86,6 @@ def variation(
             run=run,
         )
     for note in found.notes:
-        warn(note)
+        warn(note_text(note))
     say_files([to / PAGE_FILE])
     return 0

@@ -17,6 +17,7 @@ from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_t
 from collalign.tools.variation.shape_statistics import ShapeTests
 from collalign.tools.variation.surface_quality import QUALITY_HEADING
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
+from collalign.wording import note_text
 from data_tools.arrays import FloatArray
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import file_stems, write_atomic
@@ -26,7 +27,7 @@ from data_tools.io.shapes import write_ply
 PAGE_FILE = "variation.html"
 #: Where in a result's folder the page is, which its report names.
 DEFAULT_FOLDER = "variation"
-#: What a reader of the tables must know, one sentence a line.
+#: What a reader of the tables must know, one note a line.
 NOTES_FILE = "notes.txt"
 QUALITY_FILE = "quality.csv"
 #: Of the surfaces drawn along a component.
@@ -77,7 +78,7 @@ def write_variation(
         page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_tables(variation, columns, tests.tables, output)
-        notes = "".join(f"{note}\n" for note in variation.notes)
+        notes = "".join(f"{note_text(note)}\n" for note in variation.notes)
         write_atomic(output.stage(NOTES_FILE), notes.encode("utf-8", "backslashreplace"))
         write_atomic(output.stage(LEFT_OUT_FILE), who.table)
         if variation.quality is not None:
@@ -99,7 +100,7 @@ def _summary(variation: SurfaceVariation) -> str:
         *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
     ]
     items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
-    listed = "".join(f"<li>{html.escape(note)}</li>" for note in variation.notes)
+    listed = "".join(f"<li>{html.escape(note_text(note))}</li>" for note in variation.notes)
     return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes">{listed}</ul>' if listed else "")
 
 

@@ -27,7 +27,7 @@ from collalign.tools.variation.mirror import mirror_map
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import surface_quality
-from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_sentence, surface_symmetry
+from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_notes, surface_symmetry
 from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
@@ -36,6 +36,7 @@ from data_tools.io.files import composed
 from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
+from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
@@ -129,10 +130,8 @@ def write_surface_variation(
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
     tested = shape_tests(found, columns, asked)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
-    copies = {one.sentence for one in collection.copies}  # of all shapes; who says it of those that count
-    before = [note for note in collection.notes if note not in copies]
-    said = [*([who.sentence] if who.left_out else []), *(one.sentence for one in who.copies)]
-    said += [*tested.sentences, *dropped, *notes, *before]
+    before = [note for note in collection.notes if note.code != "copies"]  # of all shapes, not of those that count
+    said = [*who.notes, *(one.note for one in who.copies), *tested.notes, *dropped, *notes, *before]
     found = replace(found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense))
     components = None
     if symmetry is not None:
@@ -145,8 +144,8 @@ def write_surface_variation(
             permutations=asked.permutations,
             seed=asked.seed,
         )
-        if warning := shared_error_sentence(components, mirror_error(found.mean, counterparts)):
-            found = replace(found, notes=(warning, *found.notes))
+        doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
+        found = replace(found, notes=(*doubts, *found.notes))
     version = str(collection.run.versions.get("collalign", ""))
     write_variation(
         found,
@@ -174,8 +173,8 @@ def write_surface_variation(
 
 def _labelled(
     collection: Collection, labels: Mapping[str, Sequence[str]] | str | Path | None
-) -> tuple[Mapping[str, Sequence[str]], list[str]]:
-    """Return the columns of labels of all shapes, and sentences on rows and shapes that do not fit each other."""
+) -> tuple[Mapping[str, Sequence[str]], list[Note]]:
+    """Return the columns of labels of all shapes, and notes on rows and shapes that do not fit each other."""
     if labels is None:
         return collection.labels, []
     if isinstance(labels, Mapping):
@@ -189,7 +188,7 @@ def _marked(
     dense: DenseCorrespondence,
     mean: FloatArray,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
-) -> tuple[tuple[tuple[str, ...], FloatArray], tuple[str, ...]]:
+) -> tuple[tuple[tuple[str, ...], FloatArray], tuple[Note, ...]]:
     """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
     if not landmarks:
         return ((), np.empty((0, 3))), ()

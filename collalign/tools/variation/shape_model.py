@@ -13,7 +13,7 @@ from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, SEQUENTIAL, S
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice, check_count, check_known
 from data_tools.errors import InputError
-from data_tools.percent import listed
+from data_tools.notes import Note
 
 #: What a model calls the logarithm of centroid size, and tables.
 SIZE_TERM, SIZE = "size", "log(centroid size)"
@@ -68,7 +68,7 @@ class Column:
         Of a covariate, NaN where unknown; None for a factor.
     tested : ndarray of bool, shape (N,)
         Which shapes count: those with a value, and not alone in their group.
-    sentences : tuple of str
+    notes : tuple of Note
         Who does not, and why.
     """
 
@@ -76,7 +76,7 @@ class Column:
     values: tuple[str, ...]
     numbers: FloatArray | None
     tested: BoolArray
-    sentences: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @property
     def groups(self) -> list[str]:
@@ -105,24 +105,23 @@ def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_f
     name : str
     values : sequence of str, length N
     shapes : sequence of str, length N
-        Names, for sentences.
+        Names, for notes.
     as_factor : bool
         Numbers are names of groups.
     """
     known = np.array([value != "" for value in values], dtype=bool)
     numbers = [_number(value) for value in values]
     if not as_factor and known.any() and all(math.isfinite(numbers[at]) for at in np.flatnonzero(known)):
-        return Column(name=name, values=tuple(values), numbers=np.array(numbers), tested=known, sentences=())
+        return Column(name=name, values=tuple(values), numbers=np.array(numbers), tested=known, notes=())
     kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
     single = {*kinds[counts == 1].tolist()} - {""}
-    sentences = tuple(
-        f"{name}: the group {value} has one specimen ({shape}), which is not tested. Name its group as others are "
-        "named, or leave it out."
+    notes = tuple(
+        Note("group-of-one", (shape,), {"column": name, "group": value})
         for shape, value in zip(shapes, values, strict=True)
         if value in single
     )
     tested = known & ~np.isin(values, [*single])
-    return Column(name=name, values=tuple(values), numbers=None, tested=tested, sentences=sentences)
+    return Column(name=name, values=tuple(values), numbers=None, tested=tested, notes=notes)
 
 
 def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], ...]:
@@ -181,12 +180,10 @@ def model_terms(
     return designs, chosen
 
 
-def missing_sentence(what: str, names: Sequence[str], chosen: BoolArray) -> str:
-    """Return the sentence on the shapes that a model leaves out; empty where it takes all."""
-    absent = [name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts]
-    if not absent:
-        return ""
-    return f"{what} leaves out {len(absent)} without a value, or alone in their group: {listed(absent)}."
+def missing_notes(model: str, names: Sequence[str], chosen: BoolArray) -> tuple[Note, ...]:
+    """Return the note on the shapes that a model leaves out; none where it takes all."""
+    absent = tuple(name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts)
+    return (Note("model-leaves-out", absent, {"model": model}),) if absent else ()
 
 
 def _number(value: str) -> float:

@@ -16,7 +16,7 @@ from collalign.tools.variation.shape_model import (
     SIZE_TERM,
     Column,
     ShapeTestOptions,
-    missing_sentence,
+    missing_notes,
     model_terms,
     parse_model,
     read_column,
@@ -25,6 +25,7 @@ from collalign.tools.variation.surface_variation import SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.errors import InputError
+from data_tools.notes import Note
 from data_tools.odd_sizes import odd_ratios
 
 _ANOVA_TABLE: list[object] = ["model", "sums_of_squares", "shapes", *ANOVA_HEADING]
@@ -43,7 +44,7 @@ class ShapeTests:
     ----------
     tables : mapping of str to rows
         ``anova``, ``groups``, ``pairs`` and ``allometry``.
-    sentences : tuple of str
+    notes : tuple of Note
         Who or what was not tested, and why.
     options : ShapeTestOptions
         How it was tested.
@@ -54,7 +55,7 @@ class ShapeTests:
     tables: Mapping[str, Rows]
     options: ShapeTestOptions
     factors: tuple[str, ...] = ()
-    sentences: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 class _How(TypedDict):
@@ -111,17 +112,13 @@ def shape_tests(
             ]
     if options.model:
         anova += tester.asked(parse_model(options.model, columns))
-    sentences = [sentence for column in read.values() for sentence in column.sentences]
+    notes = [note for column in read.values() for note in column.notes]
     if odd:
-        words = ", ".join(f"{name} ({ratio:.3g} times the median)" for name, ratio in odd.items())
-        sentences.insert(
-            0,
-            f"Size is not tested, because some files are probably in another unit: {words}. Convert them to the unit "
-            "of the others, or leave them out.",
-        )
+        times = tuple(map(float, odd.values()))
+        notes.insert(0, Note("size-not-tested", tuple(odd), {"times": times}))
     factors = tuple(name for name, column in read.items() if column.numbers is None)
     tables = {"anova": anova, "groups": groups, "pairs": pairs, "allometry": _allometry(variation, columns, shapes)}
-    return ShapeTests(tables=tables, options=options, factors=factors, sentences=(*sentences, *tester.sentences))
+    return ShapeTests(tables=tables, options=options, factors=factors, notes=(*notes, *tester.notes))
 
 
 class _Tester:
@@ -140,7 +137,7 @@ class _Tester:
         self._shapes, self._sizes, self._names, self._columns = shapes, sizes, names, columns
         self._options, self._with_size = options, with_size
         self._how: _How = {"permutations": options.permutations, "seed": options.seed}
-        self.sentences: list[str] = []
+        self.notes: list[Note] = []
 
     def usual_models(self, column: Column) -> list[list[tuple[str, ...]]]:
         """Return a column's models: alone, beyond size, and where groups are large enough with their interaction."""
@@ -176,7 +173,7 @@ class _Tester:
         for name, columns in terms.items():
             if columns.shape[1] < 2 and name in self._columns and self._columns[name].numbers is None:
                 raise InputError(f"model: {name} has fewer than two groups of two specimens in {what}")
-        self.sentences += filter(None, [missing_sentence(f"The model {what}", self._names, chosen)])
+        self.notes += missing_notes(what, self._names, chosen)
         return self._rows(terms, self._shapes[chosen])
 
     def pairs(self, column: Column) -> tuple[dict[str, float], Rows]:

@@ -10,6 +10,7 @@ import numpy as np
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED
 from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
 from data_tools.arrays import BoolArray, FloatArray, read_only
+from data_tools.notes import Note
 from data_tools.surface.closest import SurfacePoints
 from data_tools.threads import one_blas_thread
 
@@ -30,16 +31,12 @@ def mirror_error(mean: FloatArray, counterparts: SurfacePoints) -> float:
     return float(np.sqrt(((back - mean) ** 2).sum(axis=1).mean()))
 
 
-def shared_error_sentence(found: ObjectSymmetry, error: float) -> str:
-    """Return the warning that the directional asymmetry may be an error of registration; empty where it is larger."""
+def shared_error_notes(found: ObjectSymmetry, error: float) -> tuple[Note, ...]:
+    """Return the warning that the directional asymmetry may be an error of registration; none where it is larger."""
     directional = float(np.sqrt((found.directional**2).sum(axis=1).mean()))
     if directional > error:
-        return ""
-    return (
-        f"Directional asymmetry ({directional:.2g} radii) is not larger than the error of finding the other side "
-        f"({error:.2g} radii), which all specimens share. Do not report it as asymmetry unless landmarks show it as "
-        "well."
-    )
+        return ()
+    return (Note("asymmetry-uncertain", values={"directional": directional, "error": error}),)
 
 
 @one_blas_thread()

@@ -15,6 +15,7 @@ from collalign.analysis.procrustes import (
 )
 from collalign.tools.variation.surface_quality import SurfaceQuality
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.notes import Note
 from data_tools.surface.normals import vertex_normals
 from data_tools.threads import one_blas_thread
 
@@ -41,8 +42,8 @@ class SurfaceVariation:
         Of the shapes.
     quality : SurfaceQuality or None
         How well each specimen is represented; None where only surfaces in correspondence were given.
-    notes : tuple of str
-        What a reader must know of who counts and what was tested, one sentence each.
+    notes : tuple of Note
+        What a reader must know of who counts and what was tested.
     """
 
     names: tuple[str, ...]
@@ -52,7 +53,7 @@ class SurfaceVariation:
     centroid_sizes: FloatArray
     components: PrincipalComponents
     quality: SurfaceQuality | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 @one_blas_thread()

@@ -13,6 +13,7 @@ from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
+from data_tools.notes import Note
 
 _KINDS = {"F": {4: "<f4", 8: "<f8"}, "I": {1: "i1", 2: "<i2", 4: "<i4", 8: "<i8"}}
 _KINDS["U"] = {size: code.replace("i", "u") for size, code in _KINDS["I"].items()}
@@ -36,8 +37,8 @@ def read_pcd(source: Source) -> RawShape:
     notes = not_kept(["colours"] if {"rgb", "rgba"} & {*header.names} else [])
     if is_seen.all():
         return RawShape(points, no_faces(), notes)
-    left_out = f"left out {int((~is_seen).sum())} of {len(points)} points, which have no coordinates"
-    return RawShape(points[is_seen], no_faces(), (left_out, *notes), np.flatnonzero(is_seen), len(points))
+    lost = Note("points-without-coordinates", values={"num": int((~is_seen).sum()), "total": len(points)})
+    return RawShape(points[is_seen], no_faces(), (lost, *notes), np.flatnonzero(is_seen), len(points))
 
 
 class _Header:

@@ -23,6 +23,7 @@ from data_tools.io.formats.raw_shape import (
 )
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
+from data_tools.notes import Note
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -295,7 +296,7 @@ def _restarted(corners: NDArray[np.generic], sizes: IntArray) -> tuple[NDArray[n
     return corners[~is_break], np.unique(piece[~is_break], return_counts=True)[1]
 
 
-def _notes(elements: list[_Element], header: str) -> tuple[str, ...]:
+def _notes(elements: list[_Element], header: str) -> tuple[Note, ...]:
     names = {one.name.lower() for element in elements for one in element.properties}
     things = ["colours"] * bool(names & _COLOURS) + ["texture coordinates"] * bool(names & _TEXTURES)
     if "texturefile" in header.lower():

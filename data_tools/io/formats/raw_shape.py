@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
+from data_tools.notes import Note
 
-#: Begins the note of a shape whose file has more than its surface.
-NOT_KEPT = "not kept of the file: "
+#: The code of the note of a file that has more than its surface.
+NOT_KEPT = "not-kept"
 
 
 class RawShape(NamedTuple):
@@ -24,8 +25,8 @@ class RawShape(NamedTuple):
     vertices : ndarray, shape (v, 3)
     faces : ndarray of int, shape (f, 3)
         Empty for a point cloud.
-    notes : tuple of str
-        What was not read, one sentence each.
+    notes : tuple of Note
+        What was not read.
     places : ndarray of int, shape (v,), or None
         Where the file has points without coordinates: the number of each vertex in the file. None: all are here.
     file_size : int or None
@@ -34,7 +35,7 @@ class RawShape(NamedTuple):
 
     vertices: FloatArray
     faces: IntArray
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     places: IntArray | None = None
     file_size: int | None = None
 
@@ -44,28 +45,25 @@ def no_faces() -> IntArray:
     return np.empty((0, 3), dtype=np.int64)
 
 
-def not_kept(things: Iterable[str]) -> tuple[str, ...]:
+def not_kept(things: Iterable[str]) -> tuple[Note, ...]:
     """Return the note that names what a file has and a :class:`RawShape` has not; none if that is nothing."""
     named = sorted(set(things))
-    return (NOT_KEPT + ", ".join(named),) if named else ()
+    return (Note(NOT_KEPT, values={"things": tuple(named)}),) if named else ()
 
 
-def not_kept_sentence(notes: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the sentence that names what no output has of the files, and what helps; none if that is nothing.
+def content_not_kept(notes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
+    """Return the note that names what no output has of the files of a collection; none if that is nothing.
 
     Parameters
     ----------
-    notes : mapping of str to sequence of str
+    notes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    found = [note.removeprefix(NOT_KEPT) for own in notes.values() for note in own if note.startswith(NOT_KEPT)]
+    found = {name: note.values["things"] for name, own in notes.items() for note in own if note.code == NOT_KEPT}
     if not found:
         return ()
-    things = dict.fromkeys(thing for one in found for thing in one.split(", "))
-    return (
-        f"Aligned and exported meshes are without {', '.join(things)}, which {len(found)} of {len(notes)} files "
-        "have. To keep them, apply the transform of alignment.json to the original.",
-    )
+    things = dict.fromkeys(str(thing) for of in found.values() for thing in (of if isinstance(of, tuple) else (of,)))
+    return (Note("content-not-kept", tuple(found), {"things": tuple(things), "total": len(notes)}),)
 
 
 def fan_triangles(corners: IntArray, sizes: IntArray) -> IntArray:

@@ -12,6 +12,7 @@ from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, not_kept
 from data_tools.io.obj import vertices_of_lines
 from data_tools.io.source import Source
+from data_tools.notes import Note
 
 #: A triangle of the binary format.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -38,7 +39,7 @@ def read_stl(source: Source) -> RawShape:
     return RawShape(vertices, np.arange(len(vertices)).reshape(-1, 3), notes)
 
 
-def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[str, ...]]:
+def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[Note, ...]]:
     promised = int.from_bytes(content[80:84], "little")
     room, rest = divmod(max(len(content) - 84, 0), STL_TRIANGLE.itemsize)
     is_unknown = promised in (0, 2**32 - 1)  # of programs that write the header first and never come back to it
@@ -50,17 +51,16 @@ def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[str, ...
         )
     triangles = np.frombuffer(content, dtype=STL_TRIANGLE, count=num, offset=84)
     ignored = len(content) - 84 - num * STL_TRIANGLE.itemsize
-    notes = (f"ignored {ignored} bytes after the last triangle",) if ignored else ()
+    notes = (Note("bytes-ignored", values={"num": ignored}),) if ignored else ()
     colours = not_kept(["colours"] if b"COLOR=" in content[:80] else [])
     return triangles["corners"].reshape(-1, 3).astype(np.float64), notes + colours
 
 
-def _read_text(path: Path, text: bytes) -> tuple[FloatArray, tuple[str, ...]]:
+def _read_text(path: Path, text: bytes) -> tuple[FloatArray, tuple[Note, ...]]:
     body = _NAME.sub(b"", text.replace(b"\r", b"\n")).rstrip(b"\0 \t\n\x1a")
     rows = [row.decode("ascii", "replace") for row in _VERTEX.findall(body)]
     num_ends = len(re.findall(rb"\bendfacet\b", body, re.IGNORECASE))
     if not rows or len(rows) != 3 * num_ends or not body.lower().endswith(b"endfacet"):
         raise InputError(f"{path}: truncated STL text, {len(rows)} vertices in {num_ends} complete triangles")
-    end = "it has no 'endsolid': if triangles are missing at its end, it was cut off"
-    notes = () if re.search(rb"\bendsolid\b", text[-1000:], re.IGNORECASE) else (end,)
+    notes = () if re.search(rb"\bendsolid\b", text[-1000:], re.IGNORECASE) else (Note("no-endsolid"),)
     return vertices_of_lines(path, rows), notes

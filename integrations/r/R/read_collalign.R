@@ -44,7 +44,7 @@ read_collalign <- function(folder, labels = NULL) {
       shapes = shapes,
       transforms = transforms,
       consensus = arrays$consensus,
-      notes = as.character(unlist(record$notes)),
+      notes = vapply(record$notes, function(note) note$text, ""),
       excluded = record$excluded
     ),
     class = "collalign"

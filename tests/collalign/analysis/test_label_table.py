@@ -2,6 +2,7 @@ import pytest
 
 from collalign.analysis.label_table import read_labels, shape_name
 from data_tools.errors import InputError
+from data_tools.notes import Note
 
 
 def table(tmp_path, text):
@@ -19,13 +20,10 @@ def test_columns_by_name_with_unknown_values(tmp_path):
 
 def test_names_that_do_not_fit_are_told(tmp_path):
     labels = read_labels(table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n"))
-    assert labels.mismatches(["A1", "b"]) == [
-        f"{labels.source}: no shape is called 'bb'; rows are found by the shapes' names"
-    ]
-    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [f"{labels.source}: there is no row for 'd', 'e'"]
+    source = {"source": str(labels.source)}
+    assert labels.mismatches(["A1", "b"]) == [Note("labels-unknown", values={**source, "rows": ("bb",)})]
+    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [Note("labels-missing", ("d", "e"), source)]
     assert labels.mismatches(["a", "B", "bb"]) == []
-    many = labels.mismatches(["a", "b", "bb", *"123456789"])
-    assert many == [f"{labels.source}: there is no row for '1', '2', '3', '4', '5', '6', '7', '8' and 1 more"]
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])

@@ -14,6 +14,7 @@ from collalign.stages.pairs.match import PairPoses, match_pair
 from data_tools.arrays import Holds
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import SolveFailed, StoreError
+from data_tools.notes import Note
 from pairwise import match
 from pairwise.options import MatchOptions
 from pairwise.status import Status
@@ -38,7 +39,7 @@ def make_samples(rng, *, num=12, num_functions=0, num_invariants=2):
         dense_invariants=rng.standard_normal((7, num_invariants)),
         signature=rng.standard_normal(18),
         rim="open",
-        notes=("decimated",),
+        notes=(Note("decimated", values={"before": 9, "after": 5}),),
     )
 
 
@@ -192,6 +193,7 @@ def test_impossible_poses_are_refused(poses, change):
         {"offset": np.zeros(2)},
         {"dense_indices": np.arange(8)},
         {"notes": [1]},
+        {"notes": [{"code": "decimated", "shapes": [], "values": {"before": [[9]]}}]},
     ],
 )
 def test_impossible_samples_are_refused(rng, change):

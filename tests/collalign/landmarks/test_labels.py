@@ -7,6 +7,7 @@ from collalign.landmarks.labels import called_like
 from collalign.landmarks.table import landmark_table
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.notes import Note
 
 
 def marks(*labels, curves=()):
@@ -56,6 +57,8 @@ def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
     table = landmark_table({"a": numbered("A-", range(1, 4)), "b": numbered("B-", range(1, 4))}, poses)
     assert table.labels == ("A-1", "A-2", "A-3")
     assert all(np.isfinite(points).all() for points in table.points.values())
-    assert table.notes == ("b: its landmarks are called otherwise than those of a; they were matched by their order",)
+    assert table.notes == (
+        Note("landmarks-renamed", ("b",), {"template": "a", "how": "they were matched by their order"}),
+    )
     with pytest.raises(InputError, match=r"none of its landmarks \('p', 'q'\) is called as any of a .*same labels"):
         landmark_table({"a": numbered("A-", range(1, 4)), "b": marks("p", "q")}, poses)

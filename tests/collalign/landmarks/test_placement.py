@@ -12,7 +12,9 @@ from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS
 from data_tools.io.shapes import write_mesh
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.notes import Note
 from data_tools.surface.shape import Shape
+from tests.notes import codes, only
 
 SEAT = chair(np.random.default_rng(1), resolution=1)
 #: Away from its origin, as scans are.
@@ -71,7 +73,7 @@ def test_a_declared_system_is_converted_to_the_template_s(tmp_path, of_mesh, sai
     found = placed(tmp_path, replace(marks(given, said), semilandmarks=(curve,)), declared=of_mesh)
     np.testing.assert_allclose(found[0]["a"].points, POINTS)
     np.testing.assert_allclose(found[0]["a"].semilandmarks[0].points, POINTS[:4])
-    assert any("converted" in note for note in found[1]) == (not same)
+    assert ("landmarks-converted" in codes(found[1])) == (not same)
     assert found[2] == "LPS"
 
 
@@ -79,9 +81,7 @@ def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(t
     found = placed(tmp_path, marks(POINTS, "RAS"))
     np.testing.assert_array_equal(found[0]["a"].points, POINTS)
     assert found[2] == "RAS"
-    assert found[1] == (
-        "a: its landmarks are declared RAS, its surface is taken as RAS; they are taken as they stand",
-    )
+    assert found[1] == (Note("landmarks-in-system", ("a",), {"declared": ("RAS",), "system": "RAS"}),)
     found = placed(tmp_path, marks(POINTS * LPS_RAS, "LPS"))
     np.testing.assert_allclose(found[0]["a"].points, POINTS)
     assert found[2] == "RAS"
@@ -108,9 +108,8 @@ def test_single_landmarks_off_the_surface_are_named(tmp_path):
     points[3] += 0.5 * RADIUS
     found = placed(tmp_path, marks(points))
     np.testing.assert_array_equal(found[0]["a"].points, points)
-    assert len(found[1]) == 1
-    assert "L3 (" in found[1][0]
-    assert "L2" not in found[1][0]
+    (note,) = found[1]
+    assert (note.code, note.shapes, note.values["labels"]) == ("landmarks-off-surface", ("a",), ("L3",))
 
 
 @pytest.mark.parametrize("far", [20.0, 1e6])
@@ -119,7 +118,7 @@ def test_landmarks_farther_than_a_radius_from_the_surface_are_missing(tmp_path, 
     points[3, 0] += far * RADIUS
     found = placed(tmp_path, marks(points))
     assert np.isnan(found[0]["a"].points).all(axis=1).tolist() == [at == 3 for at in range(len(POINTS))]
-    assert found[1] == ("a: taken as missing, farther from its surface than its radius: L3",)
+    assert found[1] == (Note("landmarks-too-far", ("a",), {"labels": ("L3",)}),)
 
 
 @pytest.mark.parametrize("code", [-999.0, 9999.0, -1.0, 0.0, -32768.0, 1e30])
@@ -131,7 +130,7 @@ def test_codes_for_missing_landmarks_are_no_landmarks(tmp_path, code, system):
     found = placed(tmp_path, marks(points, system), declared="LPS" if system else "")
     np.testing.assert_allclose(found[0]["a"].points[5:], POINTS[5:])
     assert np.isnan(found[0]["a"].points[:5]).all()
-    assert "three times one number that is not on its surface: L0, L1, L2, L3, L4" in " ".join(found[1])
+    assert only(found[1], "landmark-codes").values["labels"] == ("L0", "L1", "L2", "L3", "L4")
     points[:] = code
     with pytest.raises(InputError, match="none of its landmarks lies on its surface"):
         placed(tmp_path, marks(points, system), declared="LPS" if system else "")
@@ -152,7 +151,7 @@ def test_points_of_curves_that_are_codes_are_left_out_and_of_patches_missing(tmp
     curve, patch = found[0]["a"].semilandmarks
     np.testing.assert_array_equal(curve.points, np.delete(points, 2, axis=0))
     assert np.isnan(patch.points).all(axis=1).tolist() == [False, False, True, False, False, False]
-    assert "open curve-3, patch-3" in found[1][0]
+    assert found[1][0].values["labels"] == ("open curve-3", "patch-3")
     rim = Semilandmarks(name="rim", kind="open curve", points=points[1:3])
     with pytest.raises(InputError, match="a: the curve 'rim' has 1 points"):
         placed(tmp_path, replace(marks(POINTS), semilandmarks=(rim,)))
@@ -162,7 +161,7 @@ def test_landmarks_in_one_place_of_the_surface_may_be_in_other_units(tmp_path):
     corner = SHAPE.vertices - SHAPE.vertices[ROWS[0]]
     shape = Shape.from_arrays(corner, SHAPE.faces, name="a")
     (note,) = placed(tmp_path, marks(corner[ROWS] / 1000), shape=shape)[1]
-    assert "1000 times as large" in note
+    assert (note.code, note.values["times"]) == ("landmarks-close", 1000.0)
     assert placed(tmp_path, marks(corner[ROWS]), shape=shape)[1] == ()
 
 

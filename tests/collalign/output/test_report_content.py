@@ -24,6 +24,7 @@ from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import shape_map
 from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
+from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 from tests.view_problems import bumpy_shapes, view_of
@@ -118,11 +119,12 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
         "shape_008": "not aligned with the largest part",
     }
     assert dict(who.left_out) == reasons
-    assert all(f"{name} ({reason})" in who.sentence for name, reason in reasons.items())
+    (note,) = who.notes
+    assert (note.shapes, note.values["reasons"]) == (tuple(reasons), tuple(reasons.values()))
     assert [line.split(",", 1)[0] for line in who.table.decode().splitlines()] == ["name", *reasons]
     assert statistics_members(view, include_doubtful=True).chosen.tolist() == [0, 1, 2, 3, 5, 6, 7]
     everyone = statistics_members(view, include_doubtful=True, include_incomplete=True, one_part=False)
-    assert (everyone.chosen.tolist(), everyone.sentence) == (list(range(9)), "")
+    assert (everyone.chosen.tolist(), everyone.notes) == (list(range(9)), ())
     unknown = dataclasses.replace(view, confidence=np.full(9, np.nan), incomplete=())
     assert statistics_members(unknown).chosen.tolist() == list(range(8))  # a baseline states no confidence
     assert "7 shapes are complete and sure, at least 8 are needed; left out: shape_001" in (
@@ -198,7 +200,7 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
 
 def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
-    view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(bad,))
+    view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(Note("doubtful", (bad,)),))
     page = rendered(view, title=bad)
     assert bad not in page
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
@@ -221,7 +223,7 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(m
     doubtful = np.argsort(view.confidence)[:3]
     assert {view.names[i] for i in doubtful} <= set(part.names)
     assert part.names == tuple(sorted(part.names))
-    assert "6 of 12 shapes are shown" in part.notes[-1]
+    assert part.notes[-1] == Note("shown-in-part", values={"num": 6, "total": 12, "num_doubtful": 3})
     kept = [view.names.index(name) for name in part.names]
     assert np.array_equal(part.transforms, view.transforms[kept])
     whole = {(view.names[pair.target], view.names[pair.source]): pair.energies for pair in view.pairs}

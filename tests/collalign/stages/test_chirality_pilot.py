@@ -12,7 +12,6 @@ from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.pilot import (
-    KEPT_UNMIRRORED,
     OF_FEW,
     ONE_OF_TWO,
     chirality_energies,
@@ -24,10 +23,12 @@ from data_tools.datasets.synthetic_shapes import chair, crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import pose_collection
 from experiments.datasets import read_teeth
+from tests.notes import codes, only
 from tests.products import pair_of
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
@@ -76,18 +77,24 @@ def aligned_one_sided(one_sided, store):
     return align_collection(one_sided, options=OPTIONS, run=store)
 
 
+#: How the codes of notes about the group begin.
+DECISIONS = ("left-right", "sides-", "few-for-sides", "not-reflected")
+
+
 def without_decision(collection):
     """What two runs share if one was asked for what the other decided."""
     record = alignment_record(collection)
     record["options"].pop("group")
-    record["notes"] = [note for note in record["notes"] if "mirrored" not in note]
+    record["notes"] = [note for note in record["notes"] if not note["code"].startswith(DECISIONS)]
     return record
 
 
 def test_a_mix_is_noticed_and_aligned_as_if_asked_for(aligned_mixed, mixed, store):
     assert aligned_mixed.group == "O"
     assert aligned_mixed.reflected.tolist() == [i in (1, 4) for i in range(7)]
-    assert "Left and right specimens are mixed, 2 of 7" in " ".join(aligned_mixed.notes)
+    assert only(aligned_mixed.notes, "left-right-mixed") == Note(
+        "left-right-mixed", ("crown1", "crown4"), {"total": 7}
+    )
     asked = align_collection(mixed, options=replace(OPTIONS, group="O"), run=store)
     assert asked.run.num_reused == 7 + 21
     assert without_decision(asked) == without_decision(aligned_mixed)
@@ -100,7 +107,7 @@ def test_one_side_comes_out_as_with_rotations_only(aligned_one_sided, one_sided,
     found = aligned_one_sided
     assert found.group == "SO"
     assert not found.reflected.any()
-    assert "No shape is mirrored" in " ".join(found.notes)
+    assert "not-reflected" in codes(found.notes)
     asked = align_collection(one_sided, options=replace(OPTIONS, group="SO"), run=store)
     assert without_decision(asked) == without_decision(found)
 
@@ -109,8 +116,8 @@ def test_of_too_few_shapes_surfaces_name_the_sides_and_confidence_is_limited(tmp
     found = align_collection(crowns(tmp_path, num=5, sides=(1,)), options=OPTIONS, run=ONE)
     assert found.group == "O"
     assert found.reflected.tolist() == [i == 1 for i in range(5)]
-    assert "So few shapes are trusted by 80 % at most" in " ".join(found.notes)
-    assert "crown2: in doubt, with open borders" not in " ".join(found.notes)
+    assert only(found.notes, "few-for-sides").values["most"] == OF_FEW
+    assert "open-borders" not in codes(found.notes)
     assert found.confidence.max() == OF_FEW
 
 
@@ -120,8 +127,8 @@ def test_points_without_triangles_are_not_mirrored_but_in_doubt(tmp_path):
         write_mesh(tmp_path / f"crown{i}.ply", Shape.from_arrays(shape.vertices * [side, 1.0, 1.0]))
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert found.group == "SO"
-    assert "crown1, crown4 may be mirror images" in " ".join(found.notes)
-    assert "without triangles" in " ".join(found.notes)
+    unclear = only(found.notes, "not-reflected-unclear")
+    assert (unclear.shapes, unclear.values["cause"]) == (("crown1", "crown4"), "no-outer-side")
     assert (found.confidence <= ONE_OF_TWO).tolist() == [i in (1, 4) for i in range(7)]
 
 
@@ -137,7 +144,7 @@ def test_bilateral_shapes_that_bend_to_either_side_are_not_mirrored(tmp_path):
         write_mesh(tmp_path / f"fish{i}.ply", bumped(fish, rng, rms=0.003))
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert found.group == "SO"
-    assert "this looks like posture" in found.notes[0]
+    assert found.notes[0].code == "not-reflected-posture"
 
 
 def test_bilateral_shapes_are_not_mirrored(tmp_path):
@@ -189,8 +196,8 @@ def test_added_shapes_keep_what_was_decided(aligned_mixed, aligned_one_sided, mi
     aligned_one_sided.save(tmp_path / "one", report=False)
     added = add_to_collection(tmp_path / "one", new, run=store)
     assert (added.group, added.reflected.any()) == ("SO", False)
-    assert KEPT_UNMIRRORED in " ".join(added.notes)
-    assert "late" in " ".join(added.notes)
+    assert "added-not-reflected" in codes(added.notes)
+    assert any("late" in note.shapes for note in added.notes)
 
 
 def write_copy(file, copy):
@@ -217,7 +224,7 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(aligned_mixed, mixed, 
     fixed = {"crown2": aligned_mixed.rotations[1]}
     found = align_collection(mixed, options=OPTIONS, run=store, fixed=fixed)
     assert found.group == "O"
-    assert "because a pose that was given is" in " ".join(found.notes)
+    assert "reflected-by-given-pose" in codes(found.notes)
     assert np.allclose(found.rotations[1], fixed["crown2"])
 
 
@@ -245,4 +252,4 @@ def test_teeth_of_both_sides_or_of_one(chirality, shared_data, tmp_path):
 def test_a_large_collection_is_decided_on_a_part_of_it(mixed, store, monkeypatch):
     monkeypatch.setattr(pilot, "MOST_SHAPES", 5)  # of 7, without the third and the fifth, one of the two mirrored
     chosen = align_collection(mixed, options=OPTIONS, run=store)
-    assert "decided on 5 of 7 shapes" in " ".join(chosen.notes)
+    assert only(chosen.notes, "sides-sampled").values == {"num": 5, "total": 7}

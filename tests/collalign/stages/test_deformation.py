@@ -21,9 +21,11 @@ from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
+from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
+from tests.notes import codes
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 NUM, SIZE = 6, 12
@@ -204,7 +206,7 @@ def test_point_clouds_have_no_maps_of_vertices():
     points = np.random.default_rng(6).random((80, 3))
     aligned = align_collection([points, points[::-1]], deformable=True, progress=False)
     assert aligned.made.vertices is None
-    assert any("no maps of vertices" in note for note in aligned.notes)
+    assert "no-vertex-maps" in codes(aligned.notes)
 
 
 def test_shapes_whose_maps_are_in_doubt_are_named():
@@ -217,6 +219,8 @@ def test_shapes_whose_maps_are_in_doubt_are_named():
         left_out=(("d", "too small"),),
     )
     notes = vertex_notes(maps)
-    assert any("those of c (31 %)" in note for note in notes)
-    assert any("d: too small" in note for note in notes)
+    assert notes == (
+        Note("vertex-maps-missing", ("d",), {"reason": "too small"}),
+        Note("vertex-maps-doubtful", ("c",), {"confidences": (0.31,)}),
+    )
     assert not vertex_notes(replace(maps, confidence=np.ones(3), left_out=()))

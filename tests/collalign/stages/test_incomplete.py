@@ -26,11 +26,11 @@ from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.percent import percent
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.calibration.fragments import broken
 from experiments.peers.bones import bone
+from tests.notes import only
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.products import pair_of
 
@@ -81,8 +81,10 @@ def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
         assert 0.5 < one.coverage < 0.95
         assert (one.overlaps[:, 1] > one.overlaps[:, 0]).mean() > 0.5
         assert aligned.confidence[one.shape] > 0.5
-    assert any("tooth2 (as told" in note for note in aligned.notes)
-    assert all(f"covers {percent(one.coverage)}" in " ".join(aligned.notes) for one in aligned.incomplete)
+    note = only(aligned.notes, "incomplete")
+    assert note.shapes == BROKEN
+    assert note.values["reasons"] == ("as told",) * len(BROKEN)
+    assert note.values["coverages"] == tuple(one.coverage for one in aligned.incomplete)
     assert np.isfinite(aligned.consensus).all()
 
 

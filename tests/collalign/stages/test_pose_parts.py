@@ -15,6 +15,7 @@ from data_tools.errors import CollectionError, OptionsError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+from tests.notes import codes
 from tests.products import pair_of, samples_at
 from tests.synchronization_problems import mixed_collection, pose_errors_deg
 
@@ -61,8 +62,8 @@ def test_a_mixed_folder_is_split_and_each_part_is_right(clusters, samples, pairs
         assert pose_errors_deg(solution.rotations[part], truth[part]).max() < 20
     assert np.allclose(solution.rotations[0], np.eye(3))
     assert len(solution.edge_choice) == len(solution.edge_inlier) == len(pairs)
-    assert any("Split into 2 parts" in line for line in solution.warnings)
-    assert not any("unconnected" in line for line in solution.warnings)
+    assert codes(solution.warnings) == ["different-parts"]
+    assert solution.warnings[0].values["num"] == 2
 
 
 def test_poses_set_by_hand_stay(samples, pairs, rng):

@@ -13,7 +13,7 @@ from collalign.stages.proofs import (
     PairProof,
     contradictions,
     pair_proof,
-    statement,
+    proofs_note,
     with_proof,
     worth_proving,
 )
@@ -92,11 +92,11 @@ def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_lis
     for angle, is_far in ((0.0, False), (38.0, False), (42.0, True), (180.0, True)):
         said = contradictions(("a", "b"), [listed], np.stack([np.eye(3), turn(angle)]))
         assert bool(said) == is_far
-    assert "no pose of a - b that costs at most 1.2 times" in said[0]
+    assert said[0].values == {"pairs": ("a - b",), "within": LISTED_WITHIN, "apart_deg": pytest.approx(20.0)}
     incomplete = replace(listed, complete_within=float("nan"))
     assert not contradictions(("a", "b"), [incomplete, pair(1.0)], np.stack([np.eye(3), turn(180.0)]))
     many = contradictions(("a", "b"), [listed] * 11, np.stack([np.eye(3), turn(180.0)]))
-    assert "and 3 more" in many[0]
+    assert len(many[0].values["pairs"]) == 11
 
 
 def proof_of(poses):
@@ -122,14 +122,20 @@ def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete():
         from_record(PairProof, record | {"certificate": record["certificate"] | {"bound": "0"}}, "pair")
 
 
-def test_what_is_said_of_proofs_counts_them_and_says_when_the_budget_ended():
+def test_the_note_on_proofs_counts_them():
     optimal, regions = Status.PROVEN_OPTIMAL.name, np.eye(3)[None]
     proven = [
         replace(pair(1.0), status=optimal, chirality_proven=True, complete_within=1.2, regions=regions),
         replace(pair(1.0), status=optimal, complete_within=1.2, regions=np.repeat(regions, 2, axis=0)),
         pair(2.0),
     ]
-    said = statement([pair(1.0), pair(1.5), pair(2.0)], proven, 5)
-    assert said.startswith("2 of 3 pairs proven optimal (5 were worth proving, the budget ended), 1 mirror decisions")
-    assert "1 better poses found; of 2 all poses within 20 % of the best energy are known, 1 have no" in said
-    assert "budget" not in statement(proven, proven, 3)
+    assert proofs_note([pair(1.0), pair(1.5), pair(2.0)], proven, 5).values == {
+        "num_optimal": 2,
+        "num_tried": 3,
+        "num_wanted": 5,
+        "num_chirality": 1,
+        "num_improved": 1,
+        "num_complete": 2,
+        "num_unique": 1,
+        "within": LISTED_WITHIN,
+    }

@@ -12,6 +12,7 @@ from collalign.stages.trust.remedies import remedies
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
+from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from tests.collalign.stages.test_trust import pairs_at
@@ -29,7 +30,7 @@ def said(folder, confidence, pairs, options=OPTIONS):
         write_mesh(folder / f"s{i}.ply", cut(shape, np.eye(3)[0], 0.2) if i < 3 else shape)
     with Session.open(options, RunOptions(jobs=1)) as session:
         shapes = prepare_shapes(session, list_shapes(folder))
-        return " ".join(remedies(session, shapes, pairs, confidence))
+        return remedies(session, shapes, pairs, confidence)
 
 
 def sure(**doubted):
@@ -47,28 +48,26 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path):
         turn = np.eye(3) if kinds[pair.target] == kinds[pair.source] else random_rotation(rng)
         energies = pair.energies * (1.0 if turn[0, 0] == 1.0 else 4.0)
         mixed.append(replace(pair, rotations=pair.rotations @ turn, energies=energies))
-    text = said(tmp_path, np.full(NUM, 0.9), mixed)
-    assert "within 2 groups" in text
-    assert "s0, s2, s4, s6; s1, s3, s5, s7" in text
-    assert "--clusters 0" in text
-    assert "--clusters" not in said(tmp_path, np.full(NUM, 0.9), pairs)
-    assert "--clusters" not in said(tmp_path, sure(s1=0.9), mixed)
-    assert "--clusters" not in said(tmp_path, np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
+    kinds = Note("several-kinds", values={"num": 2, "groups": "s0, s2, s4, s6; s1, s3, s5, s7"})
+    assert said(tmp_path, np.full(NUM, 0.9), mixed) == [kinds]
+    assert kinds not in said(tmp_path, np.full(NUM, 0.9), pairs)
+    assert kinds not in said(tmp_path, sure(s1=0.9), mixed)
+    assert kinds not in said(tmp_path, np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
 
 
 @pytest.mark.parametrize(
-    ("doubted", "helps"),
+    ("doubted", "named"),
     [
-        ({"s1": 0.2}, "s1: in doubt, with open borders. If a part is missing, --incomplete s1 "),
-        ({"s1": 0.3, "s2": 0.2, "s7": 0.1}, "--incomplete s2,s1 "),
-        ({"s7": 0.1}, ""),
-        ({"s1": 0.9}, ""),
-        ({f"s{i}": 0.1 for i in range(6)}, "--incomplete s0,s1,s2 "),
-        ({f"s{i}": 0.1 for i in range(3, 8)}, ""),
+        ({"s1": 0.2}, ["s1"]),
+        ({"s1": 0.3, "s2": 0.2, "s7": 0.1}, ["s2", "s1"]),
+        ({"s7": 0.1}, []),
+        ({"s1": 0.9}, []),
+        ({f"s{i}": 0.1 for i in range(6)}, ["s0", "s1", "s2"]),
+        ({f"s{i}": 0.1 for i in range(3, 8)}, []),
     ],
 )
-def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path, doubted, helps):
-    text = said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
-    assert (helps in text) if helps else (text == "")
+def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path, doubted, named):
+    found = said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
+    assert found == ([Note("open-borders", tuple(named))] if named else [])
     told = replace(OPTIONS, incomplete="never")
-    assert said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == ""
+    assert said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == []

@@ -17,6 +17,7 @@ from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
+from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
@@ -94,7 +95,7 @@ def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng
     assert shapes.names == ("a", "b", "c", "huge")
     assert [sorted(item.vertex_indices) for item in shapes.samples][1] == list(range(9))
     assert {len(item.vertex_indices) for item in shapes.samples} == {9}
-    assert "9 points instead of 12" in shapes.notes[0]
+    assert shapes.notes[0] == Note("fewer-points", values={"num": 9, "asked": 12})
     assert shapes.excluded[0].file == "damaged.xyz"
     assert "4 points, 9 samples were asked for" in shapes.excluded[0].reason
 

@@ -37,10 +37,12 @@ from collalign.synchronization import synchronize
 from data_tools.datasets.synthetic import bumped, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
+from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.notes import codes, only
 
 NUM = 8
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
@@ -367,7 +369,7 @@ def test_a_pose_that_a_witness_contradicts_is_doubted_and_the_other_one_offered(
     np.testing.assert_array_equal(np.delete(doubted.confidence, 2), np.delete(unheard, 2))
     assert any(np.allclose(other.rotation, truth[2]) for other in doubted.alternatives[2])
     (note,) = witness_notes([f"shape{i}" for i in range(NUM)], [points, maps], common @ flipped)
-    assert "points ask for other poses of shape2, turned by up to 180 deg" in note
+    assert note == Note("evidence-disagrees", ("shape2",), {"family": "points", "most_deg": pytest.approx(180.0)})
     rigid = [replace(pair, evidence=np.full((2, len(EVIDENCE)), np.nan)) for pair in pairs]
     assert hear_witnesses(options, rigid, truth, everything) == []
 
@@ -380,16 +382,16 @@ def test_notes_name_the_doubtful_and_the_contradicted(rng):
     pairs = pairs_at(truth)
     trust = trusted(samples, pairs, flipped)
     chance = pose_confidence(trust)
-    notes = " ".join(trust_notes(names, trust, chance, Constraints()))
-    assert "In doubt: shape2" in notes
-    assert "BY HAND" not in notes
+    notes = trust_notes(names, trust, chance, Constraints())
+    assert only(notes, "doubtful").shapes == ("shape2",)
+    assert "contradicted-by-hand" not in codes(notes)
     by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: flipped[2]}, by_hand=frozenset({2})))
-    assert any("shape2 WAS SET BY HAND" in note for note in by_hand)
+    assert only(by_hand, "contradicted-by-hand").shapes == ("shape2",)
     pose = np.eye(4)
     kept = Constraints(fixed={2: flipped[2]}, fixed_transforms={2: pose})
-    former = " ".join(trust_notes(names, trust, chance, kept))
-    assert "shape2 KEEPS ITS FORMER POSE, AND ITS PAIRS CONTRADICT IT" in former
-    assert "BY HAND" not in former
+    former = trust_notes(names, trust, chance, kept)
+    assert only(former, "contradicted-kept").shapes == ("shape2",)
+    assert "contradicted-by-hand" not in codes(former)
     right = trusted(samples, pairs, truth)
     assert not trust_notes(names, right, pose_confidence(right), Constraints())
 
@@ -438,7 +440,9 @@ def test_cubes_are_named_as_symmetric_and_in_doubt(num_dense_points):
     trust = trusted([brick(np.ones(3), num_dense_points)] * 4, pairs, poses)
     assert (pose_confidence(trust) <= 0.1).all()
     notes = trust_notes([*"abcd"], trust, pose_confidence(trust), Constraints())
-    assert any("4 of 4 shapes fit as well in other poses" in note and "deg about" in note for note in notes)
+    values = only(notes, "symmetric").values
+    assert (values["num"], values["total"]) == (4, 4)
+    assert "deg about" in values["rotations"]
 
 
 def generated(kind, rng):
@@ -471,10 +475,11 @@ def test_what_turns_leave_as_it_is_is_right_up_to_them(kind, num, words, rng):
     absolute, up_to = pose_confidence(trust), symmetric_confidence(trust)
     assert (absolute <= up_to / num).all()
     assert np.median(up_to) > 0.9
-    notes = " ".join(trust_notes([*"abcdefgh"], trust, absolute, Constraints()))
-    assert ("8 of 8 shapes fit as well" in notes) == (num > 1)
-    assert words in notes
+    notes = trust_notes([*"abcdefgh"], trust, absolute, Constraints())
+    assert ("symmetric" in codes(notes)) == (num > 1)
     if num > 1:
+        assert only(notes, "symmetric").values["num"] == 8
+        assert words in only(notes, "symmetric").values["rotations"]
         turn = trust.symmetries[0][1]
         assert abs(np.linalg.eigh(turn + turn.T)[1][2, -1]) > 0.99
 
@@ -516,9 +521,8 @@ def test_a_shape_that_resembles_no_other_is_named_and_limited():
     assert (probability(evidence) > DOUBT).tolist() == [True, False, True, True]
     empty = [np.zeros((0, 3, 3))] * 4, [np.zeros(0)] * 4, [np.zeros(0)] * 4
     (note, _) = trust_notes([*"abcd"], trust_in(evidence, *empty), probability(evidence), Constraints())
-    assert "b resembles no other shape; leave it out?" in note
-    assert "0.95" in note
-    assert "0.68" in note  # the median
+    assert (note.code, note.shapes) == ("resembles-none", ("b",))
+    assert note.values == {"mismatch": pytest.approx(0.95), "median": pytest.approx(0.68, abs=0.005)}
 
 
 def test_neighbourhoods_tell_what_is_of_another_kind(rng):

@@ -35,6 +35,7 @@ from collalign.synchronization.solvers.turns import (
     aligned_candidates,
     turn_costs,
 )
+from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern
 from tests.synchronization_problems import complete_edges, exact_pairs, random_rotations, small_rotations
@@ -349,7 +350,7 @@ def test_the_first_shape_of_every_component_is_not_mirrored(seed):
 
 def test_unconnected_parts_are_said():
     assert connectivity_warnings(1) == ()
-    assert "2 parts" in connectivity_warnings(2)[0]
+    assert connectivity_warnings(2) == (Note("unconnected", values={"num": 2}),)
 
 
 def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():

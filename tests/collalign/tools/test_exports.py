@@ -14,9 +14,11 @@ import trimesh
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.products.incomplete import Incomplete
 from collalign.tools.export.run import FORMATS, export, export_notes
+from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
 from data_tools.landmarks.landmark_files import read_landmarks
 from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.notes import Note
 from tests.export_readers import read_morphologika
 from tests.view_problems import NUM_SAMPLES, view_of, write_result
 
@@ -113,7 +115,7 @@ def test_formats_for_statistics_are_reflected_keep_size_and_say_so(view, tmp_pat
     assert [row["coordinates"] for row in table] == [line.removeprefix("COMMENT=") for line in comments]
     assert [float(row["centroid_size"]) for row in table] == view.centroid_sizes.tolist()
     noted = (tmp_path / "tps" / "notes-tps.txt").read_text()
-    assert f"{int(view.reflected.sum())} of 6 specimens are reflected, and centroid sizes are kept" in noted
+    assert f"{int(view.reflected.sum())} of 6 specimens are reflected; centroid sizes are kept" in noted
     raw = read_specimens(export(view, "tps", tmp_path / "raw", space="raw")[0])
     np.testing.assert_array_equal([marks.points for marks in raw.values()], view.landmarks)
     assert "which statistics would find as shape" in (tmp_path / "raw" / "notes-tps.txt").read_text()
@@ -127,10 +129,10 @@ def handedness(points, moved):
 
 
 def test_what_the_alignment_said_is_repeated(view, tmp_path):
-    noted = dataclasses.replace(view, notes=("Much larger than the median shape, perhaps in another unit: b.",))
+    noted = dataclasses.replace(view, notes=(Note("much-larger", ("b",), {"times": (9.0,)}),))
     for format in ("csv", "itk"):
         export(noted, format, tmp_path / format)
-        assert noted.notes[0] in (tmp_path / format / f"notes-{format}.txt").read_text()
+        assert note_text(noted.notes[0]) in (tmp_path / format / f"notes-{format}.txt").read_text()
 
 
 def test_tps_by_ktch(view, tmp_path):
@@ -365,8 +367,8 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
         export(view, format, tmp_path / format, exclude=[out])
         assert [row["name"] for row in csv.DictReader((tmp_path / format / table).open())] == others
         assert f"{out},excluded by name" in (tmp_path / format / "left_out.csv").read_text().splitlines()
-    assert any(out in note for note in export_notes(view, "tps", "raw", exclude=[out]))
-    assert not any(out in note for note in export_notes(view, "tps", "raw"))
+    assert any(out in note.shapes for note in export_notes(view, "tps", "raw", exclude=[out]))
+    assert not any(out in note.shapes for note in export_notes(view, "tps", "raw"))
     with pytest.raises(InputError, match="nobody"):
         export(view, "tps", tmp_path, exclude=["nobody"])
 

@@ -14,7 +14,7 @@ from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import SurfaceQuality, surface_quality
-from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_sentence, surface_symmetry
+from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_notes, surface_symmetry
 from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
@@ -22,6 +22,7 @@ from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
+from tests.notes import codes, only
 from tests.view_problems import view_of
 
 ALL = Members(chosen=np.arange(8), left_out=())
@@ -140,10 +141,9 @@ def test_tests_leave_out_who_has_no_label_or_is_alone_and_say_so(variation):
     assert np.isclose(variation.centroid_sizes[0], np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)))
     size_and_score = np.array([row[-2:] for row in tables["allometry"][1:]])
     np.testing.assert_allclose(size_and_score[:, 0], np.log(variation.centroid_sizes))
-    alone = [sentence for sentence in tests.sentences if "has one specimen" in sentence]
-    assert [sentence.split(", which")[0] for sentence in alone] == [
-        f"one: the group {kind} has one specimen ({shape})"
-        for kind, shape in zip("bcd", ("s3", "s4", "s5"), strict=True)
+    alone = [(note.shapes, note.values) for note in tests.notes if note.code == "group-of-one"]
+    assert alone == [
+        ((shape,), {"column": "one", "group": kind}) for kind, shape in zip("bcd", ("s3", "s4", "s5"), strict=True)
     ]
 
 
@@ -155,7 +155,7 @@ def test_numbers_are_covariates_unless_named_as_factors(variation):
     assert rows["age", "total"][2] == 7  # the shape without an age does not count
     assert tests.factors == ("form",)
     assert not [row for row in tests.tables["pairs"][1:] if row[0] == "age"]
-    assert any("s6, s7" in sentence for sentence in tests.sentences)
+    assert only(tests.notes, "model-leaves-out").shapes == ("s6", "s7")
     twos = ("1", "1", "1", "1", "2", "2", "2", "2")
     named = shape_tests(variation, {"age": twos}, ShapeTestOptions(factors=("age",), permutations=99, seed=3))
     assert [row[:3] for row in named.tables["pairs"][1:2]] == [["age", "1", "2"]]
@@ -186,7 +186,7 @@ def test_size_is_not_tested_where_a_unit_is_off(variation):
     tests = shape_tests(odd, {"form": LABELS})
     assert {row[0] for row in tests.tables["anova"][1:]} == {"form"}
     assert {row[3] for row in tests.tables["pairs"][1:]} == {"nothing"}
-    assert tests.sentences[0].startswith("Size is not tested, because some files are probably in another unit: s3 (")
+    assert (tests.notes[0].code, tests.notes[0].shapes) == ("size-not-tested", ("s3",))
     with pytest.raises(InputError, match="another unit"):
         shape_tests(odd, {"form": LABELS}, ShapeTestOptions(model="size + form"))
 
@@ -233,9 +233,8 @@ def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
     assert mirror_error(mean, exact) < 0.02 < mirror_error(mean, crooked)
     found = surface_symmetry(shapes, crooked)
     directional = np.sqrt((found.directional**2).sum(axis=1).mean())
-    warning = shared_error_sentence(found, 1.01 * directional)
-    assert "which all specimens share" in warning
-    assert shared_error_sentence(found, 0.99 * directional) == ""
+    assert codes(shared_error_notes(found, 1.01 * directional)) == ["asymmetry-uncertain"]
+    assert shared_error_notes(found, 0.99 * directional) == ()
 
 
 def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):

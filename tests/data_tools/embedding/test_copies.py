@@ -6,6 +6,7 @@ import pytest
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, chair
 from data_tools.embedding.copies import find_copies, shape_signature
+from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
@@ -58,10 +59,6 @@ def test_a_mirror_image_of_a_symmetric_surface_is_the_same_or_a_mirror_image(rng
     assert names == ("s0", "s1")
 
 
-def test_the_sentence_says_how_to_leave_copies_out():
+def test_a_note_names_copies_and_their_kind():
     (one,) = find_copies(("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3)
-    assert one.sentence.endswith("to count one, add --exclude c 'd e'.")
-    assert one.sentence.startswith("a b, c, d e: these files are identical")
-    many = find_copies([f"s{at}" for at in range(30)], ["p"] * 30, [shape_signature(SHAPE)] * 30)
-    assert "and 22 more" in many[0].sentence
-    assert len(many[0].sentence) < 300
+    assert one.note == Note("copies", ("a b", "c", "d e"), {"kind": "identical"})

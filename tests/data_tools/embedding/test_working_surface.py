@@ -3,6 +3,7 @@ import numpy as np
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
 from data_tools.embedding import working_surface
 from data_tools.embedding.working_surface import WorkingSurface
+from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 
@@ -24,7 +25,7 @@ def test_decimation_keeps_the_surface_and_maps_to_near_vertices(rng):
     assert abs(surface.area / shape.area - 1) < 0.02
     gap = np.linalg.norm(shape.vertices[surface.to_original] - surface.shape.vertices, axis=1)
     assert gap.max() < 0.1
-    assert "decimated" in surface.notes[0]
+    assert surface.notes[0].code == "decimated"
 
 
 def test_a_decimated_surface_has_vertices_for_all_samples(rng):
@@ -40,7 +41,7 @@ def test_clouds_are_thinned(rng, monkeypatch):
     surface = WorkingSurface(cloud, SMALL)
     assert len(surface.shape.vertices) == 1000
     np.testing.assert_array_equal(cloud.vertices[surface.to_original], surface.shape.vertices)
-    assert surface.notes == ("preprocessed on 1000 of 3000 points",)
+    assert surface.notes == (Note("subsampled", values={"kept": 1000, "total": 3000}),)
 
 
 def test_stray_vertices_are_left_out():
@@ -57,11 +58,11 @@ def test_what_is_unusual_is_noted():
     fins = np.concatenate([faces, [[faces[0, 0], faces[0, 1], 50]]])
     surface = WorkingSurface(Shape.from_arrays(vertices, fins), SMALL)
     assert surface.operators.kind == "tufted"
-    assert "tufted" in surface.notes[0]
+    assert surface.notes[0].code == "tufted-laplacian"
     two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 100]))
     parts = WorkingSurface(two, SMALL)
     assert parts.geodesics.method == "shortest paths"
-    assert "shortest paths" in parts.notes[0]
+    assert parts.notes[0].code == "edge-geodesics"
 
 
 def test_open_and_closed():

@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.precision import coarse_note, coarse_sentence, fits_single
+from data_tools.io.precision import coarse_coordinates, coarse_note, fits_single
 from data_tools.io.shapes import WRITABLE, read_shape, write_mesh
+from data_tools.notes import Note
 from data_tools.surface.shape import Shape
 
 #: Easting, northing and height of a place on a map, in metres.
@@ -59,8 +60,8 @@ def test_what_fits_single_precision():
 def test_coarse_steps_are_named_with_what_they_cost(size, share):
     single = on_map(size).vertices.astype(np.float32).astype(float)
     (note,) = coarse_note(single)
-    assert note.startswith("coordinates in steps of 0.5, ")
-    assert float(note.split(", ")[1].split("%")[0]) == pytest.approx(share, rel=0.1)
+    assert note.code == "coarse-steps"
+    assert note.values == {"step": 0.5, "share": pytest.approx(share / 100, rel=0.1)}
     assert coarse_note(on_map(size).vertices) == ()
 
 
@@ -72,13 +73,10 @@ def test_fine_steps_are_not_named():
     assert coarse_note(grid) == ()  # steps of a voxel, near the origin
 
 
-def test_the_sentence_names_the_shapes_and_a_remedy():
+def test_the_shapes_of_a_collection_in_coarse_steps_are_named():
     note = coarse_note(on_map(1.5).vertices.astype(np.float32).astype(float))
-    (sentence,) = coarse_sentence({"a": ("merged 3", *note), "b": ()})
-    assert "a (0.5, 3" in sentence
-    assert "Shift the originals close to the origin before they are saved" in sentence
-    assert coarse_sentence({"b": ("merged 3",)}) == ()
-    (sentence,) = coarse_sentence({f"s{at}": note for at in range(15)})
-    assert "s9 (" in sentence
-    assert "s10" not in sentence
-    assert "and 5 more." in sentence
+    merged = Note("duplicates-merged", values={"num": 3})
+    assert coarse_coordinates({"a": (merged, *note), "b": ()}) == (
+        Note("coarse-coordinates", ("a",), {"steps": (0.5,)}),
+    )
+    assert coarse_coordinates({"b": (merged,)}) == ()

@@ -12,6 +12,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.listing import READERS, distinct_names, files_at, read_folder
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.surface.shape import Shape
 from tests.data_tools.io.test_points import MALFORMED as POINTS
@@ -129,7 +130,7 @@ def test_round_trip_keeps_the_surface(tmp_path, suffix, rng):
 def test_stl_vertices_are_merged_and_say_so(tmp_path, rng):
     path = write_mesh(tmp_path / "blob.stl", blob(rng, num_vertices=100))
     back = read_shape(path)
-    assert back.notes == (f"merged {3 * len(back.faces) - 100} duplicate vertices",)
+    assert back.notes == (Note("duplicates-merged", values={"num": 3 * len(back.faces) - 100}),)
     assert back.source_indices is not None
     apart = read_shape(path, CleaningOptions(merge_vertices=False, largest_component=False))
     np.testing.assert_array_equal(apart.vertices[back.source_indices], back.vertices)
@@ -298,7 +299,7 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
     path, whole = with_gaps(tmp_path, suffix, [0, 17, 199])
     shape = read_shape(path)
     touched = np.isin(whole.faces, [0, 17, 199]).any(axis=1)
-    assert shape.notes == (f"dropped 3 vertices that are NaN or infinite, with {touched.sum()} triangles",)
+    assert shape.notes == (Note("non-finite-dropped", values={"vertices": 3, "triangles": touched.sum()}),)
     assert shape.source_indices is not None
     np.testing.assert_array_equal(shape.source_indices, np.setdiff1d(np.arange(200), [0, 17, 199]))
     np.testing.assert_allclose(shape.vertices, whole.vertices[shape.source_indices], atol=1e-5)

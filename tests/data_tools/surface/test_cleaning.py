@@ -7,6 +7,7 @@ from data_tools.options import CleaningOptions
 from data_tools.surface import cleaning
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
+from tests.notes import codes
 
 
 def test_clean_shape_is_returned_as_it_is(rng):
@@ -25,9 +26,14 @@ def test_everything_is_repaired_and_reported(rng):
     np.testing.assert_array_equal(cleaned.vertices, good.vertices)
     assert {tuple(sorted(f)) for f in cleaned.faces} == {tuple(sorted(f)) for f in good.faces}
     np.testing.assert_array_equal(cleaned.source_indices, np.arange(60))
-    assert len(cleaned.notes) == 4
-    for note, word in zip(cleaned.notes, ("merged 1", "2 degenerate", "largest of 2", "21 vertices"), strict=True):
-        assert word in note
+    assert codes(cleaned.notes) == [
+        "duplicates-merged",
+        "degenerate-dropped",
+        "components-kept",
+        "unreferenced-dropped",
+    ]
+    merged, degenerate, components, unreferenced = (note.values for note in cleaned.notes)
+    assert [merged["num"], degenerate["num"], components["total"], unreferenced["num"]] == [1, 2, 2, 21]
 
 
 @pytest.mark.parametrize("factors", [None, [0, 0, 0], [1, 0, 0]])
@@ -65,12 +71,13 @@ def test_components_nearly_as_large_as_the_largest_are_kept_with_it():
 
     bones = clean(balls(1.0, 0.3, 0.91))  # 83 % of the area
     np.testing.assert_array_equal(bones.source_indices, [*range(30), *range(60, 90)])
-    assert "kept the 2 largest" in bones.notes[0]
-    assert "of 3 components (95.3 % of the area)" in bones.notes[0]
+    kept = bones.notes[0].values
+    assert (kept["kept"], kept["total"], kept["share"]) == (2, 3, pytest.approx(95.3, abs=0.05))
     assert len(clean(balls(0.88, 0.3, 1.0)).vertices) == 30  # 77 %
     both = clean(balls(1.0, 0.95))
     assert len(both.vertices) == 60
-    assert both.notes == ("kept the 2 largest, which are nearly of one size, of 2 components (100 % of the area)",)
+    (note,) = both.notes
+    assert note.values == {"kept": 2, "total": 2, "dropped": 0, "share": pytest.approx(100.0)}
 
 
 def test_largest_means_area_not_number_of_triangles():

@@ -91,7 +91,7 @@ def read_results(folder: Path) -> Results:
         )
         for shape, order, points in zip(record["shapes"], labels, positions, strict=True)
     )
-    return Results(shapes=shapes, notes=tuple(record["notes"]))
+    return Results(shapes=shapes, notes=tuple(note["text"] for note in record["notes"]))
 
 
 def to_ras(transform: np.ndarray, system: str) -> np.ndarray:

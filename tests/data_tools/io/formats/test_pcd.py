@@ -9,8 +9,10 @@ import pytest
 
 from data_tools.errors import InputError
 from data_tools.io.formats.pcd import read_pcd
+from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
+from data_tools.notes import Note
 
 POINTS = np.random.default_rng(4).normal(size=(50, 3))
 
@@ -66,7 +68,7 @@ def test_fields_are_of_any_type_count_and_order():
     rows["x"], rows["y"], rows["z"] = POINTS.T
     found = read(header(data="binary", **fields) + rows.tobytes())
     np.testing.assert_array_equal(found.vertices, POINTS)
-    assert found.notes == ("not kept of the file: colours",)
+    assert found.notes == not_kept(["colours"])
     x, y, z = POINTS[:, :1], POINTS[:, 1:2], POINTS[:, 2:]
     wide = np.hstack([z, np.zeros((50, 4)), y, x, np.ones((50, 3))])
     np.testing.assert_array_equal(read(header(**fields) + text(wide)).vertices, POINTS)
@@ -103,7 +105,7 @@ def test_points_that_a_camera_did_not_see_are_left_out_and_numbers_stay_those_of
     gaps[[0, 7, 30]] = np.nan
     (tmp_path / "a.pcd").write_bytes(header(data="binary") + gaps.tobytes())
     shape = read_shape(tmp_path / "a.pcd")
-    assert shape.notes == ("left out 3 of 50 points, which have no coordinates",)
+    assert shape.notes == (Note("points-without-coordinates", values={"num": 3, "total": 50}),)
     kept = np.setdiff1d(np.arange(50), [0, 7, 30])
     np.testing.assert_array_equal(shape.source_indices, kept)
     np.testing.assert_array_equal(shape.vertices, gaps[kept])

@@ -9,7 +9,7 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.ply import read_ply
-from data_tools.io.formats.raw_shape import NOT_KEPT
+from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
 
@@ -78,7 +78,7 @@ def test_texture_coordinates_of_corners_do_not_disturb(mesh, order, number):
     found = read(ply(ORDERS.get(order, "ascii"), elements, body, comment="TextureFile tex0.jpg"))
     np.testing.assert_array_equal(found.faces, mesh.faces)
     np.testing.assert_allclose(found.vertices, mesh.vertices, atol=1e-6)
-    assert found.notes == (NOT_KEPT + "texture coordinates, textures",)
+    assert found.notes == not_kept(["texture coordinates", "textures"])
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
@@ -157,9 +157,7 @@ def test_other_elements_and_properties_are_passed_over(mesh, order):
         found = read(ply("ascii", elements[:-1], body))
     np.testing.assert_array_equal(found.vertices, mesh.vertices)
     np.testing.assert_array_equal(found.faces, mesh.faces)
-    assert {"colours", "its elements 'camera'", "its elements 'edge'"} <= {
-        *found.notes[0][len(NOT_KEPT) :].split(", ")
-    }
+    assert {"colours", "its elements 'camera'", "its elements 'edge'"} <= {*found.notes[0].values["things"]}
 
 
 def test_bodies_are_counted_to_the_byte_and_line():

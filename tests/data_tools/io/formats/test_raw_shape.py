@@ -2,12 +2,13 @@ import numpy as np
 
 from data_tools.io.formats.raw_shape import (
     NOT_KEPT,
+    content_not_kept,
     fan_triangles,
     joined,
     not_kept,
-    not_kept_sentence,
     strip_triangles,
 )
+from data_tools.notes import Note
 
 
 def test_polygons_are_split_at_their_first_corner():
@@ -30,8 +31,9 @@ def test_faces_of_later_parts_are_counted_on():
 
 def test_what_is_not_kept_is_said_once():
     note = not_kept(["textures", "colours", "colours"])
-    assert note == (NOT_KEPT + "colours, textures",)
+    assert note == (Note(NOT_KEPT, values={"things": ("colours", "textures")}),)
     assert not_kept([]) == ()
-    (sentence,) = not_kept_sentence({"a": ("merged 3", *note), "b": not_kept(["colours"]), "c": ()})
-    assert sentence.startswith("Aligned and exported meshes are without colours, textures, which 2 of 3 files have.")
-    assert not_kept_sentence({"a": ("merged 3",)}) == ()
+    merged = Note("duplicates-merged", values={"num": 3})
+    (of_all,) = content_not_kept({"a": (merged, *note), "b": not_kept(["colours"]), "c": ()})
+    assert (of_all.shapes, of_all.values) == (("a", "b"), {"things": ("colours", "textures"), "total": 3})
+    assert content_not_kept({"a": (merged,)}) == ()

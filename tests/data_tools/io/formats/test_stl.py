@@ -8,9 +8,11 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
+from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.formats.stl import read_stl
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
+from data_tools.notes import Note
 
 TRIANGLES = blob(np.random.default_rng(3), num_vertices=60)
 CORNERS = TRIANGLES.vertices[TRIANGLES.faces].astype(np.float32)
@@ -69,9 +71,9 @@ def test_variants_are_the_same_surface(content):
 
 
 def test_what_is_odd_is_said():
-    assert read(binary(tail=b"\0" * 7)).notes == ("ignored 7 bytes after the last triangle",)
-    assert read(text(end="")).notes[0].startswith("it has no 'endsolid'")
-    assert read(binary(head=b"COLOR=abcd")).notes == ("not kept of the file: colours",)
+    assert read(binary(tail=b"\0" * 7)).notes == (Note("bytes-ignored", values={"num": 7}),)
+    assert read(text(end="")).notes == (Note("no-endsolid"),)
+    assert read(binary(head=b"COLOR=abcd")).notes == not_kept(["colours"])
     assert read(binary()).notes == read(text()).notes == ()
 
 

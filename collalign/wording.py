@@ -1,0 +1,343 @@
+"""The text of every note: what happened, what it means, and what to do.
+
+Stages and readers make notes as codes with fields (:class:`data_tools.notes.Note`). Here, and nowhere else, they
+become sentences. A text without a condition is a template of its fields; ``{shapes}`` lists the names.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterable
+from typing import Any, TypeAlias
+
+from data_tools.notes import Note, Value
+from data_tools.percent import listed, percent
+
+_Text: TypeAlias = str | Callable[[Any], str]
+
+#: What reading, cleaning and sampling did to one shape. These are phrases; a note of a part names it in front.
+SHAPE_TEXTS: dict[str, _Text] = {
+    "bytes-ignored": "ignored {num} bytes after the last triangle",
+    "coarse-steps": "coordinates come in steps of {step:.3g}, {share:.1%} of its size: finer detail was lost",
+    "components-kept": lambda of: _components_kept(**of.values),
+    "decimated": "computed on a copy with {after} of {before} triangles",
+    "degenerate-dropped": "dropped {num} triangles without area",
+    "duplicates-merged": "merged {num} duplicate vertices",
+    "edge-geodesics": "geodesic distances follow edges, because the heat method does not suit this mesh",
+    "far-points-left-out": "left out {num} {points} far from all others, up to {times:.3g} times as far from the "
+    "middle",
+    "made-of-parts": "made of {parts}",
+    "no-endsolid": "the file has no 'endsolid': it may be cut off",
+    "non-finite-dropped": "dropped {vertices} vertices that are NaN or infinite, with {triangles} triangles",
+    "not-kept": "the file also has {things}, which are not kept",
+    "outside-component": "{num} of {total} vertices are outside the largest component and are not matched",
+    "points-without-coordinates": "left out {num} of {total} points without coordinates",
+    "stray-points-left-out": "left out {num} stray points beside the surface",
+    "subsampled": "computed on {kept} of {total} points",
+    "tufted-laplacian": "computed with a tufted Laplacian, because of needles or edges of more than two triangles",
+    "unreferenced-dropped": "dropped {num} vertices of no triangle",
+}
+
+#: What a user must know of a collection before trusting it.
+COLLECTION_TEXTS: dict[str, _Text] = {
+    "added-not-reflected": "The added shapes look like mirror images. The collection was aligned without "
+    "reflections, which is kept. To reflect them, align all shapes again.",
+    "all-incomplete": lambda of: (
+        f"All shapes are incomplete. They are aligned on the regions that they share: {_covered(of)}."
+    ),
+    "coarse-coordinates": lambda of: (
+        f"Coordinates come in coarse steps: {_each(of, 'steps', '{:.3g}')}. Single "
+        "precision has few digits far from the origin: detail was lost, and poses may be wrong. Shift the originals "
+        "close to the origin, or save them in double precision or as text with all digits."
+    ),
+    "content-not-kept": "{num_shapes} of {total} files also have {things}, which aligned and exported meshes lack. "
+    "To keep them, apply the transform in alignment.json to the original file.",
+    "contradicted-by-hand": "{shapes}: POSE SET BY HAND, BUT MOST PAIRS CONTRADICT IT. Look at it again.",
+    "contradicted-kept": "{shapes}: POSE KEPT FROM THE EARLIER RESULT, BUT MOST PAIRS CONTRADICT IT. Look at it "
+    "again.",
+    "copies": lambda of: _copies(of, **of.values),
+    "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
+    "part. How the parts are rotated against each other is uncertain.",
+    "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",
+    "evidence-disagrees": "The {family} alone suggest other poses of {shapes}, rotated by up to {most_deg:.0f} deg. "
+    "Compare both in the report.",
+    "few-for-sides": lambda of: (
+        "So few shapes do not tell left from right surely: confidences are at most "
+        f"{percent(of.values['most'])}. Check one shape of each side."
+    ),
+    "fewer-points": "Shapes are matched at {num} points: most have fewer than the {asked} asked for.",
+    "given": lambda of: _given(**of.values),
+    "incomplete": lambda of: (
+        "Incomplete, and aligned on the regions shared with complete shapes: "
+        f"{_covered(of)}. The mean is that of the complete shapes. Missing points have no label."
+    ),
+    "left-right-mixed": "The folder contains left and right specimens; {num_shapes} of {total} are of the rarer "
+    "side: {shapes}. Shapes may be reflected to match the rest. To forbid this, use --group SO.",
+    "most-pairs-disagree": "Most pairs contradict the common poses: the shapes may be too different to be aligned. "
+    "Try more points (--sampling.num-points 128), or leave out shapes of another kind.",
+    "much-larger": lambda of: (
+        f"Much larger than the median shape: {_each(of, 'times', '{:.3g} times')}. The files may be in another unit."
+    ),
+    "much-smaller": lambda of: (
+        f"Much smaller than the median shape: {_each(of, 'times', '{:.3g} times')}. The files may be in another unit."
+    ),
+    "no-confidence": "No confidence is known for any pose: the synchronization {method} does not estimate it.",
+    "no-vertex-maps": "There are no maps of vertices: fewer than two meshes could be mapped to each other.",
+    "not-reflected": "No mix of left and right specimens was found, so no shapes were reflected. In {num_better} of "
+    "{num_pairs} similar pairs the mirror image fitted better.",
+    "not-reflected-few": "No shapes were reflected: {num} shapes are too few to notice left and right specimens. If "
+    "both are present, use --group O.",
+    "not-reflected-posture": "No shapes were reflected. The mirror image fitted better in {num_better} of "
+    "{num_pairs} similar pairs, but the surfaces are not mirror images in detail. This looks like posture.",
+    "not-reflected-unclear": lambda of: _unclear(of, **of.values),
+    "open-borders": lambda of: (
+        f"{listed(of.shapes)}: in doubt, and the surface has open borders. If a part is "
+        f"missing, use --incomplete {','.join(of.shapes)} to align what is preserved."
+    ),
+    "pairs-proven": lambda of: _pairs_proven(**of.values),
+    "proofs-contradict": "Proven: the good poses of {pairs} are all more than {apart_deg:.0f} deg from the common "
+    "poses. Any pose nearer to these costs more than {within:g} times the best.",
+    "reflected-as-before": "Shapes may be reflected, as in the collection that they were added to.",
+    "reflected-by-given-pose": "Shapes may be reflected, because a given pose reflects its shape.",
+    "resembles-none": lambda of: _resembles_none(of, **of.values),
+    "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
+    "holds several kinds, use --clusters 0 to align each by itself.",
+    "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful and others evenly "
+    "spaced. alignment.json, pairs.csv and the exports hold all.",
+    "sides-by-fit": "The mirror image fits better in {num_between} pairs between the sides, by a median factor of "
+    "{factor:.2f} in energy, and the surfaces agree. {contradicted:.1%} of the evidence contradicts the sides.",
+    "sides-by-surface": "The surfaces of the two sides are mirror images of each other in detail, whatever the "
+    "poses.",
+    "sides-sampled": "Left and right specimens were looked for among {num} of {total} shapes.",
+    "symmetric": lambda of: _symmetric(**of.values),
+    "unconnected": "No pairs connect {num} parts of the collection. Poses can be compared within each part only.",
+    "unjoined-scans": "No overlap joins all shapes. Poses can be compared within these groups only: {groups}.",
+    "vertex-maps-doubtful": lambda of: (
+        "The maps of these shapes are more likely wrong than right: "
+        f"{_with(of, map(percent, of.values['confidences']))}. The report shows where."
+    ),
+    "vertex-maps-missing": "{shapes}: no map of the vertices, because {reason}.",
+}
+
+#: What commands add about tables, landmarks, statistics, exports and proofs.
+TOOL_TEXTS: dict[str, _Text] = {
+    "arrangement-bound": "Proven: no consistent arrangement of these {num} shapes is cheaper than the result by more "
+    "than {gap:.2%}, or than the cheapest one known by more than {unproven:.2%}. The lower bound is {bound:.6g}, "
+    "the result has {result:.6g}, the cheapest {cheapest:.6g}: squared distances of {num_points} matched samples, "
+    "summed over {num_pairs} pairs. The search stopped because {ended}.",
+    "arrangement-cheapest": "The poses of the result are those of the cheapest arrangement known, up to {deg:.0f} "
+    "deg.",
+    "arrangement-fixed": "What is unproven is {times:.2g} times what the pairs of one shape cost on average. Which "
+    "single shapes this leaves free was not asked.",
+    "arrangement-free": "Every single shape may still be free: more is unproven than the pairs of one shape cost "
+    "({one:.2%} on average).",
+    "arrangement-refuted": lambda of: _refuted(of, **of.values),
+    "arrangement-scope": "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
+    "asymmetry-uncertain": "The directional asymmetry ({directional:.2g} radii) is not larger than the error of "
+    "finding the other side ({error:.2g} radii), which all specimens share. Do not report it unless landmarks "
+    "show it too.",
+    "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
+    "specimens are reflected. The table of specimens has the centroid sizes.",
+    "coordinates-procrustes": "Coordinates: superimposed at unit centroid size. {num_reflected} of {total} specimens "
+    "are reflected. The table of specimens has the centroid sizes.",
+    "coordinates-raw": "Coordinates: those of the files.",
+    "coordinates-raw-sides": "Coordinates: those of the files. {num_reflected} of {total} specimens are of the other "
+    "side and are not reflected, which statistics would find as shape. For statistics, do not use --space raw.",
+    "coordinates-unscaled": "Coordinates: the common frame, in the unit of each file. {num_reflected} of {total} "
+    "specimens are reflected; centroid sizes are kept. For the coordinates of the files, use --space raw.",
+    "group-of-one": "{column}: the group {group} has one specimen, {shapes}, which is not tested. Correct the name "
+    "of its group, or leave it out.",
+    "labels-missing": "{source}: there is no row for {shapes}.",
+    "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
+    "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "
+    "the surface.",
+    "landmarks-close": "{shapes}: its landmarks are close together, and {times:.4g} times as large they lie on the "
+    "surface. Check their unit.",
+    "landmarks-converted": "{shapes}: landmarks converted from {declared} to {system}, the system of the surface.",
+    "landmarks-in-system": "{shapes}: landmarks and surface are both in {system}, so landmarks are taken as they "
+    "are.",
+    "landmarks-off-surface": lambda of: (
+        f"{listed(of.shapes)}: landmarks off its surface keep their distance: "
+        f"{_paired(of.values['labels'], (f'{one:.4g}' for one in of.values['distances']))}."
+    ),
+    "landmarks-renamed": "{shapes}: its landmarks have other names than those of {template}; {how}.",
+    "landmarks-too-far": "{shapes}: landmarks taken as missing: {labels}. They are farther from the surface than its "
+    "radius.",
+    "left-out-of-statistics": lambda of: f"Left out of the statistics: {_with(of, of.values['reasons'])}.",
+    "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
+    "shape is of the other side, or was reflected, use --group O.",
+    "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
+    "{shapes}.",
+    "not-shapes": "Skipped {num} files that are not shapes: {files}",
+    "size-not-tested": lambda of: (
+        "Size is not tested, because some files are probably in another unit: "
+        f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."
+    ),
+    "too-few-points": "Left out by a run, with fewer than {num} points: {shapes}.",
+}
+_TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
+
+_COPIES = {
+    "identical": "these files are identical",
+    "moved": "these files hold one surface in different poses or sizes",
+    "mirrored": "these files hold mirror images of one surface",
+}
+_UNCLEAR = {
+    "no-outer-side": "Without triangles that agree on an outer side, side and posture cannot be told apart.",
+    "few-shapes": "So few shapes do not tell side and posture apart.",
+    "surfaces": "The surfaces alone do not tell the sides clearly: it may be posture.",
+}
+#: Names that a suggested command lists.
+_MOST_EXCLUDED = 8
+
+
+def note_text(note: Note) -> str:
+    """Return a note in words; its code and fields where this version knows no text for them.
+
+    Parameters
+    ----------
+    note : Note
+
+    Examples
+    --------
+    >>> from data_tools.notes import Note
+    >>> collalign.note_text(Note("doubtful", ("a", "b")))
+    'In doubt: a, b. The report shows them and their alternative poses.'
+    """
+    text = _TEXTS.get(note.code, "")
+    fields = {name: _joined(value) for name, value in note.values.items()}
+    fields |= {"shapes": listed(note.shapes), "num_shapes": len(note.shapes)}
+    try:
+        said = text.format_map(fields) if isinstance(text, str) else text(note)
+    except (KeyError, TypeError, ValueError):  # of another version, or damaged
+        said = ""
+    if note.code in SHAPE_TEXTS and note.shapes:
+        said = f"{listed(note.shapes)}: {said}"
+    return said or str(note)
+
+
+def note_records(notes: Iterable[Note]) -> list[dict[str, Any]]:
+    """Return notes in JSON types: ``code``, ``shapes``, ``values`` and ``text``."""
+    return [{**note.record(), "text": note_text(note)} for note in notes]
+
+
+def _joined(value: Value) -> str | int | float:
+    return listed([*map(str, value)]) if isinstance(value, tuple) else value
+
+
+def _paired(names: Iterable[str], words: Iterable[str]) -> str:
+    return listed([f"{name} ({word})" for name, word in zip(names, words, strict=True)])
+
+
+def _with(note: Note, words: Iterable[str]) -> str:
+    """Return the shapes of a note with a word on each."""
+    return _paired(note.shapes, words)
+
+
+def _each(note: Note, field: str, pattern: str) -> str:
+    """Return the shapes of a note with a number of each."""
+    return _with(note, map(pattern.format, _tuple(note, field)))
+
+
+def _tuple(note: Note, field: str) -> tuple[Any, ...]:
+    """Return a field that holds one value per shape."""
+    value = note.values[field]
+    if not isinstance(value, tuple):
+        raise TypeError(field)
+    return value
+
+
+def _components_kept(kept: int, total: int, share: float, dropped: int) -> str:
+    which = "the largest" if kept == 1 else f"the {kept} largest, which are nearly of one size,"
+    lost = f", dropped {dropped} triangles" if dropped else ""
+    return f"kept {which} of {total} components ({share:.3g} % of the area){lost}"
+
+
+def _covered(note: Note) -> str:
+    shares, reasons = _tuple(note, "coverages"), _tuple(note, "reasons")
+    words = [f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder" for share in shares]
+    return "; ".join(f"{name} ({why}; {word})" for name, why, word in zip(note.shapes, reasons, words, strict=True))
+
+
+def _copies(note: Note, kind: str) -> str:
+    others = " ".join(shlex.quote(name) for name in note.shapes[1 : 1 + _MOST_EXCLUDED])
+    more = " ..." if note.shapes[1 + _MOST_EXCLUDED :] else ""
+    return (
+        f"{listed(note.shapes)}: {_COPIES[kind]}. Each counts as a specimen in means and statistics. To count "
+        f"one, add --exclude {others}{more}."
+    )
+
+
+def _given(
+    *,
+    num_invariants: int = 0,
+    weight: float = 1.0,
+    num_samples: int = 0,
+    num_posed: int = 0,
+    num_near: int = 0,
+    near_deg: float = 0.0,
+    num_weights: int = 0,
+    num_zero: int = 0,
+) -> str:
+    words = []
+    if num_invariants:
+        words.append(f"invariants ({num_invariants} columns of weight {weight:g})")
+    if num_samples:
+        words.append(f"samples ({num_samples} a shape)")
+    if num_posed:
+        words.append(f"poses of {num_posed} pairs, {num_near} within {near_deg:g} deg of the result")
+    if num_weights:
+        words.append(f"weights of {num_weights} pairs, {num_zero} left out")
+    return f"Given by you: {'; '.join(words)}."
+
+
+def _pairs_proven(
+    num_optimal: int,
+    num_tried: int,
+    num_wanted: int,
+    num_chirality: int,
+    num_improved: int,
+    num_complete: int,
+    within: float,
+    num_unique: int,
+) -> str:
+    words = [f"{num_optimal} of {num_tried} pairs are proven optimal."]
+    if num_tried < num_wanted:
+        words.append(f"{num_wanted} were worth proving, but the budget ended.")
+    if num_chirality:
+        words.append(f"{num_chirality} decisions on reflections are proven.")
+    if num_improved:
+        words.append(f"{num_improved} better poses were found.")
+    words.append(f"Of {num_complete} pairs all poses within {percent(within - 1)} of the best energy are known.")
+    return f"{' '.join(words)} {num_unique} of these have no second pose."
+
+
+def _refuted(note: Note, saving: float, doubtful: tuple[str, ...]) -> str:
+    said = "Other evidence supports the poses of the result, and none of these is in doubt."
+    if doubtful:
+        said = f"The result itself doubts {listed(doubtful)}: see R_cheapest_shape in certification.json."
+    return f"Refuted: rotating {listed(note.shapes)} costs {saving:.2%} less. {said}"
+
+
+def _resembles_none(note: Note, mismatch: float, median: float) -> str:
+    verb, pronoun = ("resembles", "it") if len(note.shapes) == 1 else ("resemble", "them")
+    return (
+        f"{listed(note.shapes)} {verb} no other shape. Consider leaving {pronoun} out. The mismatch with the most "
+        f"similar shape is {mismatch:.2f}; that of the median shape is {median:.2f}, and 1 is chance."
+    )
+
+
+def _symmetric(num: int, total: int, rotations: str, up_to: float, absolute: float) -> str:
+    return (
+        f"{num} of {total} shapes have a symmetry: they fit as well in other poses. Their poses are defined only up "
+        f"to these rotations of the common frame: {rotations}. The median confidence is {percent(up_to)} up to "
+        f"these, and {percent(absolute)} without them."
+    )
+
+
+def _unclear(note: Note, num_better: int, num_pairs: int, cause: str) -> str:
+    return (
+        f"No shapes were reflected, but {listed(note.shapes)} may be mirror images of the others: in {num_better} of "
+        f"{num_pairs} similar pairs the mirror image fitted better. {_UNCLEAR[cause]} If left and right specimens "
+        "are mixed, use --group O; if not, --group SO."
+    )

@@ -1,0 +1,145 @@
+"""Every note has a text, every text is used, and they are short."""
+
+import ast
+import re
+
+import pytest
+
+from collalign.wording import COLLECTION_TEXTS, SHAPE_TEXTS, TOOL_TEXTS, note_records, note_text
+from data_tools.io.formats.raw_shape import NOT_KEPT
+from data_tools.io.precision import COARSE
+from data_tools.notes import Note
+from tests.test_layers import sources
+
+TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
+#: Most words of a sentence on average.
+MEAN = 20
+PAIR = ("a", "b")
+SIDES = {"num_better": 6, "num_pairs": 13}
+REFLECTED = {"num_reflected": 2, "total": 6}
+#: Of codes whose text depends on more than the fields of a template, notes that show every branch.
+EXAMPLES = [
+    Note("components-kept", values={"kept": 1, "total": 2, "share": 99.0, "dropped": 8}),
+    Note("components-kept", values={"kept": 2, "total": 2, "share": 100.0, "dropped": 0}),
+    Note("all-incomplete", PAIR, {"reasons": ("as told", "open"), "coverages": (0.37, 0.0)}),
+    Note("incomplete", PAIR, {"reasons": ("as told", "open"), "coverages": (0.37, 0.0)}),
+    Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
+    *(Note("copies", (*"abcdefghijkl",), {"kind": kind}) for kind in ("identical", "moved", "mirrored")),
+    Note("few-for-sides", values={"most": 0.8}),
+    Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
+    Note("given", values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1}),
+    Note("much-larger", PAIR, {"times": (1e3, 25.4)}),
+    Note("much-smaller", PAIR, {"times": (1e3, 25.4)}),
+    *(Note("not-reflected-unclear", PAIR, {**SIDES, "cause": cause}) for cause in ("surfaces", "few-shapes")),
+    Note("not-reflected-unclear", PAIR, {**SIDES, "cause": "no-outer-side"}),
+    Note("open-borders", PAIR),
+    *(
+        Note(
+            "pairs-proven",
+            values={
+                "num_optimal": 2,
+                "num_tried": 3,
+                "num_wanted": 3 + more,
+                "num_chirality": more,
+                "num_improved": more,
+                "num_complete": 2,
+                "num_unique": 1,
+                "within": 1.2,
+            },
+        )
+        for more in (0, 2)
+    ),
+    Note("resembles-none", ("a",), {"mismatch": 0.95, "median": 0.68}),
+    Note("resembles-none", PAIR, {"mismatch": 0.95, "median": 0.68}),
+    Note(
+        "symmetric",
+        values={"num": 4, "total": 5, "rotations": "180 deg about (0.00, 0.00, 1.00)", "up_to": 0.9, "absolute": 0.4},
+    ),
+    Note("vertex-maps-doubtful", PAIR, {"confidences": (0.31, 0.4)}),
+    Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ()}),
+    Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ("a",)}),
+    Note("landmarks-off-surface", ("a",), {"labels": PAIR, "distances": (0.5, 2.0)}),
+    Note("left-out-of-statistics", PAIR, {"reasons": ("incomplete", "in doubt")}),
+    Note("size-not-tested", PAIR, {"times": (1e3, 25.4)}),
+]
+
+
+def fields(template):
+    """Return values for the fields of a template, by how it formats them."""
+    found = re.findall(r"\{(\w+)(?::([^}]*))?\}", template)
+    return {name: 0.5 if spec else "x" for name, spec in found if name not in ("shapes", "num_shapes")}
+
+
+def every_note():
+    plain = [Note(code, PAIR, fields(text)) for code, text in TEXTS.items() if isinstance(text, str)]
+    return [*plain, *EXAMPLES]
+
+
+def codes_in(source):
+    """Return the codes of notes that a module makes, and the beginnings of those that it composes."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Note":
+            for part in ast.walk(node.args[0]):
+                if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                    found.add(part.value)
+    return found
+
+
+def test_every_branch_has_an_example():
+    assert {note.code for note in EXAMPLES} == {code for code, text in TEXTS.items() if not isinstance(text, str)}
+    assert len(TEXTS) == len(SHAPE_TEXTS) + len(COLLECTION_TEXTS) + len(TOOL_TEXTS)
+
+
+@pytest.mark.parametrize("note", every_note(), ids=lambda note: note.code)
+def test_a_note_is_worded(note):
+    text = note_text(note)
+    assert text != str(note)
+    assert not re.search(r"[{}]|  ", text), "a field without a value"
+    if note.code not in SHAPE_TEXTS:
+        assert text[0].isupper() or text[0] in "abx24"
+        assert text[-1] in ".x"
+
+
+def test_sentences_are_short():
+    texts = [note_text(note) for note in every_note()]
+    counts = [len(one.split()) for text in texts for one in re.split(r"(?<=[.:;])\s+(?=[A-Z])", text)]
+    assert sum(counts) / len(counts) <= MEAN
+    assert max(counts) < 2 * MEAN
+
+
+def test_notes_that_are_made_have_a_text_and_texts_have_notes():
+    made = set().union(*(codes_in(file.read_text("utf-8")) for package, file in sources()))
+    composed = {code for code in TEXTS if code.startswith(("arrangement-", "coordinates-", "much-"))}
+    assert TEXTS.keys() - made - composed == {COARSE, NOT_KEPT}
+    assert {code for code in made if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)} <= TEXTS.keys()
+
+
+def test_codes_are_found_in_source():
+    assert codes_in('Note("a-b" if x else "c-d", (name,), {"num": 3})\nother("e-f")') == {"a-b", "c-d"}
+
+
+def test_a_note_of_another_version_or_damaged_shows_its_fields():
+    assert note_text(Note("new-in-2", ("a",), {"num": 3})) == "new-in-2: a, num=3"
+    assert note_text(Note("copies", ("a",))) == "copies: a"
+    assert note_text(Note("fewer-points", values={"num": 3})) == "fewer-points: num=3"
+
+
+def test_records_have_code_fields_and_text():
+    (found,) = note_records([Note("doubtful", PAIR)])
+    assert found["code"] == "doubtful"
+    assert found["shapes"] == ["a", "b"]
+    assert found["text"].startswith("In doubt: a, b.")
+
+
+def test_names_that_look_like_fields_stay_names():
+    assert "{num}" in note_text(Note("doubtful", ("{num}",)))
+
+
+def test_a_note_of_a_part_names_it_first():
+    assert note_text(Note("duplicates-merged", ("jaw",), {"num": 3})) == "jaw: merged 3 duplicate vertices"
+
+
+@pytest.mark.parametrize("kind", ["raw", "raw-sides", "unscaled", "aligned", "procrustes"])
+def test_all_coordinates_have_a_text(kind):
+    assert note_text(Note(f"coordinates-{kind}", values=REFLECTED)).startswith("Coordinates: ")
