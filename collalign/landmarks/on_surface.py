@@ -117,8 +117,8 @@ def _conversions(name: str, marks: Landmarks, system: CoordinateSystem | None) -
     declared = sorted({one.system for one in _sets(marks) if one.system})
     if not declared or {*declared, system} == {"LPS"}:
         return []
-    systems = {"declared": tuple(declared), "system": str(system)}
-    return [Note("landmarks-in-system" if declared == [system] else "landmarks-converted", (name,), systems)]
+    code = "landmarks-in-system" if declared == [system] else "landmarks-converted"
+    return [Note(code, (name,), {"declared": tuple(declared), "system": str(system)})]
 
 
 def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:

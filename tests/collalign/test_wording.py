@@ -110,7 +110,7 @@ def test_sentences_are_short():
 
 def test_notes_that_are_made_have_a_text_and_texts_have_notes():
     made = set().union(*(codes_in(file.read_text("utf-8")) for package, file in sources()))
-    composed = {code for code in TEXTS if code.startswith(("arrangement-", "coordinates-", "much-"))}
+    composed = {code for code in TEXTS if code.startswith(("arrangement-", "coordinates-", "landmarks-", "much-"))}
     assert TEXTS.keys() - made - composed == {COARSE, NOT_KEPT}
     assert {code for code in made if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)} <= TEXTS.keys()
 
