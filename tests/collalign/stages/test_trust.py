@@ -32,13 +32,14 @@ from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.own_turns import TWELFTHS, near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.witnesses import FAMILIES, hear_witnesses, witness_notes
-from collalign.stages.trust.words import listed, trust_notes
+from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import synchronize
 from data_tools.datasets.synthetic import bumped, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.percent import listed
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
