@@ -165,12 +165,16 @@ def test_every_name_of_the_stub_is_there(module):
         _ = module.no_such_name
 
 
-DOCUMENTED = re.findall(
-    r"^::: (.*)$", (Path(__file__).parents[1] / "docs" / "api.md").read_text("utf-8"), re.MULTILINE
-)
+REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
+DOCUMENTED = [
+    name
+    for page in sorted(REFERENCE.glob("*.md"))
+    for name in re.findall(r"^::: (.*)$", page.read_text("utf-8"), re.MULTILINE)
+]
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_every_documented_name_is_where_it_is_documented(name):
     parent, _, last = name.rpartition(".")
     assert hasattr(import_module(parent), last) or import_module(name)
+    assert DOCUMENTED.count(name) == 1
