@@ -24,11 +24,13 @@ AVOIDED = {
     r"outvoted": "rejected",
     r"stands? right": "is correct",
 }
-PAGES = sorted([README, ROOT / "RESULTS.md", *(ROOT / "docs").rglob("*.md")])
+OTHERS = (README, ROOT / "RESULTS.md", ROOT / "CHANGELOG.md", ROOT / "paper" / "paper.md")
+PAGES = sorted([*OTHERS, *(ROOT / "docs").rglob("*.md")])
 
 
 def sentences(text):
     """Return the sentences of a Markdown page: of paragraphs and items of lists; not tables, headings and code."""
+    text = re.sub(r"\A---\n.*?^---\n", "", text, flags=re.DOTALL | re.MULTILINE)
     text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
     text = re.sub(r"<!--.*?-->|\$\$.*?\$\$|\\\[.*?\\\]", "", text, flags=re.DOTALL)
     text = re.sub(r"!\[[^]]*\]\([^)]*\)", "", text)
