@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnknownCommandError
 
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
@@ -53,10 +53,14 @@ _COMMANDS = {
         "Align many folders; one that fails does not stop the others.",
     ),
     "open": ("collalign.cli.open_command:open_app", "Open a result in the browser, correct it and go on."),
-    "status": ("collalign.cli.status:status", "Say how much of a run is done, failed and left."),
-    "prune": ("collalign.cli.status:prune", "Delete from a run's store what its result does not need."),
-    "verify": ("collalign.tools.certify.command:verify", "Check the certificates of a result made with --certify."),
+    "status": ("collalign.cli.status:status", "Say how far a run is, or make its store smaller."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
+}
+#: What to write instead of words that name no command, but look like one.
+_INSTEAD = {
+    "classify": "collalign variation OUT --labels FILE --classify COLUMN",
+    "prune": "collalign status OUT --prune",
+    "verify": "collalign certify OUT --verify",
 }
 for _name, (_function, _help) in _COMMANDS.items():
     app.command(_function, name=_name, help=_help, help_format="markdown")
@@ -126,6 +130,9 @@ def _run(words: list[str]) -> int:
     try:
         tell(command=next((word for word in words if word in _COMMANDS), ""))
         return end(int(app.meta(words, exit_on_error=False) or 0))
+    except UnknownCommandError as error:
+        instead = next((_INSTEAD[word] for word in words if word in _INSTEAD), None)
+        return end(2, str(error)) if instead is None else _say(f"there is no such command; write: {instead}", 2)
     except CycloptsError as error:
         return end(2, str(error))
     except BrokenPipeError:

@@ -24,10 +24,21 @@ HELP_ALL = "--help-all"
 _BASIC = frozenset(
     f"--{name}"
     for name in (
-        *("by", "certify", "check", "clusters", "budget-s", "corrections", "curves", "shapes", "dry-run", "file"),
+        *(
+            "certify",
+            "check",
+            "classify",
+            "clusters",
+            "budget-s",
+            "corrections",
+            "curves",
+            "shapes",
+            "dry-run",
+            "file",
+        ),
         *("folder", "format", "group", "jobs", "labels", "landmarks", "leave-one-out", "nonrigid", "num-shapes"),
         *("num-points", "num-seeds", "num-subsets", "out", "partial", "parts", "patches", "recursive", "result"),
-        *("sampling.num-points", "scaling", "source", "symmetry", "target", "to"),
+        *("sampling.num-points", "scaling", "source", "symmetry", "target", "to", "verify"),
     )
 )
 #: Title of each further group, and how the names of its options begin.

@@ -1,4 +1,4 @@
-"""``collalign status`` and ``collalign prune``: how far a run is, and what its store need not keep."""
+"""``collalign status``: how far a run is, and what its store need not keep."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.output.evidence.loading import load
 from collalign.output.methods import methods_paragraph
-from data_tools.errors import StoreError, printable
+from data_tools.errors import OptionsError, StoreError, printable
 
 
-def status(result: Path, *, cite: Flag = False) -> int:
+def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     """Say how much of a run is done, failed and left; exit with 0 finished, 3 with something left out, 5 unfinished.
 
     Parameters
@@ -23,7 +23,15 @@ def status(result: Path, *, cite: Flag = False) -> int:
         The output folder of the run, or its store file where ``--store`` named another.
     cite
         Print instead a paragraph for the methods section, with figures and references.
+    prune
+        Delete instead from a finished run's store what no run asked for last: other options, files that have changed
+        or gone. The result stays as it is, and the same command computes nothing anew; a run with former options
+        would.
     """
+    if cite and prune:
+        raise OptionsError("--cite and --prune: one at a time")
+    if prune:
+        return _prune(_store_of(result))
     if cite:
         paragraph = methods_paragraph(load(result))
         say(paragraph)
@@ -58,17 +66,8 @@ def status(result: Path, *, cite: Flag = False) -> int:
     return INCOMPLETE if counts["shapes"]["failed"] or counts["pairs"]["failed"] else 0
 
 
-def prune(result: Path) -> int:
-    """Delete from a finished run's store what no run asked for last: other options, files that have changed or gone.
-
-    Results stay as they are, and the same command computes nothing anew; a run with former options would.
-
-    Parameters
-    ----------
-    result
-        The output folder of the run, or its store file where ``--store`` named another.
-    """
-    store = _store_of(result)
+def _prune(store: Path) -> int:
+    """Delete from a finished run's store what no run asked for last, and say how much that was."""
     with Store.open(store, read_only=True) as opened:
         if opened.notes().get(STAGE) != FINISHED:
             raise StoreError(f"{store}: the run is not finished; run the same command to go on, then prune")

@@ -12,9 +12,8 @@ TOOLS = {
     "export": ("export.command:export", "Write a result in a format of the field."),
     "certify": (
         "certify.command:certify",
-        "Prove how much cheaper any other arrangement could be at most.",
+        "Prove how much cheaper any other arrangement could be, or check proofs.",
     ),
-    "classify": ("classify.command:classify", "Classify every shape by its nearest neighbour."),
     "stability": (
         "stability.command:stability",
         "Repeat an alignment otherwise and say which poses stay.",
@@ -22,7 +21,7 @@ TOOLS = {
     "transfer": ("transfer.command:transfer", "Carry landmarks of a few specimens to all others."),
     "variation": (
         "variation.command:variation",
-        "Show how the surfaces vary: components, groups, specimens.",
+        "Show how the surfaces vary: components, groups, classes, specimens.",
     ),
 }
 #: Tools that other tools build on: surfaces in dense correspondence, and the formats of the field.

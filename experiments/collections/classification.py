@@ -11,7 +11,7 @@ import numpy as np
 from collalign.analysis.label_table import known_label
 from collalign.analysis.ordination import classical_mds
 from collalign.engine.store.records import Record
-from collalign.tools.classify.run import Classification, classify_leave_one_out
+from collalign.tools.variation.classification import Classification, classify_leave_one_out
 from data_tools.arrays import FloatArray
 from experiments.collections.tooth_distances import (
     FOLDER,

@@ -12,7 +12,7 @@ from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import Record
-from collalign.tools.classify.surface_distance import (
+from collalign.tools.variation.classification import (
     distances_at_poses,
     near_pairs,
     refined_distance,

@@ -262,9 +262,9 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path, c
     assert "shapes: 0 done, 0 failed, 1 left of 1" in said
     assert "stage: confidence" in said
     assert said.endswith("run the same command to go on.\n")
-    assert main(["prune", str(tmp_path)]) == 2
+    assert main(["status", str(tmp_path), "--prune"]) == 2
     assert "the run is not finished" in capsys.readouterr().err
-    assert main(["prune", str(tmp_path / "nowhere")]) == 2
+    assert main(["status", str(tmp_path / "nowhere"), "--prune"]) == 2
     assert "there is no such store" in capsys.readouterr().err
 
 
@@ -274,7 +274,7 @@ def test_pruning_leaves_what_the_same_command_needs(planted, tmp_path, capsys):
     assert main([*command, "--seed", "5"]) == 0
     assert main(command) == 0
     capsys.readouterr()
-    assert main(["prune", str(tmp_path / "out"), "--json"]) == 0
+    assert main(["status", str(tmp_path / "out"), "--prune", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["removed"] > 0
     assert main(command) == 0
     assert json.loads((tmp_path / "out" / "run.json").read_text())["num_reused"] == 6
@@ -424,7 +424,7 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
 def check_certificates(out, capsys):
     """The certificates of a result hold, and prove no more than the energies."""
     capsys.readouterr()
-    assert main(["verify", str(out), "--json"]) == 0
+    assert main(["certify", str(out), "--verify", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     with open(out / "pairs.csv", newline="") as table:
         energies = {(row["target"], row["source"]): float(row["energy"]) for row in csv.DictReader(table)}

@@ -150,7 +150,9 @@ def rewritten(folder, **changes):
 def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     record = json.loads((proof / "certification.json").read_bytes())
     capsys.readouterr()
-    assert main(["verify", str(proof)]) == 0
+    assert main(["certify", str(proof), "--verify", "--budget-s", "1"]) == 2
+    assert "takes no other option" in capsys.readouterr().err
+    assert main(["certify", str(proof), "--verify"]) == 0
     assert "Collection: no arrangement of the 4 shapes costs less than" in capsys.readouterr().out
     found = rewritten(proof)
     assert found.proven >= record["lower_bound"] * (1 - 1e-9)
@@ -158,7 +160,7 @@ def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     assert found.energy == pytest.approx(record["energy"]["cheapest_known"])
     assert found.proven <= found.energy
     (proof / "certification.npz").write_bytes(b"no archive")
-    assert main(["verify", str(proof)]) == 2
+    assert main(["certify", str(proof), "--verify"]) == 2
 
 
 def test_a_forged_proof_is_refused_or_proves_no_more(proof):

@@ -160,7 +160,7 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
     (tmp_path / "labels.csv").write_text("\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n")
-    classify = ["classify", str(result), "--labels", str(tmp_path / "labels.csv"), "--by", "kind", "--json"]
+    classify = ["variation", str(result), "--labels", str(tmp_path / "labels.csv"), "--classify", "kind", "--json"]
     assert main(classify) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})

@@ -5,7 +5,7 @@ import pytest
 
 from collalign.engine.store.records import decode, encode
 from collalign.engine.store.store import Store
-from collalign.tools.classify.surface_distance import refined_distance
+from collalign.tools.variation.classification import refined_distance
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError

@@ -1,4 +1,4 @@
-"""``collalign certify`` and ``verify``: how much cheaper any other arrangement could be at most, and its check."""
+"""``collalign certify``: how much cheaper any other arrangement could be at most, and the check of all proofs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from collalign.cli.help import Flag
 from collalign.cli.interruption import resumable
 from collalign.cli.talk import say, say_files, tell
 from collalign.engine.run_options import RunOptions
@@ -21,16 +22,20 @@ from collalign.tools.certify.files import (
 )
 from collalign.tools.certify.run import certify_collection
 from collalign.wording import note_text
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
+
+#: Seconds after which no further proof of a pair begins.
+_BUDGET_S = 3600.0
 
 
 def certify(
     result: Path,
     *,
     shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
-    budget_s: float = 3600.0,
+    budget_s: float = _BUDGET_S,
+    verify: Flag = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
     """Prove how much cheaper any other consistent arrangement of a result's shapes could be at most.
@@ -39,14 +44,22 @@ def certify(
     ----------
     result
         Folder that ``collalign align`` wrote; certification.json and
-        certification.npz, which `collalign verify` checks, are written into it,
-        and what is proven of all shapes becomes a note of the result and its report.
+        certification.npz, which --verify checks, are written into it, and what
+        is proven of all shapes becomes a note of the result and its report.
     shapes
         Names of the shapes to speak of; all by default.
     budget_s
         Seconds after which no further proof of a pair begins; pairs without one
         count with a bound that costs nothing.
+    verify
+        Prove nothing: check every certificate of the result, those of its pairs
+        (``collalign align --certify``) and of the collection, without trusting
+        the program that made them.
     """
+    if verify:
+        if shapes or budget_s != _BUDGET_S or run != RunOptions():
+            raise OptionsError("--verify checks all that is proven already; it takes no other option")
+        return _verify(result)
     files = inputs_of(load(result).source_files())
     with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
         output.refuse_foreign(FILES)
@@ -59,14 +72,8 @@ def certify(
     return 0
 
 
-def verify(result: Path) -> int:
-    """Check every certificate of a result, without trusting the program that made it.
-
-    Parameters
-    ----------
-    result
-        Folder that ``collalign align --certify`` wrote.
-    """
+def _verify(result: Path) -> int:
+    """Check every certificate of a result and print what each proves."""
     found = verify_result(result)
     tell(**found.as_dict())
     say(found.table())

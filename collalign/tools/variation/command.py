@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,16 +11,22 @@ from cyclopts import Parameter
 from collalign.analysis.label_table import read_labels
 from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import resumable
-from collalign.cli.talk import say_files, warn
+from collalign.cli.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
+from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
+from collalign.output.evidence.members import statistics_members
+from collalign.tools.variation.classification import classify_leave_one_out, posed_clouds, surface_distances
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.wording import note_text
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import composed
 from data_tools.landmarks.landmark_tables import READABLE
+
+#: Said below every classification.
+_DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
 
 
 def variation(
@@ -27,6 +34,7 @@ def variation(
     *,
     to: Path | None = None,
     labels: Path | None = None,
+    classify: str | None = None,
     landmarks: Annotated[
         list[Path] | None,
         Parameter(
@@ -54,6 +62,9 @@ def variation(
         in the result.
     labels
         CSV file with one row per shape; every column is one way to group, or of numbers a covariate.
+    classify
+        Column of the labels: only give every shape the label of its nearest neighbour, and count how often that is
+        right. Nothing is registered or written.
     symmetry
         For bilateral shapes: symmetric and asymmetric components and their Procrustes ANOVA. Either ``auto``, or a
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
@@ -65,6 +76,8 @@ def variation(
         Folder of the original files where they have moved.
     """
     collection = load(result)
+    if classify is not None:
+        return _classify(collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful)
     columns = None if labels is None else read_labels(labels).columns_for(collection.names)
     individuals = None if individuals is None else composed(individuals)
     if individuals is not None and individuals not in (columns or collection.labels):
@@ -88,4 +101,37 @@ def variation(
     for note in found.notes:
         warn(note_text(note))
     say_files([to / PAGE_FILE])
+    return 0
+
+
+def _classify(
+    collection: Collection, labels: Path | None, by: str, *, exclude: Sequence[str], include_doubtful: bool
+) -> int:
+    """Classify every shape by its nearest neighbour, leaving it out, and print how often that is right.
+
+    The distance of two shapes is that of their surfaces, by closest points at their poses, of all pairs of near
+    neighbours after turning, shifting and scaling to fit best. On 116 molars points in dense correspondence classify
+    no better.
+    """
+    if labels is None:
+        raise OptionsError("--classify takes a column of --labels; name the file")
+    table = read_labels(labels)
+    values = table.column(by, collection.names)
+    for note in table.mismatches(collection.names):
+        warn(note_text(note))
+    who = statistics_members(
+        collection,
+        exclude=exclude,
+        include_doubtful=include_doubtful,
+        include_incomplete=include_doubtful,
+        one_part=False,
+    )
+    clouds, chosen = posed_clouds(collection), who.chosen.tolist()
+    found = classify_leave_one_out(
+        surface_distances([clouds[at] for at in chosen], collection.part_numbers[chosen]),
+        [values[at] for at in chosen],
+        names=[collection.names[at] for at in chosen],
+    )
+    tell(**found.as_dict(), left_out=dict(who.left_out))
+    say("\n".join(filter(None, [found.table(), _DISTANCES, *map(note_text, who.notes)])))
     return 0

@@ -33,7 +33,7 @@ def test_one_screen_first_and_everything_when_asked_for(capsys):
         assert f"─ {title} ─" in everything
 
 
-@pytest.mark.parametrize("command", ["export", "status", "classify"])
+@pytest.mark.parametrize("command", ["export", "status"])
 def test_commands_with_few_options_show_them_all(command, capsys):
     for flag in ("--help", "--help-all"):
         assert main([command, flag]) == 0

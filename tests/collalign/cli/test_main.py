@@ -48,6 +48,24 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     assert b"Sch\\xe4del: holds no shape file" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("typed", "written"),
+    [
+        ("verify", "certify OUT --verify"),
+        ("prune", "status OUT --prune"),
+        ("classify", "variation OUT --labels FILE --classify COLUMN"),
+    ],
+)
+def test_words_that_look_like_a_command_lead_to_the_one_that_does_it(typed, written, capsys):
+    assert main([typed, "OUT"]) == 2
+    assert f"there is no such command; write: collalign {written}\n" in capsys.readouterr().err
+
+
+def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp_path, capsys):
+    assert main(["status", str(tmp_path), "--cite", "--prune"]) == 2
+    assert "--cite and --prune: one at a time" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("two_cores")
 @pytest.mark.parametrize("presses", [1, 2])
 def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses, folder, tmp_path):

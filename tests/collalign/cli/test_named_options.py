@@ -77,5 +77,5 @@ def test_wrong_names_are_noticed(commands):
     assert not unknown("color: var(--ink); --card: #fff", commands["align"])
     assert gone("run `collalign poses OUT`, or .venv/bin/collalign algin FOLDER", commands) == {"poses", "algin"}
     assert not gone("`collalign align`; collalign matches pairs", commands)
-    assert misplaced("`collalign verify OUT --certify`", commands) == {"collalign verify OUT --certify"}
+    assert misplaced("`collalign status OUT --certify`", commands) == {"collalign status OUT --certify"}
     assert not misplaced("`collalign align FOLDER --out OUT --certify` and `--json`", commands)

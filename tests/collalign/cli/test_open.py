@@ -67,7 +67,7 @@ def test_only_pages_are_served_and_hostile_files_and_names_are_refused(ask, out)
     assert ask("result/report.html")[0] == 200
     assert {ask(f"result/{path}")[0] for path in ("../a", "%2e%2e/a", "store.sqlite", "/etc/passwd")} == {404}
     assert {ask(f"files/{name}", "1,2,3")[0] for name in ("..%2Fa", "%2E%2E", "decisions.json")} <= {400, 404}
-    for task, names in [("align", {"exclude": ["--store=x"]}), ("export", {"format": "../x"}), ("verify", {})]:
+    for task, names in [("align", {"exclude": ["--store=x"]}), ("export", {"format": "../x"}), ("certify", {})]:
         assert ask(f"run/{task}", json.dumps(names))[0] == 400
     assert not [path for path in (out / "given").rglob("*") if path.is_file()]
 

@@ -1,1 +1,0 @@
-"""Every shape by its nearest neighbour."""
