@@ -16,8 +16,8 @@ from .options import AlignKeywords as AlignKeywords
 from .options import AlignOptions as AlignOptions
 from .options import TwoShapeKeywords as TwoShapeKeywords
 from .options import TwoShapeOptions as TwoShapeOptions
-from .output.aligned_shape import AlignedShape as AlignedShape
 from .output.collection import Collection as Collection
+from .output.collection_data import AlignedShape as AlignedShape
 from .output.evidence.loading import load as load
 from .output.evidence.members import Members as Members
 from .products.consistent_maps import ConsistentMaps as ConsistentMaps

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from collalign.options import AlignOptions
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 
 
-def shape_words(collection: Collection) -> tuple[list[str], list[str]]:
+def shape_words(collection: CollectionData) -> tuple[list[str], list[str]]:
     """Return the words that give the shapes of a result, and the names of those there that were left out.
 
     Raises

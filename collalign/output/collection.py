@@ -2,47 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from collalign.engine.run_options import RunOptions
-from collalign.options import AlignOptions
-from collalign.output.aligned_shape import PosedShapes, trimesh_of
-from collalign.output.contact_sheet import contact_sheet, tile_of
-from collalign.output.moved_files import find_files
-from collalign.output.vertex_maps import load_vertex_maps
-from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.deformation import VertexMaps
-from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair, Pairs
-from collalign.products.posed_file import PosedFile
-from collalign.products.run_record import Made, RunRecord
-from collalign.products.shapes import Excluded
-from collalign.products.trust import DOUBT
-from data_tools.arrays import FloatArray, IntArray
+from collalign.output.collection_data import CollectionData
+from collalign.output.methods import methods_paragraph
+from collalign.output.notebook import gallery, open_report, pictured
+from collalign.output.write import WRITER, save_collection
 from data_tools.checks import check_choice
-from data_tools.embedding.copies import Copies
-from data_tools.errors import InputError
-from data_tools.io.files import file_stems
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
-from data_tools.notes import Note
-from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
-
-#: The folder of a result in which the aligned shapes lie.
-MESH_FOLDER = "meshes"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Collection(PosedShapes):
+class Collection(CollectionData):
     """An aligned collection, just made by :func:`collalign.align_collection` or read by :func:`collalign.load`.
 
     ``len``, indexing and iteration give the shapes, in natural order of their names; ``pandas.DataFrame`` makes
@@ -112,97 +89,12 @@ class Collection(PosedShapes):
         What its run knows, of a result just made; ask for ``made``.
     """
 
-    names: tuple[str, ...]
-    files: tuple[str, ...]
-    transforms: FloatArray
-    confidence: FloatArray
-    samples: IntArray
-    positions: FloatArray
-    maps: ConsistentMaps
-    consensus: FloatArray
-    landmarks: FloatArray
-    landmark_names: tuple[str, ...] = ()
-    pairs: Sequence[Pair]
-    alternatives: tuple[tuple[Alternative, ...], ...]
-    part_numbers: IntArray
-    excluded: tuple[Excluded, ...] = ()
-    notes: tuple[Note, ...] = ()
-    copies: tuple[Copies, ...] = ()
-    incomplete: tuple[Incomplete, ...] = ()
-    by_hand: Mapping[str, float] = field(default_factory=dict)
-    options: AlignOptions
-    group: str
-    own: tuple[str, ...] = ()
-    run: RunRecord
-    cycle_errors_deg: FloatArray
-    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    vertices: tuple[FloatArray, ...] = ()
-    faces: tuple[IntArray, ...] = ()
-    places: tuple[NDArray[np.uint8], ...] = ()
-    folder: Path | None = None
-    fresh: Made | None = None
-
-    def __post_init__(self) -> None:
-        if not self.landmark_names:
-            names = tuple(f"L{at + 1}" for at in range(self.landmarks.shape[1]))
-            object.__setattr__(self, "landmark_names", names)
-        object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
-
-    def __repr__(self) -> str:
-        doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
-        found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
-        return f"<{type(self).__name__}: {found}>"
-
     def _repr_html_(self) -> str:
-        from collalign.output.notebook import gallery  # which takes a collection
-
         return gallery(self)
 
     def report(self) -> Any:
         """Open the report, which a notebook shows in a frame and a terminal in the browser; ``path`` is its file."""
-        from collalign.output.notebook import open_report  # which takes a collection
-
         return open_report(self)
-
-    def with_sources(self, folder: str | Path) -> Collection:
-        """Return the same result with the original files in another folder, where they are looked for by name.
-
-        Raises
-        ------
-        InputError
-            If the folder holds none of them, or one file would stand for two shapes.
-        """
-        return replace(self, files=find_files(self.names, self.files, folder))
-
-    @cached_property
-    def vertex_maps(self) -> VertexMaps:
-        """Maps of all vertices between the shapes, as their files count them; of a folder read when first asked for.
-
-        Raises
-        ------
-        InputError
-            If the result has none: it was aligned without ``deformable``.
-        """
-        if self.folder is not None:
-            return load_vertex_maps(self.folder)
-        if self.made.vertices is None:
-            raise InputError("there are no maps of all vertices; align with deformable=True (--deformable)")
-        return self.made.vertices
-
-    @property
-    def made(self) -> Made:
-        """What only the run that made the result knows.
-
-        Raises
-        ------
-        InputError
-            If the result was loaded.
-        """
-        if self.fresh is None:
-            raise InputError(
-                f"{self.folder}: the result was loaded from there and is saved; copy this folder instead"
-            )
-        return self.fresh
 
     def save(
         self,
@@ -233,37 +125,13 @@ class Collection(PosedShapes):
             If the folder cannot be written, holds one of the shapes, lies inside of theirs, or holds somebody else's
             file under the name of an output; or if the result was loaded.
         """
-        from collalign.output.write import WRITER, save_collection  # which takes a collection
-
         with OutputFolder.open(folder, writer=WRITER, inputs=inputs_of(self.made.files)) as output:
             num_jobs = 1 if run is None else run.num_workers
             return save_collection(self, output, report=report, labels=labels, num_jobs=num_jobs)
 
     def methods(self) -> str:
         """Return a paragraph for the methods section of a paper, with figures of this result, and its references."""
-        from collalign.output.methods import methods_paragraph  # which takes a collection
-
         return methods_paragraph(self)
-
-    def posed_file(self, at: int) -> PosedFile:
-        """Return what a worker needs to read a shape of this run."""
-        return PosedFile(
-            name=self.names[at],
-            path=self.made.files[at],
-            digest=self.made.digests[at],
-            transform=self.transforms[at],
-            cleaning=self.options.cleaning,
-        )
-
-    def _shape(self, at: int, *, aligned: bool = False) -> Shape:
-        """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""
-        if self.folder is None:
-            file = self.posed_file(at)
-            return file.read().transformed(file.transform) if aligned else file.read()
-        if aligned:
-            mesh = self.folder / MESH_FOLDER / f"{file_stems(self.names)[at]}.ply"
-            return read_shape(mesh, AS_STORED, name=self.names[at])
-        return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])
 
     def plot(self, shapes: Iterable[str | int] | None = None) -> Any:
         """Draw shapes before and after alignment, side by side.
@@ -278,9 +146,7 @@ class Collection(PosedShapes):
         matplotlib.figure.Figure
         """
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
-        return contact_sheet(
-            tile_of(self._shape(at), self.transforms[at], float(self.confidence[at])) for at in chosen
-        )
+        return pictured(self, chosen)
 
     def to_trimesh(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
         """Return shapes in the common frame, at full resolution and as cleaned for matching.
@@ -300,7 +166,7 @@ class Collection(PosedShapes):
             If a file is not there any more.
         """
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
-        return {self.names[at]: trimesh_of(self._shape(at, aligned=True)) for at in chosen}
+        return {self.names[at]: trimesh_of(self.shape_at(at, aligned=True)) for at in chosen}
 
     def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
         """Return a ``pandas.DataFrame`` with one row per shape, or per matched pair."""
@@ -308,3 +174,12 @@ class Collection(PosedShapes):
 
         check_choice("of", of, ("shapes", "pairs"))
         return pandas.DataFrame(list(self if of == "shapes" else self.pairs))
+
+
+def trimesh_of(shape: Shape) -> Any:
+    """Return a shape as ``trimesh.Trimesh``, or ``trimesh.PointCloud`` where it has no faces."""
+    import trimesh
+
+    if not shape.is_mesh:
+        return trimesh.PointCloud(shape.vertices.copy())
+    return trimesh.Trimesh(shape.vertices.copy(), shape.faces.copy(), process=False)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.tool_record import record_name
 from collalign.products.trust import DOUBT
 from data_tools.percent import percent
@@ -28,14 +28,14 @@ _RRPP = (
 )
 
 
-def methods_paragraph(collection: Collection) -> str:
+def methods_paragraph(collection: CollectionData) -> str:
     """Return what a methods section says of an alignment, and of the tools run in its folder, with references.
 
     Every figure is of the result; what was not done is not mentioned.
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
         Just made, or loaded; of the folder of a loaded one the records of tools are read as well.
     """
     sentences, references = [*_alignment(collection), *_confidence(collection)], [_MARON]
@@ -50,7 +50,7 @@ def methods_paragraph(collection: Collection) -> str:
     return f"{' '.join(sentences)}\n\nReferences\n{listed}"
 
 
-def _alignment(collection: Collection) -> list[str]:
+def _alignment(collection: CollectionData) -> list[str]:
     options, num = collection.options, len(collection)
     version = collection.run.versions.get("collalign", "")
     date = f" on {collection.run.date[:10]}" if collection.run.date else ""
@@ -73,7 +73,7 @@ def _alignment(collection: Collection) -> list[str]:
     return sentences
 
 
-def _confidence(collection: Collection) -> list[str]:
+def _confidence(collection: CollectionData) -> list[str]:
     known = np.isfinite(collection.confidence)
     if not known.any():
         return []

@@ -6,13 +6,16 @@ import base64
 import html
 import sys
 import webbrowser
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Any
 
 import numpy as np
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
+from collalign.output.contact_sheet import contact_sheet, tile_of
 from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
 from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages, write_report
@@ -36,7 +39,7 @@ class ReportView:
         return _framed(self.path.read_text(encoding="utf-8"))
 
 
-def open_report(collection: Collection) -> ReportView:
+def open_report(collection: CollectionData) -> ReportView:
     """Return the report of a result, which a terminal opens in the browser; one is written where there is none."""
     path = None if collection.folder is None else collection.folder / "report.html"
     if path is None or not path.is_file():
@@ -46,7 +49,7 @@ def open_report(collection: Collection) -> ReportView:
     return ReportView(path)
 
 
-def gallery(collection: Collection) -> str:
+def gallery(collection: CollectionData) -> str:
     """Return HTML of the least sure shapes: by name if in doubt, in a frame, and in a picture for where none is."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")[:_MOST_SHOWN]
     rows = [
@@ -59,18 +62,25 @@ def gallery(collection: Collection) -> str:
     try:
         part, title = _part(collection, np.sort(order)), f"The {len(order)} least sure of {len(collection)} shapes"
         page = replace(next(report_pages(part, Path("report.html"), title=title)), summary="", again=None)
-        picture = base64.b64encode(collection.plot(np.sort(order).tolist())._repr_png_()).decode()
+        picture = base64.b64encode(pictured(collection, np.sort(order).tolist())._repr_png_()).decode()
     except CollalignError:  # a file is not there any more
         return told
     image = f'<img alt="Before and after" style="max-width:100%" src="data:image/png;base64,{picture}">'
     return f"{told}{_framed(page.text())}<details><summary>As a picture</summary>{image}</details>"
 
 
-def _part(collection: Collection, chosen: IntArray) -> Collection:
+def pictured(collection: CollectionData, chosen: Iterable[int]) -> Any:
+    """Return the figure of matplotlib with some shapes, given by position, before and after alignment."""
+    return contact_sheet(
+        tile_of(collection.shape_at(at), collection.transforms[at], float(collection.confidence[at])) for at in chosen
+    )
+
+
+def _part(collection: CollectionData, chosen: IntArray) -> CollectionData:
     """Return some shapes of a collection, with meshes to look at."""
     meshes = [
         display_mesh(one.vertices, one.faces, max_faces=FEWEST_FACES)
-        for one in map(collection._shape, chosen.tolist())
+        for one in map(collection.shape_at, chosen.tolist())
     ]
     vertices, faces = zip(*meshes, strict=True)
     part = some_shapes(replace(collection, vertices=(), faces=(), places=()), chosen)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from collalign.engine.jobs.job import run_task
 from collalign.engine.jobs.run import run_jobs
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
 from collalign.products.posed_file import PosedFile
@@ -54,7 +54,7 @@ def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatAr
 
 
 def write_shapes(
-    collection: Collection,
+    collection: CollectionData,
     meshes: Sequence[Path],
     colours: PlaceColours | None,
     *,
@@ -65,7 +65,7 @@ def write_shapes(
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
     meshes : sequence of Path
         Where to write the aligned mesh of each shape.
     colours : PlaceColours or None

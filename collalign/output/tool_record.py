@@ -8,6 +8,7 @@ from typing import Any
 
 from collalign.engine.command_line import COMMAND, now
 from collalign.output.evidence.gather import json_types
+from collalign.version import __version__
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 
@@ -28,8 +29,6 @@ def write_tool_record(output: OutputFolder, tool: str, options: Mapping[str, Any
     options : mapping of str to Any
         What decided the files, templates included.
     """
-    from collalign import __version__
-
     record = {"tool": tool, "command": COMMAND.get(), "version": __version__, "date": now(), "options": options}
     text = json.dumps(json_types(record), indent=1)
     write_atomic(output.stage(record_name(tool)), text.encode("utf-8", "backslashreplace"))

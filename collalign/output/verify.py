@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.output.certificates import CERTIFICATE_FOLDER, CERTIFIER, PROBLEMS_FILE, PROOF_FILE
-from collalign.output.collection import MESH_FOLDER
+from collalign.output.collection_data import MESH_FOLDER
 from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.verification import CheckedCollection, CheckedPair, Verification
 from collalign.output.verify_collection import PROOF_ARRAYS, check_collection

@@ -15,7 +15,7 @@ import numpy as np
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.confidence.pose_model import symmetric_confidence
 from collalign.output.certificates import write_certificates
-from collalign.output.collection import MESH_FOLDER, Collection
+from collalign.output.collection_data import MESH_FOLDER, CollectionData
 from collalign.output.contact_sheet import tile_of, write_contact_sheet
 from collalign.output.evidence.evidence_file import (
     CORRESPONDENCES_FILE,
@@ -30,6 +30,7 @@ from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_ve
 from collalign.products.pair import are_weighed
 from collalign.products.run_record import OUTPUTS
 from collalign.products.trust import KINDS, Trust
+from collalign.version import __version__
 from collalign.wording import note_records
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
@@ -72,7 +73,7 @@ _PAIR_COLUMNS = (
 
 @one_blas_thread()
 def save_collection(
-    collection: Collection,
+    collection: CollectionData,
     output: OutputFolder,
     *,
     report: bool = True,
@@ -88,7 +89,7 @@ def save_collection(
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
     output : OutputFolder
     report : bool
         Write ``report.html`` as well.
@@ -141,7 +142,7 @@ def save_collection(
     return (*(path for path in tops if path.is_file()), *sorted(path for path in tops if path.is_dir()))
 
 
-def report_title(collection: Collection) -> str:
+def report_title(collection: CollectionData) -> str:
     """Return the title of a report, by the folder of the first shape's file."""
     file = collection.files[0]
     return f"Aligned collection {readable_name(Path(file).parent) if file else ''}".rstrip()
@@ -152,7 +153,7 @@ def output_names(names: Sequence[str]) -> list[str]:
     return [*_TABLES, REPORT_FILE, VERTEX_MAPS_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
 
 
-def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
+def _evidence(collection: CollectionData, shape: int) -> dict[str, float | None]:
     """Return what speaks for a pose, by kind; empty where nothing was gathered."""
     trust = collection.made.trust
     if trust is None:
@@ -161,7 +162,7 @@ def _evidence(collection: Collection, shape: int) -> dict[str, float | None]:
     return {kind: _number(value) for kind, value in zip(KINDS, row, strict=True)}
 
 
-def _by_hand(collection: Collection, name: str) -> dict[str, Any]:
+def _by_hand(collection: CollectionData, name: str) -> dict[str, Any]:
     """Return that a person set a shape's pose, and what the evidence alone says of it; nothing of other shapes."""
     if name not in collection.by_hand:
         return {}
@@ -176,7 +177,7 @@ def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
     return {"confidence_up_to_symmetry": _number(up_to), "symmetry": trust.symmetries[shape][1:].tolist()}
 
 
-def _incomplete(collection: Collection) -> dict[str, Any]:
+def _incomplete(collection: CollectionData) -> dict[str, Any]:
     """Return what is known of the incomplete shapes; nothing where all are complete."""
     if not collection.incomplete:
         return {}
@@ -199,10 +200,8 @@ def _incomplete(collection: Collection) -> dict[str, Any]:
     }
 
 
-def alignment_record(collection: Collection) -> dict[str, Any]:
+def alignment_record(collection: CollectionData) -> dict[str, Any]:
     """Return the contents of ``alignment.json``: what the result is, without anything that differs between runs."""
-    from collalign import __version__
-
     shapes = zip(
         collection.names,
         collection.made.files,
@@ -251,7 +250,7 @@ def alignment_record(collection: Collection) -> dict[str, Any]:
     }
 
 
-def _write_tables(collection: Collection, output: OutputFolder) -> None:
+def _write_tables(collection: CollectionData, output: OutputFolder) -> None:
     _write_text(output.stage(ALIGNMENT_FILE), json.dumps(alignment_record(collection), indent=1))
     _write_text(output.stage(PAIRS_FILE), _pairs_table(collection))
     save_correspondences(collection, output.stage(CORRESPONDENCES_FILE).parent)
@@ -265,7 +264,7 @@ def write_document(write: Callable[[], None]) -> None:
 
 
 def _documents(
-    shown: Collection, output: OutputFolder, title: str | None
+    shown: CollectionData, output: OutputFolder, title: str | None
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield what writes the picture of all shapes and, with a title, the pages of the report, by name."""
     drawn = np.linspace(0, len(shown) - 1, min(len(shown), _MAX_TILES)).round().astype(np.int64)
@@ -277,7 +276,7 @@ def _documents(
             yield page.title, page.write
 
 
-def _pairs_table(collection: Collection) -> str:
+def _pairs_table(collection: CollectionData) -> str:
     rows = (
         [
             collection.names[pair.target],

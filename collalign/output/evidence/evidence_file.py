@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.gather import json_types, label_maps, options_record
 
 #: Name of the file inside a result's folder.
@@ -22,12 +22,12 @@ PAIR_NUMBERS = ("energy", "lower_bound", "disagreement_deg")
 PAIR_FLAGS = ("inlier", "chirality_proven")
 
 
-def save_evidence(collection: Collection, folder: Path | str) -> Path:
+def save_evidence(collection: CollectionData, folder: Path | str) -> Path:
     """Write ``evidence.npz`` into ``folder``; the same collection gives the same bytes.
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
         With its display meshes, and its pairs as they are shown.
     folder : path
         Created if it does not exist.
@@ -71,7 +71,7 @@ def save_evidence(collection: Collection, folder: Path | str) -> Path:
     return path
 
 
-def save_correspondences(collection: Collection, folder: Path) -> None:
+def save_correspondences(collection: CollectionData, folder: Path) -> None:
     """Write ``correspondences.npz`` into a folder."""
     np.savez_compressed(
         folder / CORRESPONDENCES_FILE,
@@ -94,7 +94,7 @@ def _join(name: str, parts: tuple[NDArray[Any], ...], width: int, dtype: type) -
     return {name: joined, f"{name}_starts": starts.astype(np.int64)}
 
 
-def _pair_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
+def _pair_arrays(collection: CollectionData) -> dict[str, NDArray[Any]]:
     """One array per property of the pairs; maps in terms of labels."""
     pairs = collection.pairs
     ends = np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64)
@@ -113,7 +113,7 @@ def _pair_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _alternative_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
+def _alternative_arrays(collection: CollectionData) -> dict[str, NDArray[Any]]:
     poses = [pose for shape in collection.alternatives for pose in shape]
     counts = [len(shape) for shape in collection.alternatives]
     whole = [np.full((4, 4), np.nan) if pose.transform is None else pose.transform for pose in poses]
@@ -126,7 +126,7 @@ def _alternative_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
     }
 
 
-def _incomplete_arrays(collection: Collection) -> dict[str, NDArray[Any]]:
+def _incomplete_arrays(collection: CollectionData) -> dict[str, NDArray[Any]]:
     """Return the incomplete shapes; nothing where all are complete."""
     if not collection.incomplete:
         return {}

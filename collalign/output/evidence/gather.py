@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.products.pair import Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import AGREE_DEG, keep_apart, turn_deg
@@ -144,7 +144,7 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
     return numbers
 
 
-def options_record(collection: Collection) -> dict[str, Any]:
+def options_record(collection: CollectionData) -> dict[str, Any]:
     """Return the options as asked for, and what was decided, by name."""
     return asdict(collection.options) | {"decided": {"group": collection.group, "own": list(collection.own)}}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
 from data_tools.embedding.copies import Copies
@@ -62,7 +62,7 @@ class Members:
 
 
 def statistics_members(
-    collection: Collection,
+    collection: CollectionData,
     *,
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
@@ -73,7 +73,7 @@ def statistics_members(
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
     exclude : sequence of str
         Names of shapes that do not count, whatever is known of them.
     include_doubtful, include_incomplete : bool
@@ -102,7 +102,7 @@ def statistics_members(
     )
 
 
-def main_part(collection: Collection) -> IntArray:
+def main_part(collection: CollectionData) -> IntArray:
     """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
     values, counts = np.unique(collection.part_numbers, return_counts=True)
     return np.flatnonzero(collection.part_numbers == values[counts.argmax()])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.camera import camera
 from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps, options_record
 from collalign.output.evidence.members import main_part, statistics_members
@@ -30,7 +30,7 @@ MOST_MAP_ENTRIES = 3_000_000
 _LARGEST_SHOWN = 1.5
 
 
-def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str]]:
+def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
 
     Returns
@@ -73,7 +73,7 @@ def build_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str
     return json_types(document), blobs
 
 
-def shapes_content(collection: Collection) -> tuple[dict[str, Any], dict[str, str]]:
+def shapes_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect what every page of shapes holds: their display meshes, poses and what they are seen from."""
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
@@ -84,7 +84,7 @@ def shapes_content(collection: Collection) -> tuple[dict[str, Any], dict[str, st
     return {"shapes": shapes, "camera": view, "run": _run_key(collection), "meshes": meshes}, blobs
 
 
-def place_meshes(collection: Collection) -> dict[str, tuple[dict[str, Any], str]]:
+def place_meshes(collection: CollectionData) -> dict[str, tuple[dict[str, Any], str]]:
     """Return the display meshes of the shapes whose vertices have maps, coloured by place, packed, by name."""
     none = np.empty((0, 3))
     return {
@@ -101,19 +101,19 @@ def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
     return {"mesh": f"place-{at}", "sure": colours[:, 3].mean() / 255.0 if colours.shape[1] > 3 else None}
 
 
-def _run_key(collection: Collection) -> str:
+def _run_key(collection: CollectionData) -> str:
     """Digest of names, poses and what was set by hand: decisions that a browser remembers belong to one result."""
     names = "\0".join([*collection.names, *collection.by_hand]).encode("utf-8", "surrogatepass")
     return hashlib.sha256(names + np.round(collection.transforms, 9).tobytes()).hexdigest()[:32]
 
 
-def categories(collection: Collection) -> list[str]:
+def categories(collection: CollectionData) -> list[str]:
     """Label columns worth colouring by: at least two values, and few enough that shapes share them."""
     most = max(2, min(MOST_CATEGORIES, len(collection) // 2))
     return [column for column, values in collection.labels.items() if 2 <= len(set(values) - {""}) <= most]
 
 
-def _shapes(collection: Collection) -> list[dict[str, Any]]:
+def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
     """Per shape its pose in the display, whose unit is the collection's typical radius."""
     linear, shift = collection.transforms[:, :3, :3], collection.transforms[:, :3, 3]
     centroids = np.stack(
@@ -153,7 +153,7 @@ def _shapes(collection: Collection) -> list[dict[str, Any]]:
     ]
 
 
-def _camera(collection: Collection, shapes: list[dict[str, Any]]) -> dict[str, Any]:
+def _camera(collection: CollectionData, shapes: list[dict[str, Any]]) -> dict[str, Any]:
     """From where the sure shapes are looked at, and how far they reach to the side, upwards and to the viewer."""
     chosen = statistics_members(collection).chosen.tolist() or range(len(collection))
     axes = camera(
@@ -174,7 +174,7 @@ def _centroid(samples: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray((known if len(known) else points).mean(axis=0))
 
 
-def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
+def _pairs(collection: CollectionData) -> tuple[Fields, str, list[str]]:
     """Pack the pairs as arrays of equal length, their poses one after the other."""
     pairs = collection.pairs
     advice = [Status[pair.status].value if pair.status in Status.__members__ else pair.status for pair in pairs]
@@ -208,7 +208,7 @@ def _pairs(collection: Collection) -> tuple[Fields, str, list[str]]:
     return fields, text, statuses
 
 
-def _pair_maps(collection: Collection) -> NDArray[np.int16]:
+def _pair_maps(collection: CollectionData) -> NDArray[np.int16]:
     num_samples = collection.landmarks.shape[1]
     if len(collection.pairs) * num_samples > MOST_MAP_ENTRIES:
         return np.empty(0, dtype=np.int16)
@@ -216,7 +216,7 @@ def _pair_maps(collection: Collection) -> NDArray[np.int16]:
     return maps.astype(np.int16) if (maps != OWN_MAP).any() else np.empty(0, dtype=np.int16)
 
 
-def _orders(collection: Collection, shape_statistics: dict[str, Any]) -> dict[str, list[int]]:
+def _orders(collection: CollectionData, shape_statistics: dict[str, Any]) -> dict[str, list[int]]:
     """Orders of rows for the matrix of pairs."""
     every = list(range(len(collection)))
     orders: dict[str, list[int]] = {}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.report.payload import pack_mesh
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -43,7 +43,7 @@ def counterparts_on(vertices: FloatArray, faces: IntArray) -> Callable[[FloatArr
     return has
 
 
-def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
+def incomplete_content(collection: CollectionData) -> tuple[dict[str, Any], Meshes]:
     """Return what is drawn and listed of the incomplete shapes; nothing where all are complete.
 
     Returns
@@ -72,7 +72,7 @@ def incomplete_content(collection: Collection) -> tuple[dict[str, Any], Meshes]:
     return content, meshes
 
 
-def _entry(collection: Collection, one: Incomplete) -> dict[str, Any]:
+def _entry(collection: CollectionData, one: Incomplete) -> dict[str, Any]:
     """Return what is known of one shape without pictures."""
     return {
         "shape": one.shape,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from collalign.output.again import option_words, shape_words
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
@@ -41,7 +41,7 @@ class Page:
     title : str
     summary : str
         HTML below the title.
-    shown : Collection
+    shown : CollectionData
         What the page shows.
     again : tuple of str or None
         The words of the command that makes the result again, but its folder; None where none does.
@@ -50,7 +50,7 @@ class Page:
     path: Path
     title: str
     summary: str
-    shown: Collection
+    shown: CollectionData
     again: tuple[str, ...] | None
 
     def text(self) -> str:
@@ -67,12 +67,12 @@ class Page:
 
 
 @one_blas_thread()
-def write_report(collection: Collection, path: Path | str, *, title: str = "Aligned collection") -> Path:
+def write_report(collection: CollectionData, path: Path | str, *, title: str = "Aligned collection") -> Path:
     """Write a self-contained ``report.html``; of a large collection also pages with all shapes, beside it.
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
     path : path
         The file to write, or a folder that receives ``report.html``.
     title : str
@@ -92,12 +92,12 @@ def write_report(collection: Collection, path: Path | str, *, title: str = "Alig
     return target
 
 
-def report_pages(collection: Collection, path: Path, *, title: str) -> Iterator[Page]:
+def report_pages(collection: CollectionData, path: Path, *, title: str) -> Iterator[Page]:
     """Yield the page of a report, and of a large collection the further pages that show all shapes.
 
     Parameters
     ----------
-    collection : Collection
+    collection : CollectionData
     path : Path
         Of the first page.
     title : str
@@ -118,7 +118,7 @@ def page_path(number: int) -> str:
     return f"{PAGES_FOLDER}/page-{number:03d}.html"
 
 
-def _again(collection: Collection) -> tuple[str, ...] | None:
+def _again(collection: CollectionData) -> tuple[str, ...] | None:
     try:
         words, left_out = shape_words(collection)
     except (CollalignError, OSError):
@@ -126,7 +126,7 @@ def _again(collection: Collection) -> tuple[str, ...] | None:
     return (*words, *option_words(collection.options), *(f"--exclude={name}" for name in left_out))
 
 
-def _every_shape(collection: Collection, pages: list[IntArray]) -> str:
+def _every_shape(collection: CollectionData, pages: list[IntArray]) -> str:
     """Return the list of all shapes by name, each with a link to the page that shows it."""
     number = np.empty(len(collection), dtype=np.int64)
     for at, members in enumerate(pages, 1):
@@ -197,7 +197,7 @@ def _json_for_html(document: object) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _summary(collection: Collection, notes: tuple[Note, ...]) -> str:
+def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
     """The first thing a reader sees: what to look at and what is missing, in the whole collection; then the rest."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     doubtful = [collection.names[at] for at in order if not collection.confidence[at] >= DOUBT]

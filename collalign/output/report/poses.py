@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.products.pair import Alternative
 from data_tools.arrays import FloatArray
 from data_tools.poses import APART_DEG, keep_apart
@@ -16,7 +16,7 @@ from data_tools.rotations import rotation_angle_deg
 MOST_POSES = 6
 
 
-def offered_poses(collection: Collection) -> tuple[tuple[Alternative, ...], ...]:
+def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], ...]:
     """For every shape its alternatives, completed by half turns about the principal axes of the collection's mean.
 
     Wrong poses are mostly half turns, and a shape whose pairs agree on a wrong pose has no alternative of its own.
@@ -30,7 +30,7 @@ def offered_poses(collection: Collection) -> tuple[tuple[Alternative, ...], ...]
     return tuple(offered)
 
 
-def own_disagreements_deg(collection: Collection) -> FloatArray:
+def own_disagreements_deg(collection: CollectionData) -> FloatArray:
     """Return the angle between each shown pair's own likeliest pose, its first, and the collection's, shape (E,).
 
     Infinite where they disagree on handedness, NaN where the pair has no pose.
@@ -43,7 +43,7 @@ def own_disagreements_deg(collection: Collection) -> FloatArray:
     return angles
 
 
-def _half_turns(collection: Collection) -> FloatArray:
+def _half_turns(collection: CollectionData) -> FloatArray:
     """Rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
     points = collection.aligned_landmarks.reshape(-1, 3)
     points = points[~np.isnan(points).any(axis=1)]

@@ -13,18 +13,19 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.incomplete import Incomplete
 from data_tools.arrays import IntArray
 from data_tools.notes import Note
 
 T = TypeVar("T")
+C = TypeVar("C", bound=CollectionData)
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
 MOST_SHOWN = 600
 
 
-def shown_part(collection: Collection) -> Collection:
+def shown_part(collection: CollectionData) -> CollectionData:
     """Return the collection as far as a page shows it: all of it, or some shapes with a note that says so."""
     if len(collection) <= MOST_SHOWN:
         return collection
@@ -33,7 +34,7 @@ def shown_part(collection: Collection) -> Collection:
     return replace(part, notes=(*collection.notes, Note("shown-in-part", values=numbers)))
 
 
-def page_members(collection: Collection) -> list[IntArray]:
+def page_members(collection: CollectionData) -> list[IntArray]:
     """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
 
     Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
@@ -47,7 +48,7 @@ def page_members(collection: Collection) -> list[IntArray]:
     return [np.sort(members) for members in np.array_split(order, -(-len(collection) // MOST_SHOWN))]
 
 
-def some_shapes(collection: Collection, chosen: IntArray) -> Collection:
+def some_shapes(collection: C, chosen: IntArray) -> C:
     """Return the collection as if there were only some of its shapes, given by position, ascending."""
     position = {int(shape): at for at, shape in enumerate(chosen)}
     names = tuple(collection.names[i] for i in chosen)
@@ -81,7 +82,7 @@ def _of(meshes: tuple[T, ...], chosen: IntArray) -> tuple[T, ...]:
     return tuple(meshes[i] for i in chosen) if meshes else ()
 
 
-def _chosen_incomplete(collection: Collection, position: dict[int, int]) -> tuple[Incomplete, ...]:
+def _chosen_incomplete(collection: CollectionData, position: dict[int, int]) -> tuple[Incomplete, ...]:
     """Return the incomplete shapes that are shown, with those of their partners that are."""
     chosen = []
     for one in collection.incomplete:
@@ -92,7 +93,7 @@ def _chosen_incomplete(collection: Collection, position: dict[int, int]) -> tupl
     return tuple(chosen)
 
 
-def chosen_shapes(collection: Collection, most: int) -> IntArray:
+def chosen_shapes(collection: CollectionData, most: int) -> IntArray:
     """Return positions of the least confident shapes, half of ``most``, and of others evenly spaced; ascending."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")
     doubtful, others = order[: most // 2], np.sort(order[most // 2 :])

@@ -10,14 +10,14 @@ from scipy.spatial.distance import squareform
 
 from collalign.analysis.ordination import classical_mds
 from collalign.analysis.procrustes import common_labels, procrustes_distances
-from collalign.output.collection import Collection
+from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.members import statistics_members
 from collalign.wording import note_text
 
 _HISTOGRAM_BINS = 36
 
 
-def shape_map(collection: Collection) -> dict[str, Any]:
+def shape_map(collection: CollectionData) -> dict[str, Any]:
     """Principal coordinates and the cophenetic tree of the Procrustes distances."""
     who = statistics_members(collection)
     members = who.chosen
@@ -46,7 +46,7 @@ def shape_map(collection: Collection) -> dict[str, Any]:
     }
 
 
-def cycle_histogram(collection: Collection) -> dict[str, Any]:
+def cycle_histogram(collection: CollectionData) -> dict[str, Any]:
     """Counts of cycle errors in bins of equal width."""
     errors = collection.cycle_errors_deg[~np.isnan(collection.cycle_errors_deg)]
     if not len(errors):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -26,15 +26,12 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
 
-#: Seconds after which no further proof of a pair begins.
-_BUDGET_S = 3600.0
-
 
 def certify(
     result: Path,
     *,
     shapes: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
-    budget_s: float = _BUDGET_S,
+    budget_s: float | None = None,
     verify: Flag = False,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -49,21 +46,22 @@ def certify(
     shapes
         Names of the shapes to speak of; all by default.
     budget_s
-        Seconds after which no further proof of a pair begins; pairs without one
-        count with a bound that costs nothing.
+        Seconds after which no further proof of a pair begins, an hour by default; pairs
+        without one count with a bound that costs nothing.
     verify
         Prove nothing: check every certificate of the result, those of its pairs
         (``collalign align --certify``) and of the collection, without trusting
         the program that made them.
     """
     if verify:
-        if shapes or budget_s != _BUDGET_S or run != RunOptions():
+        if shapes or budget_s is not None or run != RunOptions():
             raise OptionsError("--verify checks all that is proven already; it takes no other option")
         return _verify(result)
+    budget: dict[str, Any] = {} if budget_s is None else {"budget_s": budget_s}
     files = inputs_of(load(result).source_files())
     with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
         output.refuse_foreign(FILES)
-        found = certify_collection(result, shapes=shapes, budget_s=budget_s, run=run)
+        found = certify_collection(result, shapes=shapes, **budget, run=run)
         written = write_certification(found, output)
     written += tell_in_report(found, result)
     for note in certification_notes(found):

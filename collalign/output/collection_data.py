@@ -1,25 +1,41 @@
-"""One shape of a result, all of them in their order, and shapes as objects of trimesh."""
+"""What a result holds: poses, maps and evidence of every shape, and what its poses and files say."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Self, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from collalign.analysis.procrustes import centroid_sizes
-from collalign.output.moved_files import is_there
-from collalign.products.consistent_maps import position_of
+from collalign.options import AlignOptions
+from collalign.output.moved_files import find_files, is_there
+from collalign.output.vertex_maps import load_vertex_maps
+from collalign.products.consistent_maps import ConsistentMaps, position_of
+from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative
+from collalign.products.pair import Alternative, Pair, Pairs
+from collalign.products.posed_file import PosedFile
+from collalign.products.run_record import Made, RunRecord
+from collalign.products.shapes import Excluded
+from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.files import composed
+from data_tools.io.files import composed, file_stems
+from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
+from data_tools.notes import Note
+from data_tools.options import AS_STORED
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
+
+#: The folder of a result in which the aligned shapes lie.
+MESH_FOLDER = "meshes"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,19 +71,50 @@ class AlignedShape:
     __repr__ = one_line
 
 
-class PosedShapes:
-    """The shapes of a result in natural order of their names, and what their poses and files say."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class CollectionData:
+    """What a :class:`collalign.Collection` holds, which documents it; what writes and shows results takes this."""
 
     names: tuple[str, ...]
     files: tuple[str, ...]
     transforms: FloatArray
     confidence: FloatArray
-    part_numbers: IntArray
-    alternatives: tuple[tuple[Alternative, ...], ...]
+    samples: IntArray
+    positions: FloatArray
+    maps: ConsistentMaps
+    consensus: FloatArray
     landmarks: FloatArray
-    incomplete: tuple[Incomplete, ...]
-    own: tuple[str, ...]
-    folder: Path | None
+    landmark_names: tuple[str, ...] = ()
+    pairs: Sequence[Pair]
+    alternatives: tuple[tuple[Alternative, ...], ...]
+    part_numbers: IntArray
+    excluded: tuple[Excluded, ...] = ()
+    notes: tuple[Note, ...] = ()
+    copies: tuple[Copies, ...] = ()
+    incomplete: tuple[Incomplete, ...] = ()
+    by_hand: Mapping[str, float] = field(default_factory=dict)
+    options: AlignOptions
+    group: str
+    own: tuple[str, ...] = ()
+    run: RunRecord
+    cycle_errors_deg: FloatArray
+    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    vertices: tuple[FloatArray, ...] = ()
+    faces: tuple[IntArray, ...] = ()
+    places: tuple[NDArray[np.uint8], ...] = ()
+    folder: Path | None = None
+    fresh: Made | None = None
+
+    def __post_init__(self) -> None:
+        if not self.landmark_names:
+            names = tuple(f"L{at + 1}" for at in range(self.landmarks.shape[1]))
+            object.__setattr__(self, "landmark_names", names)
+        object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
+
+    def __repr__(self) -> str:
+        doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
+        found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
+        return f"<{type(self).__name__}: {found}>"
 
     def __len__(self) -> int:
         return len(self.names)
@@ -200,11 +247,62 @@ class PosedShapes:
             )
         return tuple(self.file(at) for at in range(len(self)))
 
+    def with_sources(self, folder: str | Path) -> Self:
+        """Return the same result with the original files in another folder, where they are looked for by name.
 
-def trimesh_of(shape: Shape) -> Any:
-    """Return a shape as ``trimesh.Trimesh``, or ``trimesh.PointCloud`` where it has no faces."""
-    import trimesh
+        Raises
+        ------
+        InputError
+            If the folder holds none of them, or one file would stand for two shapes.
+        """
+        return replace(self, files=find_files(self.names, self.files, folder))
 
-    if not shape.is_mesh:
-        return trimesh.PointCloud(shape.vertices.copy())
-    return trimesh.Trimesh(shape.vertices.copy(), shape.faces.copy(), process=False)
+    @cached_property
+    def vertex_maps(self) -> VertexMaps:
+        """Maps of all vertices between the shapes, as their files count them; of a folder read when first asked for.
+
+        Raises
+        ------
+        InputError
+            If the result has none: it was aligned without ``deformable``.
+        """
+        if self.folder is not None:
+            return load_vertex_maps(self.folder)
+        if self.made.vertices is None:
+            raise InputError("there are no maps of all vertices; align with deformable=True (--deformable)")
+        return self.made.vertices
+
+    @property
+    def made(self) -> Made:
+        """What only the run that made the result knows.
+
+        Raises
+        ------
+        InputError
+            If the result was loaded.
+        """
+        if self.fresh is None:
+            raise InputError(
+                f"{self.folder}: the result was loaded from there and is saved; copy this folder instead"
+            )
+        return self.fresh
+
+    def posed_file(self, at: int) -> PosedFile:
+        """Return what a worker needs to read a shape of this run."""
+        return PosedFile(
+            name=self.names[at],
+            path=self.made.files[at],
+            digest=self.made.digests[at],
+            transform=self.transforms[at],
+            cleaning=self.options.cleaning,
+        )
+
+    def shape_at(self, at: int, *, aligned: bool = False) -> Shape:
+        """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""
+        if self.folder is None:
+            file = self.posed_file(at)
+            return file.read().transformed(file.transform) if aligned else file.read()
+        if aligned:
+            mesh = self.folder / MESH_FOLDER / f"{file_stems(self.names)[at]}.ply"
+            return read_shape(mesh, AS_STORED, name=self.names[at])
+        return Shape(name=self.names[at], vertices=self.vertices[at], faces=self.faces[at])
