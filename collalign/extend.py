@@ -27,7 +27,7 @@ from data_tools.threads import one_blas_thread
 
 @one_blas_thread()
 def add_to_collection(
-    result: str | Path,
+    result: Collection | str | Path,
     shapes: ShapesLike,
     *,
     run: RunOptions | Mapping[str, Any] | None = None,
@@ -42,8 +42,8 @@ def add_to_collection(
 
     Parameters
     ----------
-    result : str or Path
-        Folder that :meth:`Collection.save` wrote.
+    result : Collection or path
+        A result, or the folder that :meth:`Collection.save` wrote.
     shapes : str, Path, iterable or mapping
         The new shapes, as :func:`collalign.align_collection` takes them. Files whose content the collection has
         already are skipped, whatever they are called: an inbox can be added again and again. The names of the others

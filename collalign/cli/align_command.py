@@ -163,8 +163,9 @@ def add(
     listing, inputs = _listed(folder, recursive=recursive, parts=parts)
     folders = OutputFolder.open(result, writer=WRITER, inputs=inputs)
     with resumable(run, result) as run, folders as output, lasting_workers():
-        table = _labels(labels, (*load(result).names, *listing.names))
-        collection = collalign.add_to_collection(result, listing, run=run)
+        former = load(result)
+        table = _labels(labels, (*former.names, *listing.names))
+        collection = collalign.add_to_collection(former, listing, run=run)
         _say_known(collection)
         if collection.fresh is None:
             say("There is nothing new to add; the result stays as it is.")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.options import AlignOptions
+from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.moved_files import find_files, is_there
-from collalign.output.vertex_maps import load_vertex_maps
+from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import ConsistentMaps, position_of
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
@@ -27,6 +28,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed, file_stems
+from data_tools.io.listing import hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
 from data_tools.notes import Note
@@ -242,8 +244,8 @@ class CollectionData:
         """
         if given := {*self.own} & {"invariants", "samples"}:
             raise InputError(
-                f"{self.folder}: was aligned with {' and '.join(sorted(given))} of the caller's own, which a "
-                "result does not keep; align all shapes again, with them"
+                f"{self.folder or 'the result'}: was aligned with {' and '.join(sorted(given))} of the caller's own, "
+                "which a result does not keep; align all shapes again, with them"
             )
         return tuple(self.file(at) for at in range(len(self)))
 
@@ -256,6 +258,22 @@ class CollectionData:
             If the folder holds none of them, or one file would stand for two shapes.
         """
         return replace(self, files=find_files(self.names, self.files, folder))
+
+    @cached_property
+    def surfaces(self) -> tuple[tuple[FloatArray, IntArray], ...]:
+        """Display meshes in file coordinates, vertices (v, 3) and faces (f, 3): those saved, or made of the files."""
+        if self.vertices:
+            return tuple(zip(self.vertices, self.faces, strict=True))
+        shapes = [self.shape_at(at) for at in range(len(self))]
+        num = faces_per_shape(len(shapes))
+        return tuple(display_mesh(shape.vertices, shape.faces, max_faces=num) for shape in shapes)
+
+    @property
+    def has_vertex_maps(self) -> bool:
+        """Whether all vertices of the shapes have maps, which ``deformable`` asks for."""
+        if self.folder is not None:
+            return (self.folder / VERTEX_MAPS_FILE).is_file()
+        return self.made.vertices is not None
 
     @cached_property
     def vertex_maps(self) -> VertexMaps:
@@ -288,13 +306,15 @@ class CollectionData:
         return self.fresh
 
     def posed_file(self, at: int) -> PosedFile:
-        """Return what a worker needs to read a shape of this run."""
+        """Return what a worker needs to read a shape."""
+        path = self.file(at) if self.fresh is None else self.fresh.files[at]
         return PosedFile(
             name=self.names[at],
-            path=self.made.files[at],
-            digest=self.made.digests[at],
+            path=path,
+            digest=hash_shape(path) if self.fresh is None else self.fresh.digests[at],
             transform=self.transforms[at],
             cleaning=self.options.cleaning,
+            incomplete=bool(self.is_incomplete[at]),
         )
 
     def shape_at(self, at: int, *, aligned: bool = False) -> Shape:

@@ -41,12 +41,13 @@ from data_tools.threads import one_blas_thread
 
 
 @one_blas_thread()
-def load(folder: Path | str, *, sources: Path | str | None = None) -> Collection:
+def load(result: Collection | Path | str, *, sources: Path | str | None = None) -> Collection:
     """Read the result that ``collalign align`` or :meth:`Collection.save` wrote.
 
     Parameters
     ----------
-    folder : str or Path
+    result : str, Path or Collection
+        The folder. A collection is returned as it is, so that whatever takes a result takes it in either form.
     sources : str or Path, optional
         Folder that holds the original files now, where they have moved.
 
@@ -69,7 +70,13 @@ def load(folder: Path | str, *, sources: Path | str | None = None) -> Collection
     ...     collalign.load(folder)["shape2"].reflected
     False
     """
-    path, beside = (Path(folder) / name for name in (EVIDENCE_FILE, CORRESPONDENCES_FILE))
+    found = result if isinstance(result, Collection) else _read(Path(result))
+    return found if sources is None else found.with_sources(sources)
+
+
+def _read(folder: Path) -> Collection:
+    """Read the result of a folder."""
+    path, beside = (folder / name for name in (EVIDENCE_FILE, CORRESPONDENCES_FILE))
     if not path.is_file():
         raise InputError(
             f"{path}: there is no such file. Give the folder that `collalign align FOLDER --out OUT` wrote (its OUT)"
@@ -86,8 +93,7 @@ def load(folder: Path | str, *, sources: Path | str | None = None) -> Collection
         content = load_arrays(read_source(beside).content, beside.name)
         correspondences = _correspondences(content, tuple(json.loads(data["text"].tobytes())["names"]))
     with _told(path):
-        found = _collection(data, correspondences, Path(folder))
-    return found if sources is None else found.with_sources(sources)
+        return _collection(data, correspondences, folder)
 
 
 @contextmanager

@@ -58,12 +58,13 @@ def certify(
             raise OptionsError("--verify checks all that is proven already; it takes no other option")
         return _verify(result)
     budget: dict[str, Any] = {} if budget_s is None else {"budget_s": budget_s}
-    files = inputs_of(load(result).source_files())
+    collection = load(result)
+    files = inputs_of(collection.source_files())
     with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
         output.refuse_foreign(FILES)
-        found = certify_collection(result, shapes=shapes, **budget, run=run)
+        found = certify_collection(collection, shapes=shapes, **budget, run=run)
         written = write_certification(found, output)
-    written += tell_in_report(found, result)
+    written += tell_in_report(found, collection, result)
     for note in certification_notes(found):
         say(note_text(note))
     say_files(written)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from collalign.output.certificates import PROOF_FILE
+from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import save_evidence
 from collalign.output.evidence.gather import json_types
-from collalign.output.evidence.loading import load
 from collalign.output.report.page import write_report
 from collalign.output.write import REPORT_FILE, WRITER, report_title
 from collalign.products.trust import DOUBT
@@ -52,17 +52,18 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
     return output.publish(complete=True)
 
 
-def tell_in_report(certified: CertifiedCollection, result: Path) -> tuple[Path, ...]:
+def tell_in_report(certified: CertifiedCollection, collection: Collection, result: Path) -> tuple[Path, ...]:
     """Say what is proven of all shapes among the notes of a result and of its report; return what was written.
 
     Parameters
     ----------
     certified : CertifiedCollection
         Of a part of the shapes nothing is said there.
+    collection : Collection
+        The result, as its folder has it.
     result : Path
-        Where it holds what an earlier certification said, this takes its place.
+        This folder. What an earlier certification said there is replaced.
     """
-    collection = load(result)
     if len(certified.names) < len(collection):
         return ()
     kept = (note for note in collection.notes if not note.code.startswith(_KIND))

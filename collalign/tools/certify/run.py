@@ -29,7 +29,7 @@ from data_tools.threads import one_blas_thread
 
 @one_blas_thread()
 def certify_collection(
-    result: str | Path,
+    result: Collection | str | Path,
     *,
     shapes: Sequence[str] = (),
     budget_s: float = 3600.0,
@@ -40,8 +40,8 @@ def certify_collection(
 
     Parameters
     ----------
-    result : str or Path
-        Folder that ``collalign align`` wrote; the files that it read must still be there.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote; the files that it read must still be there.
     shapes : sequence of str
         Names of the shapes to speak of; all by default. The pairs among them that the run matched count.
     budget_s : float
@@ -80,7 +80,7 @@ def certify_collection(
     with Session.open(decided, as_options("run", run, RunOptions), shown) as session:
         prepared = matched_samples(session, listing)
         if prepared.names != listing.names:
-            raise InputError(f"{result}: {prepared.excluded[0].file} cannot be read as it was for the result")
+            raise InputError(f"{prepared.excluded[0].file} cannot be read as it was for the result")
         if prepared.samples[0].coordinates.shape[1] != 3:
             raise OptionsError(
                 "the shapes are embedded in more than space: there is no joint bound for such embeddings"

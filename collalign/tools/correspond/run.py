@@ -11,16 +11,15 @@ from scipy.spatial import cKDTree
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import main_part
-from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.products.posed_file import PosedFile
 from collalign.tools.correspond.jobs import MAX_FACES, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import InputError
-from data_tools.io.listing import hash_shape
 from data_tools.poses import moved_by
 from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
@@ -32,7 +31,7 @@ _NUM_QUERIES = 30_000
 
 @one_blas_thread()
 def dense_correspondence(
-    result: str | Path,
+    result: Collection | str | Path,
     *,
     leave_out: Iterable[str] = (),
     sources: str | Path | None = None,
@@ -48,9 +47,9 @@ def dense_correspondence(
 
     Parameters
     ----------
-    result : path
-        Folder that ``collalign align`` wrote. Of several parts of shapes, which are not aligned with each
-        other, only the largest is registered.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote. Of several parts of shapes, which are not aligned
+        with each other, only the largest is registered.
     leave_out : collection of str
         Names of shapes that neither count in the mean nor are registered.
     sources : path, optional
@@ -82,18 +81,8 @@ def dense_correspondence(
     """
     collection = load(result, sources=sources)
     members = [at for at in main_part(collection).tolist() if collection.names[at] not in leave_out]
-    files = [
-        PosedFile(
-            name=collection.names[at],
-            path=collection.file(at),
-            digest=hash_shape(collection.file(at)),
-            transform=collection.transforms[at],
-            cleaning=collection.options.cleaning,
-            incomplete=bool(collection.is_incomplete[at]),
-        )
-        for at in members
-    ]
-    maps = collection.vertex_maps if (Path(result) / VERTEX_MAPS_FILE).is_file() else None
+    files = [collection.posed_file(at) for at in members]
+    maps = collection.vertex_maps if collection.has_vertex_maps else None
     with Session.open(None, as_options("run", run, RunOptions), progress_display(progress)) as session:
         return correspond(session, files, lender_of_triangles(files), maps)
 

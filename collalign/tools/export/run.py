@@ -46,7 +46,7 @@ STATISTICS = ("morphologika", "tps", "csv", "parquet")
 
 @one_blas_thread()
 def export(
-    collection: Collection | Path | str,
+    result: Collection | str | Path,
     format: str,
     to: Path | str,
     *,
@@ -61,8 +61,8 @@ def export(
 
     Parameters
     ----------
-    collection : Collection or path
-        A path is the folder that ``collalign align`` wrote.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote.
     format : str
         A key of :data:`FORMATS`.
     to : path
@@ -101,9 +101,7 @@ def export(
     """
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
-    result = collection.folder if isinstance(collection, Collection) else collection
-    collection = collection if isinstance(collection, Collection) else load(collection)
-    collection = collection if sources is None else collection.with_sources(sources)
+    collection = load(result, sources=sources)
     who = _who_counts(collection, exclude, include_doubtful)
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
@@ -130,7 +128,7 @@ def export(
             notes = "".join(f"{note_text(note)}\n" for note in said)
             write_atomic(output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace"))
             decided = {
-                "result": "" if result is None else str(result),
+                "result": str(collection.folder or ""),
                 "space": space,
                 "exclude": exclude,
                 "include_doubtful": include_doubtful,

@@ -30,10 +30,11 @@ def stability(
     result
         Folder that ``collalign align`` wrote; stability.html and .csv are written into it.
     """
-    files = inputs_of(load(result).source_files())
+    collection = load(result)
+    files = inputs_of(collection.source_files())
     with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=files) as output:
         output.refuse_foreign(FILES)
-        found = check_stability(result, options=options, run=run)
+        found = check_stability(collection, options=options, run=run)
         written = write_stability(found, output)
     for line in stability_summary(found):
         say(line)

@@ -72,7 +72,7 @@ Repetition: TypeAlias = tuple[str, AlignOptions, IntArray]
 
 @one_blas_thread()
 def check_stability(
-    result: str | Path,
+    result: Collection | str | Path,
     *,
     options: StabilityOptions | Mapping[str, Any] | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
@@ -82,8 +82,8 @@ def check_stability(
 
     Parameters
     ----------
-    result : path
-        Folder that ``collalign align`` wrote.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote.
     options : StabilityOptions or mapping, optional
     run : RunOptions or mapping, optional
         With the store of the result, shapes and pairs are used again, and an interrupted check goes on.

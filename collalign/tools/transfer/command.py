@@ -92,7 +92,7 @@ def transfer(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )
     with resumable(run, result) as run:
-        found = transfer_landmarks(result, given, semilandmarks=semilandmarks, sources=sources, run=run)
+        found = transfer_landmarks(collection, given, semilandmarks=semilandmarks, run=run)
     page = landmarks_page(collection, found, result, written.to)
     collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     space = usual_space(written.format, "raw") if written.space is None else written.space

@@ -60,7 +60,7 @@ _NUM_RIM_POINTS = 300
 
 @one_blas_thread()
 def transfer_landmarks(
-    result: str | Path,
+    result: Collection | str | Path,
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
     *,
     semilandmarks: SemilandmarkRequest | Mapping[str, Any] | None = None,
@@ -73,8 +73,8 @@ def transfer_landmarks(
 
     Parameters
     ----------
-    result : path
-        Folder that ``collalign align`` wrote.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote.
     landmarks : mapping of name to Landmarks, or sequence of path
         In file coordinates, or in LPS or RAS where that is declared. A file ``A.mrk.json``, ``A.fcsv``, ``A.csv``
         or ``A.pts`` belongs to the shape called A, or to B as ``"B=A.csv"``; TPS, NTS and morphologika name their
@@ -118,11 +118,11 @@ def transfer_landmarks(
     given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
     given = {composed(name): marks for name, marks in with_semilandmarks(given, wanted, collection.names).items()}
     rows = {name: collection.index(name) for name in given}
-    meshes = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
+    meshes = tuple((name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True))
     placed, notes, system = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
-    dense = dense_correspondence(result, sources=sources, run=run, progress=progress)
+    dense = dense_correspondence(collection, run=run, progress=progress)
     found = _Transfer(collection, dense, table).run(wanted.surface_points)
     return replace(found, notes=(*notes, *table.notes), system=system)
 

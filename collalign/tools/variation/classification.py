@@ -223,7 +223,7 @@ def distances_at_poses(clouds: Sequence[FloatArray]) -> FloatArray:
 def posed_clouds(collection: Collection) -> list[FloatArray]:
     """Return farthest points of every display mesh, centred and of unit size in the common frame, each (k, 3)."""
     clouds = []
-    for vertices, rotation in zip(collection.vertices, collection.rotations, strict=True):
+    for (vertices, _), rotation in zip(collection.surfaces, collection.rotations, strict=True):
         shape = Shape.from_arrays(vertices)
         chosen = farthest_points(shape, min(NUM_POINTS, len(vertices)), metric="euclidean")
         clouds.append(unit_cloud(vertices[chosen]) @ rotation.T)

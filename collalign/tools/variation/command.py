@@ -75,7 +75,7 @@ def variation(
     sources
         Folder of the original files where they have moved.
     """
-    collection = load(result)
+    collection = load(result, sources=sources)
     if classify is not None:
         return _classify(collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful)
     columns = None if labels is None else read_labels(labels).columns_for(collection.names)
@@ -86,7 +86,7 @@ def variation(
     to = result / DEFAULT_FOLDER if to is None else to
     with resumable(run, result) as run:
         found = write_surface_variation(
-            result,
+            collection,
             to,
             labels=labels,
             tests=tests,
@@ -95,7 +95,6 @@ def variation(
             individuals=owners,
             exclude=exclude,
             include_doubtful=include_doubtful,
-            sources=sources,
             run=run,
         )
     for note in found.notes:

@@ -45,7 +45,7 @@ from data_tools.threads import one_blas_thread
 
 @one_blas_thread()
 def write_surface_variation(
-    result: str | Path,
+    result: Collection | str | Path,
     to: str | Path,
     *,
     labels: Mapping[str, Sequence[str]] | str | Path | None = None,
@@ -63,8 +63,8 @@ def write_surface_variation(
 
     Parameters
     ----------
-    result : path
-        Folder that ``collalign align`` wrote.
+    result : Collection or path
+        A result, or the folder that ``collalign align`` wrote.
     to : path
         Folder for ``variation.html`` and the rest.
     labels : path, or mapping of str to sequence of str, optional
@@ -123,7 +123,7 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    dense = dense_correspondence(result, leave_out=names, sources=sources, run=run, progress=progress)
+    dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
     found = surface_variation(dense.names, dense.faces, vertices)
@@ -157,7 +157,7 @@ def write_surface_variation(
         version=version,
         who=who,
         record={
-            "result": str(result),
+            "result": str(collection.folder or ""),
             "tests": asdict(asked),
             "symmetry": None if symmetry is None else str(symmetry),
             "templates": sorted(map(str, landmarks)),
@@ -196,7 +196,7 @@ def _marked(
     given = {composed(name): marks for name, marks in given.items()}
     transforms = {name: collection.transforms[collection.index(name)] for name in given}
     files = {name: collection.file(collection.index(name)) for name in given}
-    surfaces = tuple(zip(collection.names, collection.vertices, collection.faces, strict=True))
+    surfaces = tuple((name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True))
     placed, notes, _ = place_templates(given, files, surfaces)
     table = landmark_table(placed, transforms)
     alone = table.landmark_rows

@@ -1,0 +1,70 @@
+"""Every tool takes a result in memory as it takes the folder that it was saved to, and finds the same."""
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign.tools.export.run import export
+from data_tools.datasets.synthetic import write_collection, write_mesh
+from data_tools.landmarks.landmark_files import Landmarks
+from tests.finished_runs import chairs
+
+OPTIONS = {"sampling": {"num_points": 16, "num_dense_points": 200}}
+ALONE = {"run": {"jobs": 1}, "progress": False}
+
+
+@pytest.fixture(scope="module")
+def forms(tmp_path_factory):
+    """A result just made, and the folder it was saved to."""
+    folder = tmp_path_factory.mktemp("forms")
+    write_collection(folder / "shapes", chairs(3))
+    made = collalign.align_collection(folder / "shapes", options=OPTIONS, jobs=1, progress=False)
+    made.save(folder / "out", report=False)
+    return made, folder / "out"
+
+
+def transferred(result):
+    shape = collalign.load(result)
+    marks = {shape.names[0]: Landmarks(labels=("tip",), points=shape.shape_at(0).vertices[:1])}
+    return collalign.transfer_landmarks(result, marks, **ALONE).points
+
+
+def added(result, folder):
+    write_mesh(folder / "late.ply", chairs(4).shapes[3])
+    return collalign.add_to_collection(result, [folder / "late.ply"], **ALONE).transforms
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        lambda result, _: collalign.dense_correspondence(result, **ALONE).vertices,
+        lambda result, _: transferred(result),
+        lambda result, _: (
+            collalign.check_stability(
+                result, options={"num_points": (), "num_seeds": 1, "num_subsets": 0}, **ALONE
+            ).changes_deg
+        ),
+        lambda result, _: collalign.certify_collection(result, **ALONE).joint.bound,
+        lambda result, folder: collalign.write_surface_variation(result, folder / "to", **ALONE).mean,
+        added,
+    ],
+    ids=["correspond", "transfer", "stability", "certify", "variation", "add"],
+)
+def test_a_tool_finds_the_same_of_a_result_in_memory_and_of_its_folder(found, forms, tmp_path):
+    made, out = forms
+    np.testing.assert_allclose(found(made, tmp_path), found(out, tmp_path), rtol=1e-6, atol=1e-9)
+
+
+def test_an_export_of_a_result_in_memory_has_the_files_of_its_folder(forms, tmp_path):
+    made, out = forms
+    written = {one: export(result, "csv", tmp_path / one) for one, result in (("made", made), ("out", out))}
+    files = {path.name: path.read_bytes() for path in written["made"]}
+    assert files == {path.name: path.read_bytes() for path in written["out"]}
+    assert files
+
+
+def test_loading_a_result_gives_itself_with_its_files_where_they_are_said_to_be(forms, tmp_path):
+    made, _ = forms
+    assert collalign.load(made) is made
+    write_collection(tmp_path, chairs(3))
+    assert collalign.load(made, sources=tmp_path).files == tuple(str(tmp_path / f"{name}.ply") for name in made.names)
