@@ -26,6 +26,7 @@ from .products.incomplete import Incomplete as Incomplete
 from .products.own import OwnKeywords as OwnKeywords
 from .products.pair import Alternative as Alternative
 from .products.pair import Pair as Pair
+from .products.pair import SettledPair as SettledPair
 from .products.posed_file import PosedFile as PosedFile
 from .products.run_record import Made as Made
 from .products.run_record import RunRecord as RunRecord

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, SettledPair
 from data_tools.embedding.embedding import Samples
 
 
@@ -17,6 +17,19 @@ def pair_of(rotations, energies, *, target=0, source=1, num_samples=8, **fields)
         energies=np.array(energies, dtype=float),
         **fields,
     )
+
+
+def settled_pair_of(rotations, energies, **fields):
+    """Such a pair of a result, which chose its first candidate."""
+    own = pair_of(rotations, energies, **{name: fields.pop(name) for name in ("target", "source") if name in fields})
+    settled = {
+        "choice": 0,
+        "inlier": True,
+        "disagreement_deg": 0.0,
+        "map_target_source": own.maps[0],
+        "energy": energies[0],
+    }
+    return SettledPair(**vars(own) | settled | fields)
 
 
 def samples_at(points, *, invariants=None, **fields):

@@ -8,7 +8,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import save_correspondences, save_evidence
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import Alternative, SettledPair
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
 from data_tools.notes import Note
@@ -115,7 +115,7 @@ def _pairs(R, rng):
             order = np.arange(NUM_SAMPLES)
             order[:2] = order[1::-1]
             pairs.append(
-                Pair(
+                SettledPair(
                     target=i,
                     source=j,
                     rotations=np.array([first, second]),
@@ -131,13 +131,17 @@ def _pairs(R, rng):
                     map_target_source=order if wrong else np.arange(NUM_SAMPLES),
                 )
             )
-    pairs[-1] = Pair(
+    pairs[-1] = SettledPair(
         target=pairs[-1].target,
         source=pairs[-1].source,
         rotations=np.empty((0, 3, 3)),
         maps=np.zeros((0, 0), dtype=np.int64),
         energies=np.empty(0),
         status="Time limit reached.",
+        choice=-1,
+        inlier=False,
+        disagreement_deg=np.nan,
+        energy=np.nan,
         map_target_source=np.full(NUM_SAMPLES, -1),
     )
     return tuple(pairs)

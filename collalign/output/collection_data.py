@@ -19,7 +19,7 @@ from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import ConsistentMaps, position_of
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair, Pairs
+from collalign.products.pair import Alternative, Pairs, SettledPair
 from collalign.products.posed_file import PosedFile
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded
@@ -87,7 +87,7 @@ class CollectionData:
     consensus: FloatArray
     landmarks: FloatArray
     landmark_names: tuple[str, ...] = ()
-    pairs: Sequence[Pair]
+    pairs: Sequence[SettledPair]
     alternatives: tuple[tuple[Alternative, ...], ...]
     part_numbers: IntArray
     excluded: tuple[Excluded, ...] = ()

@@ -22,14 +22,14 @@ ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 MAX_ALTERNATIVES = 3
 
 
-def _nothing(*shape: int, dtype: type = np.float64) -> Callable[[], Any]:
+def _nothing(*shape: int) -> Callable[[], Any]:
     """Return what makes the default of a field that a later stage fills: a read-only array without entries."""
-    return lambda: read_only(np.zeros(shape, dtype=dtype))
+    return lambda: read_only(np.zeros(shape))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pair:
-    """What is known about one pair of shapes. Each stage fills its own fields, with :func:`dataclasses.replace`.
+    """What is known about a pair of shapes by itself. Each stage fills its own fields, with ``dataclasses.replace``.
 
     Attributes
     ----------
@@ -65,16 +65,6 @@ class Pair:
     regions : ndarray, shape (r, d, d)
         Centres of balls of rotations that hold all of these poses.
     region_radii_rad : ndarray, shape (r,)
-    choice : int
-        The candidate that synchronization chose, -1 for none.
-    inlier : bool
-        Whether synchronization trusts the pair.
-    disagreement_deg : float
-        Angle between the chosen candidate and the synchronized rotation; NaN before synchronization.
-    map_target_source : ndarray of int, shape (k,)
-        The samples matched at the synchronized rotations; empty before.
-    energy : float
-        The energy of that match; NaN before.
     weight : float
         How much the pair counts in synchronization, as the caller asked.
     """
@@ -94,11 +84,6 @@ class Pair:
     complete_within: float = float("nan")
     regions: FloatArray = field(default_factory=_nothing(0, 3, 3))
     region_radii_rad: FloatArray = field(default_factory=_nothing(0))
-    choice: int = -1
-    inlier: bool = False
-    disagreement_deg: float = float("nan")
-    map_target_source: IntArray = field(default_factory=_nothing(0, dtype=np.int64))
-    energy: float = float("nan")
     weight: float = 1.0
 
     __repr__ = one_line
@@ -112,6 +97,31 @@ class Pair:
     def costs(self) -> FloatArray:
         """What speaks against each candidate, shape (m,): see :func:`candidate_costs`."""
         return candidate_costs(self.energies, self.mismatches)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SettledPair(Pair):
+    """A pair of a result: what is known of it by itself (:class:`Pair`), and what the poses of all shapes make of it.
+
+    Attributes
+    ----------
+    choice : int
+        The candidate that synchronization chose, -1 for none.
+    inlier : bool
+        Whether synchronization trusts the pair.
+    disagreement_deg : float
+        Angle between the chosen candidate and the common poses.
+    map_target_source : ndarray of int, shape (k,)
+        The samples matched at the common poses; -1 where unmatched.
+    energy : float
+        The energy of that match.
+    """
+
+    choice: int
+    inlier: bool
+    disagreement_deg: float
+    map_target_source: IntArray
+    energy: float
 
 
 def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
@@ -137,14 +147,14 @@ def are_weighed(pairs: Iterable[Pair]) -> bool:
     return any(len(pair.log_odds) for pair in pairs)
 
 
-class Pairs(tuple[Pair, ...]):
+class Pairs(tuple[SettledPair, ...]):
     """Pairs in order, also by the names of their two shapes, either first: ``pairs["tooth1", "tooth2"]``."""
 
     names: tuple[str, ...]
     _places: dict[frozenset[str], int]
 
     @classmethod
-    def of(cls, pairs: Sequence[Pair], names: tuple[str, ...]) -> Pairs:
+    def of(cls, pairs: Sequence[SettledPair], names: tuple[str, ...]) -> Pairs:
         """Return the pairs of shapes that have these names."""
         found = cls(pairs)
         found.names = names

@@ -17,7 +17,7 @@ import numpy as np
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import FormerPairs, Pair, are_weighed
+from collalign.products.pair import FormerPairs, Pair, SettledPair, are_weighed
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
@@ -140,7 +140,7 @@ class Posed:
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
     """
 
-    pairs: list[Pair]
+    pairs: list[SettledPair]
     matched: list[Pair]
     solution: SynchronizationResult
     rotations: FloatArray
@@ -175,7 +175,7 @@ def pose(run: Run, matched: Matched) -> Posed:
 
 def _settled(
     run: Run,
-    pairs: list[Pair],
+    pairs: Sequence[Pair],
     matched: list[Pair],
     solution: SynchronizationResult,
     side_limits: Mapping[int, float],
@@ -185,18 +185,18 @@ def _settled(
     rotations = refine_poses(session, samples, pairs, solution, constraints)
     with session.alone("common matches"):
         rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-        pairs = with_common_match(samples, pairs, solution, rotations)
-        labels = labels_at_common_poses(samples, pairs, rotations)
+        settled = with_common_match(samples, pairs, solution, rotations)
+        labels = labels_at_common_poses(samples, settled, rotations)
     transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     return Posed(
-        pairs=pairs,
+        pairs=settled,
         matched=matched,
         solution=solution,
         rotations=rotations,
         transforms=transforms,
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
-        notes=contradictions(run.shapes.names, pairs, rotations),
+        notes=contradictions(run.shapes.names, settled, rotations),
         side_limits=side_limits,
     )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.output.collection_data import CollectionData
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, SettledPair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import AGREE_DEG, keep_apart, turn_deg
 from data_tools.rotations import rotation_angles
@@ -74,7 +74,7 @@ def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[t
     return triangles
 
 
-def shown_pair(pair: Pair) -> Pair:
+def shown_pair(pair: SettledPair) -> SettledPair:
     """Return a pair with the poses that a person would tell apart, the likeliest first, without their maps."""
     kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.doubts, pair.choice)
     return replace(
@@ -117,7 +117,7 @@ def distinct_poses(rotations: FloatArray, doubts: FloatArray, choice: int) -> tu
     return shown, shown.index(near)
 
 
-def label_maps(pairs: Sequence[Pair], labels: IntArray) -> IntArray:
+def label_maps(pairs: Sequence[SettledPair], labels: IntArray) -> IntArray:
     """Return the map of each pair in terms of labels (N, k).
 
     Returns

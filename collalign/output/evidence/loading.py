@@ -18,7 +18,7 @@ from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE, EVIDEN
 from collalign.output.evidence.gather import OWN_MAP
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import Alternative, SettledPair
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
 from data_tools.arrays import (
@@ -190,7 +190,7 @@ def _split(name: str, data: dict[str, NDArray[Any]], num: int) -> tuple[NDArray[
     return tuple(joined[a:b] for a, b in itertools.pairwise(starts))
 
 
-def _pairs(data: dict[str, NDArray[Any]], common: ConsistentMaps) -> tuple[Pair, ...]:
+def _pairs(data: dict[str, NDArray[Any]], common: ConsistentMaps) -> tuple[SettledPair, ...]:
     rotations = as_rotations(data["pose_rotation"], "pair poses", dim=3)
     energies = as_floats(data["pose_energy"], "pair energies", shape=(len(rotations),))
     ends = as_indices(data["pair_indices"], "pairs", upper=len(common.names), shape=(None, 2))
@@ -204,7 +204,7 @@ def _pairs(data: dict[str, NDArray[Any]], common: ConsistentMaps) -> tuple[Pair,
         zip(ends.tolist(), itertools.pairwise(data["pose_starts"].tolist()), strict=True)
     ):
         pairs.append(
-            Pair(
+            SettledPair(
                 target=target,
                 source=source,
                 rotations=read_only(rotations[start:stop]),

@@ -14,7 +14,7 @@ from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
-from collalign.products.pair import Pair
+from collalign.products.pair import SettledPair
 from collalign.products.shapes import Shapes
 from collalign.stages.deformation.dense_surfaces import VertexSurface, prepare_all_detailed
 from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING
@@ -34,7 +34,7 @@ _SMALLEST = float(np.finfo(float).tiny)
 
 
 def map_vertices(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], rotations: FloatArray
+    session: AlignSession, shapes: Shapes, pairs: Sequence[SettledPair], rotations: FloatArray
 ) -> VertexMaps | None:
     """Map all vertices between all shapes that the pairs connect, consistently; None where fewer than two are.
 
@@ -48,7 +48,7 @@ def map_vertices(
     ----------
     session : Session
     shapes : Shapes
-    pairs : sequence of Pair
+    pairs : sequence of SettledPair
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
     """
@@ -94,14 +94,14 @@ def map_vertices(
     return _vertices(session, shapes, members, bases, typical, rotations, surfaces)
 
 
-def _similar(num: int, pairs: Sequence[Pair]) -> list[Pair]:
+def _similar(num: int, pairs: Sequence[SettledPair]) -> list[SettledPair]:
     """Return the pairs of similar shapes, which connect whatever all pairs do."""
     ends = np.array([_ends(pair) for pair in pairs]).reshape(-1, 2)
     kept = {tuple(edge) for edge in local_pairs(num, ends, np.array([pair.energy for pair in pairs])).tolist()}
     return [pair for pair in pairs if _ends(pair) in kept]
 
 
-def _linked(pairs: Sequence[Pair]) -> tuple[list[int], list[Pair]]:
+def _linked(pairs: Sequence[SettledPair]) -> tuple[list[int], list[SettledPair]]:
     """Return the largest set of shapes that pairs connect, the first of several, and the pairs within it."""
     graph = nx.Graph([_ends(pair) for pair in pairs])
     parts = sorted((sorted(part) for part in nx.connected_components(graph)), key=lambda part: (-len(part), part))
@@ -110,11 +110,11 @@ def _linked(pairs: Sequence[Pair]) -> tuple[list[int], list[Pair]]:
     return members, [pair for pair in pairs if pair.target in inside]
 
 
-def _ends(pair: Pair) -> tuple[int, int]:
+def _ends(pair: SettledPair) -> tuple[int, int]:
     return pair.target, pair.source
 
 
-def _edges(members: Sequence[int], pairs: Sequence[Pair]) -> IntArray:
+def _edges(members: Sequence[int], pairs: Sequence[SettledPair]) -> IntArray:
     """Return target and source of pairs, as positions among the members."""
     at = {shape: position for position, shape in enumerate(members)}
     return np.array([(at[pair.target], at[pair.source]) for pair in pairs])
@@ -140,7 +140,7 @@ def _of_pairs(
     return session.compute(job, wanted, time_limit_s=limit_s, strict=session.options.strict)
 
 
-def _starts(pair: Pair, common: FloatArray) -> FloatArray:
+def _starts(pair: SettledPair, common: FloatArray) -> FloatArray:
     """Return the relative rotation of the common poses and those of the pair's likeliest other candidates."""
     starts = [common]
     for candidate in np.argsort(pair.doubts, kind="stable"):

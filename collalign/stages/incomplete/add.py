@@ -12,7 +12,7 @@ from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative, SettledPair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_chance
@@ -159,7 +159,7 @@ def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alte
 
 def incomplete_pairs(
     i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray
-) -> list[Pair]:
+) -> list[SettledPair]:
     """Return the pairs of an incomplete shape: how each partner likes its poses, and the map at the common ones."""
     pairs = []
     for n, partner in enumerate(partners.tolist()):
@@ -171,7 +171,7 @@ def incomplete_pairs(
         angles = turn_deg(asked, rotations[first].T @ rotations[second])
         agrees = bool(angles[0] <= AGREE_DEG)
         pairs.append(
-            Pair(
+            SettledPair(
                 target=first,
                 source=second,
                 rotations=read_only(np.ascontiguousarray(asked)),

@@ -10,7 +10,7 @@ from collalign.confidence.incomplete_model import MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Pair
+from collalign.products.pair import SettledPair
 from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
@@ -67,7 +67,7 @@ def turned_out_whole(incomplete: Iterable[Incomplete]) -> set[int]:
 
 
 def find_incomplete(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], transforms: FloatArray
+    session: AlignSession, shapes: Shapes, pairs: Sequence[SettledPair], transforms: FloatArray
 ) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
@@ -113,7 +113,7 @@ def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) ->
     return beyond_rim(surface, partners, pose)
 
 
-def _nearest(pairs: Iterable[Pair], num: int) -> list[list[int]]:
+def _nearest(pairs: Iterable[SettledPair], num: int) -> list[list[int]]:
     """Return the partners of each shape whose pairs have least energy at the common poses."""
     energies: list[list[tuple[float, int]]] = [[] for _ in range(num)]
     for pair in pairs:

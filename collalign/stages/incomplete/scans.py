@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.confidence.overlap_model import overlap_chances
 from collalign.products.incomplete import Incomplete
-from collalign.products.pair import Alternative, Pair
+from collalign.products.pair import Alternative, Pair, SettledPair
 from collalign.products.shapes import Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.add import incomplete_note, label_map
@@ -184,7 +184,7 @@ def _pair(
     joined: JoinedScans,
     rotations: FloatArray,
     labels: IntArray,
-) -> Pair:
+) -> SettledPair:
     """Return a pair with its poses, the most probable first, and the map of its samples at the common ones."""
     i, j = ends
     order = np.argsort(-overlap_chances(poses), kind="stable")
@@ -192,7 +192,7 @@ def _pair(
     angles = turn_deg(chosen.rotations, rotations[i].T @ rotations[j])
     nearest = int(np.argmin(angles))
     agrees = ends in joined.kept and bool(angles[nearest] <= AGREE_DEG)
-    return Pair(
+    return SettledPair(
         target=i,
         source=j,
         rotations=read_only(chosen.rotations),

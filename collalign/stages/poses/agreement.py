@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,7 +12,7 @@ from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.matching_input import match_at_rotation, pair_problem
-from collalign.products.pair import Pair
+from collalign.products.pair import Pair, SettledPair
 from collalign.stages.local_evidence import local_evidence
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -66,7 +65,7 @@ def solve_again(
 
 def with_common_match(
     samples: Sequence[Samples], pairs: Sequence[Pair], solution: SynchronizationResult, rotations: FloatArray
-) -> list[Pair]:
+) -> list[SettledPair]:
     """Return the pairs with what synchronization says of them, and with their best match at the common poses.
 
     Parameters
@@ -83,16 +82,14 @@ def with_common_match(
         point_map, energy = match_at(samples, pair, rotations)
         choice = int(solution.edge_choice[e])
         common = rotations[pair.target].T @ rotations[pair.source]
-        matched.append(
-            replace(
-                pair,
-                map_target_source=read_only(point_map),
-                energy=energy,
-                choice=choice,
-                inlier=bool(solution.edge_inlier[e]),
-                disagreement_deg=float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),
-            )
-        )
+        settled = {
+            "map_target_source": read_only(point_map),
+            "energy": energy,
+            "choice": choice,
+            "inlier": bool(solution.edge_inlier[e]),
+            "disagreement_deg": float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),
+        }
+        matched.append(SettledPair(**vars(pair) | settled))
     return matched
 
 

@@ -6,20 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from collalign.products.pair import Pair
+from collalign.products.pair import SettledPair
 from collalign.synchronization import synchronize_maps
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import moved_by
 
 
-def labels_at_common_poses(samples: Sequence[Samples], pairs: Sequence[Pair], rotations: FloatArray) -> IntArray:
+def labels_at_common_poses(
+    samples: Sequence[Samples], pairs: Sequence[SettledPair], rotations: FloatArray
+) -> IntArray:
     """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
 
     Parameters
     ----------
     samples : sequence of Samples
-    pairs : sequence of Pair
+    pairs : sequence of SettledPair
         With their maps at the common poses.
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.

@@ -15,7 +15,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
-from collalign.products.pair import Pair
+from collalign.products.pair import SettledPair
 from collalign.tools.certify.arrangement import PairEnergies
 from collalign.tools.certify.result import CertifiedCollection
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
@@ -116,7 +116,7 @@ def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
 
 
-def _pairs_among(collection: Collection, members: Sequence[int]) -> list[Pair]:
+def _pairs_among(collection: Collection, members: Sequence[int]) -> list[SettledPair]:
     """Return the pairs of the result with both shapes among the members, by position among these."""
     at = {shape: position for position, shape in enumerate(members)}
     pairs = [

@@ -11,7 +11,7 @@ from collalign.output.evidence.gather import (
     shown_pair,
 )
 from collalign.products.consistent_maps import ConsistentMaps
-from tests.products import pair_of
+from tests.products import settled_pair_of
 
 K = 12
 HALF_TURN = np.diag([1.0, -1.0, -1.0])
@@ -20,7 +20,7 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 
 def matched(i, j, rotations, map_i_j, choice=0, **known):
     energies = 0.5 + np.arange(len(rotations))
-    return pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice, **known)
+    return settled_pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice, **known)
 
 
 def test_pair_maps_are_in_terms_of_labels():

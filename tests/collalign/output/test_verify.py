@@ -10,7 +10,7 @@ import pytest
 
 from collalign.output.certificates import write_certificates
 from collalign.output.verify import verify_result
-from collalign.products.pair import Pair
+from collalign.products.pair import SettledPair
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
@@ -31,7 +31,7 @@ class Certified:
 
     coordinates: np.ndarray
     invariants: np.ndarray
-    pairs: tuple[Pair, ...]
+    pairs: tuple[SettledPair, ...]
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +43,18 @@ def certified():
     certificate = solve_relaxation(
         coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2])
     ).certificate
-    empty = {"rotations": np.zeros((0, 3, 3)), "maps": np.zeros((0, K), dtype=np.int64), "energies": np.zeros(0)}
+    empty = {
+        "rotations": np.zeros((0, 3, 3)),
+        "maps": np.zeros((0, K), dtype=np.int64),
+        "energies": np.zeros(0),
+        "choice": -1,
+        "inlier": False,
+        "disagreement_deg": np.nan,
+        "map_target_source": np.zeros(0, dtype=np.int64),
+    }
     pairs = (
-        Pair(target=0, source=1, lower_bound=0.1, energy=0.2, **empty),
-        Pair(
+        SettledPair(target=0, source=1, lower_bound=0.1, energy=0.2, **empty),
+        SettledPair(
             target=0,
             source=2,
             lower_bound=certificate.bound,
@@ -54,7 +62,7 @@ def certified():
             certificate=certificate,
             **empty,
         ),
-        Pair(target=1, source=2, **empty),
+        SettledPair(target=1, source=2, energy=np.nan, **empty),
     )
     return Certified(coordinates, invariants, pairs)
 
