@@ -26,7 +26,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
-from collalign.stages.incomplete.detect import open_among_closed, told_incomplete
+from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
 from collalign.stages.own_knowledge import given_constraints, own_notes, own_points, with_own_samples
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
@@ -35,7 +35,7 @@ from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import as_options, meant_option
+from data_tools.checks import as_options, suggested_option
 from data_tools.embedding.copies import find_copies
 from data_tools.errors import OptionsError
 from data_tools.io.files import composed
@@ -121,7 +121,7 @@ def align_collection(
     given: dict[str, Any] = {**keywords}
     kinds = {one.name: kind for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)}
     for name in sorted(given.keys() - kinds.keys()):
-        raise OptionsError(f"there is no option {name!r}{meant_option(name, AlignOptions, RunOptions, Own)}")
+        raise OptionsError(f"there is no option {name!r}{suggested_option(name, AlignOptions, RunOptions, Own)}")
     of_kind = {kind: {name: given[name] for name in given if kinds[name] is kind} for kind in kinds.values()}
     asked = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
@@ -164,7 +164,7 @@ def align_listing(
         shapes = prepare_shapes(session, listing, given)
         constraints = given_constraints(shapes, session.options, own, fixed, kept)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
-    missing = told_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+    missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if not missing and looks_for_incomplete(session.options):
         stay = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
         found_open = open_among_closed(shapes)

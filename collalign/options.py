@@ -230,7 +230,7 @@ class TwoShapeOptions:
         If a value is impossible.
     """
 
-    #: What is said of an option of :class:`AlignOptions` that somebody gives two shapes, see :func:`meant_option`.
+    #: What is said of an option of :class:`AlignOptions` given for two shapes, see :func:`suggested_option`.
     advice: ClassVar[Mapping[str, str]] = {
         "scaling": "two shapes are matched up to scale, and the transform says by how much; align_collection has "
         "scaling, and match_in_part keeps sizes with sampling={'normalisation': 'none'}"

@@ -100,7 +100,7 @@ def as_options(
     known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
     for entry in entries:
         if entry not in known:
-            raise OptionsError(f"{name}: there is no option {entry!r}{meant_option(entry, kind)}")
+            raise OptionsError(f"{name}: there is no option {entry!r}{suggested_option(entry, kind)}")
     values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
 
@@ -118,7 +118,7 @@ def meant(name: object, known: Iterable[str]) -> str:
     return f"; did you mean {similar[0]!r}?" if similar else ""
 
 
-def meant_option(name: str, *kinds: Any) -> str:
+def suggested_option(name: str, *kinds: Any) -> str:
     """Return the words that help somebody whose option none of some classes of options has.
 
     An option of another level is named with the table that it belongs to, and one of another function with what

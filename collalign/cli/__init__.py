@@ -22,7 +22,7 @@ from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.cli.help import HELP_ALL, GroupedHelp
 from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
-from collalign.cli.talk import end, speak, talking, tell
+from collalign.cli.talk import configure_output, end, talking, tell
 from collalign.engine.command_line import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable
@@ -91,7 +91,7 @@ def _launch(
         File that what is said and each stage are appended to, with the time: a new one, or a log of an earlier
         command. Where its name ends with .jsonl, each line is a JSON object.
     """
-    speak(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
+    configure_output(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
     app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
     running = COMMAND.set(shlex.join(["collalign", *tokens]))
     try:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
 from collalign.cli.interruption import INCOMPLETE
-from collalign.cli.talk import say, tell, told_apart, warn
+from collalign.cli.talk import say, separate_summary, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError
@@ -35,7 +35,7 @@ def batch(
     for job in read_batch(file):
         folder = ", ".join(map(str, job.folders))
         say(f"{folder} -> {job.out}")
-        with told_apart() as told:
+        with separate_summary() as told:
             jobs.append(told)
             tell(folder=folder, out=str(job.out))
             try:

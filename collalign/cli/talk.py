@@ -77,7 +77,7 @@ def elapsed_s() -> float:
 
 
 @contextmanager
-def told_apart() -> Iterator[dict[str, Any]]:
+def separate_summary() -> Iterator[dict[str, Any]]:
     """Gather what is told in this block in an object of its own, as for one of many folders."""
     talk = _talk()
     outer, talk.summary = talk.summary, {}
@@ -90,7 +90,7 @@ def told_apart() -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def talking() -> Iterator[None]:
-    """Let one command speak within this block; :func:`speak` says how."""
+    """Let one command write within this block; :func:`configure_output` says how."""
     token, bars = _TALK.set(_Talk()), SHOW_BARS.set(True)
     former = _ROOT.level, _ROOT.propagate, _ROOT.handlers
     try:
@@ -104,8 +104,8 @@ def talking() -> Iterator[None]:
         SHOW_BARS.reset(bars)
 
 
-def speak(*, quiet: bool, as_json: bool, verbose: bool, log: Path | None) -> None:
-    """Say how the command of this block speaks; stages go to standard error, as bars or, off a terminal, as lines.
+def configure_output(*, quiet: bool, as_json: bool, verbose: bool, log: Path | None) -> None:
+    """Choose what the command of this block prints; stages go to standard error, as bars or, off a terminal, lines.
 
     Raises
     ------
@@ -189,5 +189,5 @@ def end(code: int, error: str = "") -> int:
 
 
 def _talk() -> _Talk:
-    """Return how the command speaks that runs; functions that are called without one speak by themselves."""
+    """Return the output of the running command; functions that are called without one have their own."""
     return _TALK.get(None) or _Talk()

@@ -171,7 +171,7 @@ class Session(Generic[OptionsT]):
         reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
         return Results(self.store, job, wanted, reasons)
 
-    def spread(
+    def map_parallel(
         self,
         kind: str,
         run: Callable[..., Any],

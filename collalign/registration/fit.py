@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.registration.pieces import MapGoals, RigidPieces
+from collalign.registration.arap import ArapSolver, MapGoals
 from collalign.registration.start import laid_by_map
 from collalign.registration.tuning import BENT, TUNED
 from data_tools.arrays import FloatArray
@@ -38,15 +38,15 @@ def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
     """
     size = math.sqrt(target.area / source.area)
     enlarged = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
-    moved = laid_by_map(RigidPieces(enlarged), goals, BENT.map_length)
-    solver = RigidPieces(Shape.from_arrays(moved, source.faces, name=source.name))
+    moved = laid_by_map(ArapSolver(enlarged), goals, BENT.map_length)
+    solver = ArapSolver(Shape.from_arrays(moved, source.faces, name=source.name))
     fixed = vertex_normals(target.vertices, target.faces)
     for _ in range(_NUM_ROUNDS):
         normals = vertex_normals(moved, source.faces)
         pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
         pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
         for _ in range(_NUM_TURNS):
-            moved = pull(solver.turned_edges(moved))
+            moved = pull(solver.rotated_edges(moved))
     return moved
 
 

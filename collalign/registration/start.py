@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collalign.registration.pieces import MapGoals, RigidPieces
+from collalign.registration.arap import ArapSolver, MapGoals
 from collalign.registration.tuning import BENT, TUNED
 from data_tools.arrays import FloatArray
 from data_tools.poses import fitting_similarity, scales_of
@@ -43,7 +43,7 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     """
     size = math.sqrt(target.area / source.area)
     rest = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
-    solver = RigidPieces(rest)
+    solver = ArapSolver(rest)
     if solver.mass[np.unique(goals[0])].sum() < BENT.least_share * solver.mass.sum():
         return None
     moved = laid_by_map(solver, goals, BENT.length)
@@ -53,7 +53,7 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     return None if is_small or is_turned else moved
 
 
-def laid_by_map(solver: RigidPieces, goals: MapGoals, length: float) -> FloatArray:
+def laid_by_map(solver: ArapSolver, goals: MapGoals, length: float) -> FloatArray:
     """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii."""
     vertices, places = goals
     trust, edges = np.ones(len(vertices)), np.zeros((len(solver.mass), 3))
@@ -61,7 +61,7 @@ def laid_by_map(solver: RigidPieces, goals: MapGoals, length: float) -> FloatArr
         pull = solver.pull(goals, trust, length * solver.radius)
         for _ in range(_NUM_ROUNDS):
             moved = pull(edges)
-            edges = solver.turned_edges(moved)
+            edges = solver.rotated_edges(moved)
         distances = np.linalg.norm(moved[vertices] - places, axis=1)
         scale = TUNED.cutoff * float(np.median(distances)) or 1.0
         trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
@@ -82,7 +82,7 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
         A mesh.
     copies : sequence of ndarray, shape (v, 3)
     """
-    solver = RigidPieces(source)
+    solver = ArapSolver(source)
     num = len(source.vertices)
     pull = solver.pull((np.arange(num), source.vertices), np.ones(num), BENT.loose * solver.radius)
-    return [pull(solver.turned_back(copy)) for copy in copies]
+    return [pull(solver.rotated_back(copy)) for copy in copies]

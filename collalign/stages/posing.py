@@ -10,7 +10,7 @@ from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
 from collalign.products.pair import are_weighed
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_whole
+from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_complete
 from collalign.stages.incomplete.scans import align_scans, may_be_scans
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.steps import Matched, Posed, Run, with_group
@@ -27,15 +27,15 @@ def looks_for_incomplete(options: AlignOptions) -> bool:
 
 def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
-    all_told = len(missing) == len(run.shapes.names)
-    known = steps.match(run) if all_told or _tries_scans(run, missing) else None
-    if known and (all_told or may_be_scans(run.shapes, known[1].pairs)):
+    all_named = len(missing) == len(run.shapes.names)
+    known = steps.match(run) if all_named or _tries_scans(run, missing) else None
+    if known and (all_named or may_be_scans(run.shapes, known[1].pairs)):
         decided, matched = known
-        scans = align_scans(decided, matched, missing if all_told else {})
+        scans = align_scans(decided, matched, missing if all_named else {})
         if scans is not None:
             return replace(matched, notes=()), scans  # which are about whole shapes
     matched, posed = _pose_on_complete(run, missing, known)
-    whole = turned_out_whole(posed.incomplete)
+    whole = turned_out_complete(posed.incomplete)
     if whole:
         matched, posed = _pose_on_complete(run, {i: why for i, why in missing.items() if i not in whole})
     return matched, posed

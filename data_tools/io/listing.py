@@ -63,7 +63,7 @@ class FolderListing:
     @property
     def skipped_names(self) -> tuple[str, ...]:
         """The names of the others, with as many folders as tell them apart."""
-        return tuple(_told_apart(self.skipped, kinds=(True,)))
+        return tuple(_disambiguated(self.skipped, kinds=(True,)))
 
     def some(self, chosen: Iterable[int]) -> FolderListing:
         """Return the listing of some of the shapes alone, by their positions."""
@@ -203,12 +203,12 @@ def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
     alike: dict[str, list[Path]] = {}
     for path in files:
         alike.setdefault(_tail(path, 0, whole=False).casefold(), []).append(path)
-    named = {path: name for group in alike.values() for path, name in zip(group, _told_apart(group), strict=True)}
+    named = {path: name for group in alike.values() for path, name in zip(group, _disambiguated(group), strict=True)}
     names = tuple(named[path] for path in files)
-    return names if len(set(names)) == len(names) else tuple(_told_apart(files, kinds=(True,)))
+    return names if len(set(names)) == len(names) else tuple(_disambiguated(files, kinds=(True,)))
 
 
-def _told_apart(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
+def _disambiguated(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
     """Return names of files with as few folders before them as tells them apart; with suffixes only where needed.
 
     They are unlike without regard to case as well, unless case alone tells files of one folder apart.

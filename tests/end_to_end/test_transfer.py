@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.loading import load
-from collalign.tools.correspond.run import lender_of_triangles
+from collalign.tools.correspond.run import choose_template
 from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
@@ -102,11 +102,11 @@ def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles
         transform = np.array(files[chosen].transform)
         transform[:3] *= factor
         moved = [replace(file, transform=transform) if at == chosen else file for at, file in enumerate(files)]
-        assert lender_of_triangles(moved) == chosen
+        assert choose_template(moved) == chosen
     left_out = [replace(file, incomplete=at == chosen) for at, file in enumerate(files)]
-    assert lender_of_triangles(left_out) != chosen
+    assert choose_template(left_out) != chosen
     changed = [replace(file, digest="another" if at == chosen else file.digest) for at, file in enumerate(files)]
-    assert lender_of_triangles(changed) != chosen
+    assert choose_template(changed) != chosen
 
 
 def test_several_templates_err_less_and_know_by_how_much(result, templates, planted, run):

@@ -81,7 +81,7 @@ def _read(folder: Path) -> Collection:
         raise InputError(
             f"{path}: there is no such file. Give the folder that `collalign align FOLDER --out OUT` wrote (its OUT)"
         )
-    with _told(path):
+    with _readable(path):
         data = load_arrays(read_source(path).content, path.name)
         format = int(data["version"])
     if format != EVIDENCE_VERSION:
@@ -89,16 +89,16 @@ def _read(folder: Path) -> Collection:
             f"{path}: written in format {format}, but this version reads {EVIDENCE_VERSION}; "
             "run `collalign align` again"
         )
-    with _told(beside):
+    with _readable(beside):
         content = load_arrays(read_source(beside).content, beside.name)
         correspondences = _correspondences(content, tuple(json.loads(data["text"].tobytes())["names"]))
-    with _told(path):
+    with _readable(path):
         return _collection(data, correspondences, folder)
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Say of which file it is that it cannot be read: damaged archives fail in every way there is."""
+def _readable(path: Path) -> Iterator[None]:
+    """Name the file in any error of this block: damaged archives fail in every way there is."""
     try:
         yield
     except Exception as error:

@@ -122,7 +122,7 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
             }
             for pair in pairs
         }
-        found = session.spread("mirror images", chirality_energies, tasks, shared=table)
+        found = session.map_parallel("mirror images", chirality_energies, tasks, shared=table)
         return list(tasks), np.array([found[pair] for pair in tasks])
 
     samples = [Shared(key=str(i), reader=Samples) for i in range(num)]

@@ -172,7 +172,7 @@ def _vertices(
         }
         for position, shape in enumerate(members)
     }
-    found = session.spread("maps of all vertices", places_on_reference, tasks)
+    found = session.map_parallel("maps of all vertices", places_on_reference, tasks)
     left_out = {
         i: surfaces.failures.get(i, "no trusted pair connects it to the others")
         for i in range(len(shapes.names))

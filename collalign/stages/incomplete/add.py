@@ -65,7 +65,7 @@ def place_on(
             "fixed": constraints.fixed.get(i),
             "fixed_transform": constraints.fixed_transforms.get(i),
         }
-    return session.spread("incomplete shapes", place_shape, tasks)
+    return session.map_parallel("incomplete shapes", place_shape, tasks)
 
 
 def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:

@@ -35,7 +35,7 @@ _GRID_GROWTH = 14.0
 MIN_SHAPES, MOST_MISSING = 5, 0.5
 
 
-def told_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable[str] = ()) -> dict[int, str]:
+def named_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable[str] = ()) -> dict[int, str]:
     """Return the positions of the shapes that ``options.incomplete`` names, or that an earlier run has found.
 
     Raises
@@ -61,7 +61,7 @@ def open_among_closed(shapes: Shapes) -> dict[int, str]:
     return dict.fromkeys(suspects, OPEN)
 
 
-def turned_out_whole(incomplete: Iterable[Incomplete]) -> set[int]:
+def turned_out_complete(incomplete: Iterable[Incomplete]) -> set[int]:
     """Return the shapes that were taken for broken, but are open at a hole: no part of them is missing."""
     return {one.shape for one in incomplete if one.reason == OPEN and one.beyond < MISSING_SHARE}
 
@@ -88,7 +88,7 @@ def find_incomplete(
             for i in sorted(range(len(nearest)), key=lambda i: sorted(nearest[i]))  # partners in common together
             if nearest[i] and samples[i].rim != "closed" and points[i].on_rim.any()
         }
-        shares = session.spread("incomplete shapes", share_beyond, tasks, shared=table)
+        shares = session.map_parallel("incomplete shapes", share_beyond, tasks, shared=table)
     missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE]
     if len(missing) > MOST_MISSING * len(samples):
         return {}

@@ -60,7 +60,7 @@ def solve_again(
         }
         for number, (pair, start) in enumerate(zip(pairs, asked, strict=True))
     }
-    return list(session.spread("pairs again", solve, tasks, shared=table).values())
+    return list(session.map_parallel("pairs again", solve, tasks, shared=table).values())
 
 
 def with_common_match(

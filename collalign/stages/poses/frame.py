@@ -39,10 +39,10 @@ def fix_frame(
         return rotations, solution
     posed = principal_axes_gauge([item.positions for item in samples], rotations)
     turn = posed[0] @ rotations[0].T
-    return posed, turned_solution(solution, np.tile(turn, (len(samples), 1, 1)))
+    return posed, rotated_solution(solution, np.tile(turn, (len(samples), 1, 1)))
 
 
-def turned_solution(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
+def rotated_solution(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
     """Return the solution with the pose of each shape, and its alternatives, turned in the common frame.
 
     Parameters

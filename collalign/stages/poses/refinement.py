@@ -142,7 +142,7 @@ def refine_rotations(
                 (i, j): {"target": points[i], "source": points[j], "start": start, "steps": steps}
                 for (i, j), start in starts.items()
             }
-            poses = list(session.spread("refinements", refine_pair, tasks, shared=table).values())
+            poses = list(session.map_parallel("refinements", refine_pair, tasks, shared=table).values())
             graph = PairGraph.of_candidates(
                 local,
                 [(rotation[None], np.array([energy])) for rotation, energy in poses],

@@ -240,7 +240,7 @@ def _costs(
                 "partner_poses": rotations[chosen],
             }
     with table_of_values(samples) as table:
-        found = session.spread("poses tried", pose_costs, tasks, shared=table)
+        found = session.map_parallel("poses tried", pose_costs, tasks, shared=table)
     least = np.array([RESOLUTION, LEAST_MISMATCH])[:, None, None]
     return [found[i] + least if i in found else np.zeros((2, 0, 0)) for i in range(len(samples))]
 

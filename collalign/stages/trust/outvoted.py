@@ -71,7 +71,7 @@ def preferred_poses(
                 for j in near
             }
     with table_of_values(samples) as table:
-        refined = session.spread("poses tried", refine_pair, tasks, shared=table)
+        refined = session.map_parallel("poses tried", refine_pair, tasks, shared=table)
     poses = rotations.copy()
     for i, (own, near) in tried.items():
         energies = np.array([[refined[i, r, j][1] for j in near] for r in range(len(own))]) + RESOLUTION

@@ -44,7 +44,7 @@ def certify(
         certification.npz, which --verify checks, are written into it, and what
         is proven of all shapes becomes a note of the result and its report.
     shapes
-        Names of the shapes to speak of; all by default.
+        Names of the shapes to certify; all by default.
     budget_s
         Seconds after which no further proof of a pair begins, an hour by default; pairs
         without one count with a bound that costs nothing.

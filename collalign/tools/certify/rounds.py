@@ -82,7 +82,7 @@ class Rounds:
         """Descend to small values of every pair at tilts (E, 3, 3), from known rotations."""
         group = {"group": self.session.options.group, "gap": 0.0}
         tasks = {e: self._shapes(e) | group | {"tilt": tilts[e], "known": some} for e, some in enumerate(known)}
-        return list(self.session.spread("descents", bound_pair, tasks).values())
+        return list(self.session.map_parallel("descents", bound_pair, tasks).values())
 
     def prove(self, master: JointMaster, gap: float, deadline: float) -> list[TiltedProof]:
         """Bound every pair at the master's tilts to a gap, first those whose bounds raise the joint one most.

@@ -43,7 +43,7 @@ def certify_collection(
     result : Collection or path
         A result, or the folder that ``collalign align`` wrote; the files that it read must still be there.
     shapes : sequence of str
-        Names of the shapes to speak of; all by default. The pairs among them that the run matched count.
+        Names of the shapes to certify; all by default. The pairs among them that the run matched count.
     budget_s : float
         Seconds after which no further proof of a pair begins; pairs without one count with a bound that costs
         nothing.

@@ -84,10 +84,10 @@ def dense_correspondence(
     files = [collection.posed_file(at) for at in members]
     maps = collection.vertex_maps if collection.has_vertex_maps else None
     with Session.open(None, as_options("run", run, RunOptions), progress_display(progress)) as session:
-        return correspond(session, files, lender_of_triangles(files), maps)
+        return correspond(session, files, choose_template(files), maps)
 
 
-def lender_of_triangles(files: Sequence[PosedFile]) -> int:
+def choose_template(files: Sequence[PosedFile]) -> int:
     """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is.
 
     The middle is that of the files' own vertices. Simplified surfaces have too few: of fourteen mouse skulls they

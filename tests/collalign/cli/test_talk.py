@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.cli.talk import end, speak, talking, tell
+from collalign.cli.talk import configure_output, end, talking, tell
 from collalign.engine.jobs import progress
 
 TEXTS = (".json", ".csv", ".html")
@@ -120,7 +120,7 @@ def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
 
 def test_what_is_unknown_is_null_for_programs(capsys):
     with talking():
-        speak(quiet=False, as_json=True, verbose=False, log=None)
+        configure_output(quiet=False, as_json=True, verbose=False, log=None)
         tell(
             confidence=np.array([0.5, np.nan]),
             bound=float("-inf"),

@@ -88,7 +88,7 @@ def test_results_of_one_job_are_arguments_of_another(num_jobs):
         arguments = {"root": roots.shared("one"), "others": (roots.shared("four"), roots.shared("four")), "more": 0.5}
         sums = session.compute(adding, {"all": Wanted(key="s", label="all", arguments=arguments)}, time_limit_s=None)
         assert sums["all"] == Sum(total=5.5)
-        assert session.spread("sums", add, {(1, 2): arguments}) == {(1, 2): Sum(total=5.5)}
+        assert session.map_parallel("sums", add, {(1, 2): arguments}) == {(1, 2): Sum(total=5.5)}
         assert session.store.require("evidence", "s") == {"total": 5.5}
 
 
@@ -137,8 +137,8 @@ def test_results_are_spread_counted_and_not_kept(num_jobs):
         return nullcontext(lambda result: counted.append(result.key))
 
     with Session.open(None, RunOptions(jobs=num_jobs), count) as session:
-        found = session.spread("things", misbehave, {i: {"payload": ("return", i)} for i in range(6)})
-        assert session.spread("things", misbehave, {}) == {}
+        found = session.map_parallel("things", misbehave, {i: {"payload": ("return", i)} for i in range(6)})
+        assert session.map_parallel("things", misbehave, {}) == {}
         assert not any(session.store.keys(kind) for kind in ("shapes", "pairs"))
     assert found == {i: i for i in range(6)}
     assert counted[0] == "things: 0 of 6"
@@ -147,7 +147,7 @@ def test_results_are_spread_counted_and_not_kept(num_jobs):
 
 def test_a_failure_is_an_error_that_names_the_task():
     with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
-        session.spread("things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}})
+        session.map_parallel("things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}})
 
 
 def test_displays_count_steps_without_workers():
@@ -163,7 +163,7 @@ def test_displays_count_steps_without_workers():
         with session.alone("poses"):
             assert counted == []
         assert len(counted) == 1
-        session.spread("pairs again", root, {"a": {"value": 1.0}})
+        session.map_parallel("pairs again", root, {"a": {"value": 1.0}})
         session.enter("outputs")
         assert store.notes() == {"stage": "outputs"}
         with session_around(store).alone("poses"):  # without a display nothing happens

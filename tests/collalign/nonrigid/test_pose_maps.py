@@ -99,6 +99,6 @@ def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one():
     assert right.normals < flipped.normals
     assert right.surface < flipped.surface
     blind = replace(right, normals=float("nan"), surface=float("nan"))
-    assert right.score < blind.score, "small gaps speak for a map"
+    assert right.score < blind.score, "small gaps support a map"
     own = replace(found[0], origin="signs")
     assert own.score < found[0].score, "a map that only poses lead to must be better"

@@ -13,7 +13,7 @@ from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
-from collalign.stages.incomplete.detect import find_incomplete, open_among_closed, told_incomplete
+from collalign.stages.incomplete.detect import find_incomplete, named_incomplete, open_among_closed
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _tries_scans, _without_found
@@ -142,9 +142,9 @@ def test_a_tooth_that_is_placed_by_hand_stays_there_and_the_others_where_they_we
 
 def test_names_are_checked(planted):
     with pytest.raises(InputError, match="'tooth9'"):
-        told_incomplete(replace(OPTIONS, incomplete="tooth9"), ["tooth1"])
-    assert told_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
-    assert told_incomplete(OPTIONS, ["tooth0", "tooth1"], ["tooth1"]).keys() == {1}
+        named_incomplete(replace(OPTIONS, incomplete="tooth9"), ["tooth1"])
+    assert named_incomplete(replace(OPTIONS, incomplete="never"), ["tooth1"]) == {}
+    assert named_incomplete(OPTIONS, ["tooth0", "tooth1"], ["tooth1"]).keys() == {1}
     with pytest.raises(OptionsError, match="incomplete"):
         AlignOptions(incomplete=3)  # type: ignore[arg-type]
     most = ",".join(f"tooth{n}" for n in range(4))

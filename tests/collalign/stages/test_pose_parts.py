@@ -6,7 +6,7 @@ import pytest
 from collalign.options import AlignOptions
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import resolve_pair
-from collalign.stages.poses.frame import turned_solution
+from collalign.stages.poses.frame import rotated_solution
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
 from data_tools.datasets.synthetic_shapes import chair
@@ -84,7 +84,7 @@ def test_parts_of_one_shape_each_are_refused(samples, pairs):
 def test_a_turn_moves_poses_and_alternatives_together(pairs, rng):
     before = synchronize_pairs(AlignOptions(group="SO"), sum(SIZES), pairs)
     turn = random_rotation(rng)
-    after = turned_solution(before, np.tile(turn, (sum(SIZES), 1, 1)))
+    after = rotated_solution(before, np.tile(turn, (sum(SIZES), 1, 1)))
     assert np.allclose(after.rotations, turn @ before.rotations)
     for poses, others in zip(after.alternatives, before.alternatives, strict=True):
         assert all(np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True))

@@ -18,7 +18,7 @@ from data_tools.surface.shape import Shape
 MapGoals: TypeAlias = tuple[IntArray, FloatArray]
 
 
-class RigidPieces:
+class ArapSolver:
     """A surface at rest, its edges with cotangent weights, and how each vertex's edges turn.
 
     Parameters
@@ -58,12 +58,12 @@ class RigidPieces:
         solve = splu(csc_array(self._stiffness + diags_array(total))).solve
         return lambda edges: np.asarray(solve(edges + asked))
 
-    def turned_edges(self, moved: FloatArray) -> FloatArray:
+    def rotated_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
         rest, _, turns = self._edges(moved)
         return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", turns, rest)))
 
-    def turned_back(self, moved: FloatArray) -> FloatArray:
+    def rotated_back(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
         _, now, turns = self._edges(moved)
         return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", turns, now)))
