@@ -36,7 +36,7 @@ def open_app(place: Path, *, sources: Path | None = None) -> int:
     """
     desk = Desk(place, sources)
     with served(desk) as server:
-        say(f"{server.address}\nThis machine alone can open it. Ctrl-C ends.")
+        say(f"{server.address}\nOnly this machine can open it. Press Ctrl-C to end.")
         webbrowser.open(server.address)
         try:
             server.serve_forever()

@@ -46,7 +46,7 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
         tell(**{kind: count | {"failures": failed}})
     num_files, stage = int(notes.get(NUM_FILES, 0)), notes.get(STAGE, FINISHED)
     if num_files > (planned := counts["shapes"]["planned"]):
-        say(f"files: {num_files}, of which {num_files - planned} hold what another one holds")
+        say(f"files: {num_files}, of which {num_files - planned} are duplicates")
     for kind, count in counts.items():
         if not count["planned"] and kind not in ("shapes", "pairs"):
             continue
@@ -61,7 +61,7 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     finished = stage == FINISHED and planned > 0 and not left
     tell(run=notes, store_bytes=size, finished=finished)
     if not finished:
-        say("Not finished: if it does not run any more, run the same command to go on.")
+        say("Not finished. If it no longer runs, the same command continues it.")
         return UNFINISHED
     return INCOMPLETE if counts["shapes"]["failed"] or counts["pairs"]["failed"] else 0
 

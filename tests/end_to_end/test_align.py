@@ -258,10 +258,10 @@ def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path, c
         store.set_note("stage", "confidence")
     assert main(["status", str(tmp_path)]) == 5
     said = capsys.readouterr().out
-    assert "files: 3, of which 2 hold what another one holds" in said
+    assert "files: 3, of which 2 are duplicates" in said
     assert "shapes: 0 done, 0 failed, 1 left of 1" in said
     assert "stage: confidence" in said
-    assert said.endswith("run the same command to go on.\n")
+    assert said.endswith("the same command continues it.\n")
     assert main(["status", str(tmp_path), "--prune"]) == 2
     assert "the run is not finished" in capsys.readouterr().err
     assert main(["status", str(tmp_path / "nowhere"), "--prune"]) == 2

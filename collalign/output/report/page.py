@@ -150,7 +150,7 @@ def _steps(number: int, num_pages: int, report: str) -> str:
     if number < num_pages:
         places[Path(page_path(number + 1)).name] = "next page"
     links = ", ".join(f'<a href="{place}">{words}</a>' for place, words in places.items())
-    return f"<p>Page {number} of {num_pages}; decisions on it have a download of their own. Go to: {links}</p>"
+    return f"<p>Page {number} of {num_pages}; its decisions are downloaded from this page. Go to: {links}</p>"
 
 
 def render_page(

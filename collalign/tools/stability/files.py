@@ -68,7 +68,7 @@ def stability_summary(stability: Stability) -> tuple[str, ...]:
         f"{int((poses[counted] == 1.0).sum())} of {len(counted)} poses stayed within {stability.stay_deg:.0f} deg of "
         "the others' in every repetition.",
         f"{len(names)} shapes aligned again {len(stability.repetitions)} times: {'; '.join(stability.repetitions)}.",
-        f"Poses stay in {_percent(poses[chosen])} of the repetitions, mirror images in "
+        f"Poses stayed in {_percent(poses[chosen])} of the repetitions, and reflections in "
         f"{_percent(stability.chirality_stays[chosen])}.",
     ]
     if moved:

@@ -103,7 +103,7 @@ def left_out_summary(transferred: TransferredLandmarks) -> str:
     both = known & np.isfinite(radius)
     if both.any():
         share = 100 * float(np.mean(errors[both] <= radius[both]))
-        said += f"; {share:.0f} % within their radius ({100 * COVERAGE:.0f} % meant)"
+        said += f"; {share:.0f} % within their radius ({100 * COVERAGE:.0f} % is the goal)"
     return said
 
 
