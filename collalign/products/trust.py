@@ -60,7 +60,8 @@ class Trust:
         * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with;
         * partners: the number of its pairs.
 
-        What is said of neighbourhoods is NaN where surfaces have too few points for neighbourhoods.
+        Pairs with a shape that resembles no other one count for that shape alone. What is said of neighbourhoods is
+        NaN where surfaces have too few points for neighbourhoods.
     rivals : tuple of ndarray, each (r, 3, 3)
         Other poses of each shape, ``R_common_shape``.
     excess : tuple of ndarray, each (r,)

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from collalign.confidence.pose_model import resembles_none
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
 from collalign.products.incomplete import Incomplete
@@ -219,7 +220,8 @@ def state_trust(run: Run, posed: Posed) -> Posed:
         solution = with_trust(posed.solution, trust, run.constraints, posed.side_limits)
         notes = trust_notes(names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, trust=trust)
-        helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides)
+        strange = resembles_none(trust.evidence)
+        helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange)
     return replace(posed, notes=(*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps))
 
 

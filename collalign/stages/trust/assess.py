@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_COST
-from collalign.confidence.pose_model import is_as_good, pose_confidence
+from collalign.confidence.pose_model import is_as_good, pose_confidence, resembles_none
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import LEAST_MISMATCH, MAX_ALTERNATIVES, Alternative, Pair
@@ -18,7 +18,7 @@ from collalign.stages.trust.own_turns import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
 from collalign.stages.trust.witnesses import hear_witnesses
 from collalign.synchronization import SynchronizationResult
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
@@ -45,6 +45,8 @@ def gather_trust(
 ) -> Trust:
     """Gather the evidence about every pose.
 
+    Pairs with a shape that resembles no other one say nothing about the poses of the others, and are not counted.
+
     Parameters
     ----------
     session : Session
@@ -66,6 +68,7 @@ def gather_trust(
     )
     poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
     costs = _costs(session, samples, rotations, partners, poses)
+    partners, costs = _among_relatives(partners, costs, resembles_none(_fits(costs, components)))
     excess, local_excess = ([_excess(cost[kind]) for cost in costs] for kind in (GAP, LOCAL))
     leads = [
         leads_over(pose, other[: len(rises)], own)
@@ -141,7 +144,7 @@ def _evidence(
     alike: Sequence[FloatArray],
 ) -> FloatArray:
     """Return the evidence about every pose, one row per shape, where poses that turns (t, 3, 3) part count as one."""
-    evidence = np.full((len(rotations), len(KINDS)), np.nan)
+    evidence = _fits(costs, components)
     for i, own in enumerate(partners):
         poses = alike[i] @ rotations[i]
         if own:
@@ -151,18 +154,45 @@ def _evidence(
             )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
-            evidence[i, MISFIT] = np.log(costs[i][GAP, 0, :-1].mean())
-            evidence[i, MISMATCH] = costs[i][LOCAL, 0, :-1].min() - LEAST_MISMATCH
         heard = [witness.poses[i] for witness in trust.witnesses]
         evidence[i, CONTRADICTIONS] = sum((turn_deg(pose, poses) > APART_DEG).all() for pose in heard)
-    evidence[:, LOCAL_MISFIT] = np.log(evidence[:, MISMATCH] + LEAST_MISMATCH)
+    strange = resembles_none(evidence)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         if len(known):
-            evidence[known, COLLECTION_VOTES] = evidence[known, VOTES].mean()
+            related = known[~strange[known]] if not strange[known].all() else known
+            evidence[known, COLLECTION_VOTES] = evidence[related, VOTES].mean()
+    return read_only(evidence)
+
+
+def _fits(costs: Sequence[FloatArray], components: Sequence[IntArray]) -> FloatArray:
+    """Return how well each shape fits its partners, as evidence of which nothing else is known."""
+    evidence = np.full((len(costs), len(KINDS)), np.nan)
+    for i, cost in enumerate(costs):
+        if cost.size:
+            evidence[i, MISFIT] = np.log(cost[GAP, 0, :-1].mean())
+            evidence[i, MISMATCH] = cost[LOCAL, 0, :-1].min() - LEAST_MISMATCH
+    evidence[:, LOCAL_MISFIT] = np.log(evidence[:, MISMATCH] + LEAST_MISMATCH)
+    for members in components:
+        known = members[~np.isnan(evidence[members, MISFIT])]
+        if len(known):
             for kind in (MISFIT, LOCAL_MISFIT):
                 evidence[known, kind] -= np.median(evidence[known, kind])
-    return read_only(evidence)
+    return evidence
+
+
+def _among_relatives(
+    partners: Sequence[list[Partner]], costs: Sequence[FloatArray], strange: BoolArray
+) -> tuple[list[list[Partner]], list[FloatArray]]:
+    """Return the partners of each shape that are not strange, and its costs against these; strange shapes keep all."""
+    of_shapes, against = [], []
+    for i, (own, cost) in enumerate(zip(partners, costs, strict=True)):
+        related = np.array([not strange[partner.shape] for partner in own], dtype=np.bool_)
+        if strange[i] or not related[:MAX_PARTNERS].any():
+            related[:] = True
+        of_shapes.append([partner for partner, is_related in zip(own, related, strict=True) if is_related])
+        against.append(cost[:, :, np.append(related[:MAX_PARTNERS], True)] if cost.size else cost)
+    return of_shapes, against
 
 
 def _turns_of_parts(

@@ -12,7 +12,7 @@ from collalign.products.shapes import Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 from data_tools.notes import Note
 from data_tools.percent import MAX_NAMED, listed
 
@@ -25,7 +25,9 @@ WORSE_ACROSS = 1.5
 MAY_BE_CUT = 0.7
 
 
-def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray) -> list[Note]:
+def remedies(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray, strange: BoolArray
+) -> list[Note]:
     """Return notes that name the option which helps where most shapes, or open surfaces, are in doubt.
 
     Parameters
@@ -36,6 +38,8 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
     pairs : sequence of Pair
         As first matched.
     confidence : ndarray, shape (N,)
+    strange : ndarray of bool, shape (N,)
+        Shapes that resemble no other one: they are of another kind, not incomplete.
     """
     options, said = session.options, []
     in_doubt = np.flatnonzero(~(confidence >= DOUBT))
@@ -45,7 +49,8 @@ def remedies(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confi
         groups = "; ".join(listed([shapes.names[i] for i in kind]) for kind in kinds)
         said.append(Note("several-kinds", values={"num": len(kinds), "groups": groups}))
     elif options.incomplete == AUTO:
-        cut = [shapes.names[i] for i in _doubted(confidence)[:MAX_NAMED] if shapes.samples[i].rim != "closed"]
+        may_be_cut = [i for i in _doubted(confidence) if not strange[i]][:MAX_NAMED]
+        cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
     return said

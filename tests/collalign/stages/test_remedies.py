@@ -22,7 +22,7 @@ NUM = 8
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
 
 
-def said(folder, confidence, pairs, options=OPTIONS):
+def said(folder, confidence, pairs, options=OPTIONS, strange=()):
     """Return what helps a folder of closed blobs of which the first three are cut open."""
     rng = np.random.default_rng(3)
     for i in range(NUM):
@@ -30,7 +30,7 @@ def said(folder, confidence, pairs, options=OPTIONS):
         write_mesh(folder / f"s{i}.ply", cut(shape, np.eye(3)[0], 0.2) if i < 3 else shape)
     with Session.open(options, RunOptions(jobs=1)) as session:
         shapes = prepare_shapes(session, list_shapes(folder))
-        return remedies(session, shapes, pairs, confidence)
+        return remedies(session, shapes, pairs, confidence, np.isin(np.arange(NUM), strange))
 
 
 def sure(**doubted):
@@ -71,3 +71,8 @@ def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path, doubted, named):
     assert found == ([Note("open-borders", tuple(named))] if named else [])
     told = replace(OPTIONS, incomplete="never")
     assert said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == []
+
+
+def test_a_shape_of_another_kind_is_not_taken_for_incomplete(tmp_path):
+    found = said(tmp_path, sure(s1=0.3, s2=0.2), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), strange=[2])
+    assert found == [Note("open-borders", ("s1",))]

@@ -531,9 +531,22 @@ def test_neighbourhoods_tell_what_is_of_another_kind(rng):
     samples[3] = brick(np.array([1.0, 0.8, 0.6]))
     trust = trusted(samples, pairs_at(truth), truth)
     assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
-    assert column(trust, "partners").tolist() == [NUM - 1] * NUM
+    assert column(trust, "partners").tolist() == [NUM - 1 if i == 3 else NUM - 2 for i in range(NUM)]
     others = np.delete(column(trust, "local margin"), 3)
     assert others.min() > max(column(trust, "local margin")[3], 0.05)
+
+
+def test_a_stranger_costs_the_others_no_confidence(rng):
+    samples, truth = crowns(rng)
+    samples, truth = samples[:5], truth[:5]
+    kept = [pair for pair in pairs_at(truth) if 4 not in (pair.target, pair.source)]
+    alone = pose_confidence(trusted(samples[:4], kept, truth[:4]))
+    samples[4] = brick(np.array([1.0, 0.8, 0.6]))
+    to_stranger = [pair for pair in pairs_at(truth, wrong={0, 2}) if 4 in (pair.target, pair.source)]
+    with_stranger = trusted(samples, kept + to_stranger, truth)
+    assert np.flatnonzero(resembles_none(with_stranger.evidence)).tolist() == [4]
+    assert column(with_stranger, "partners").tolist() == [3, 3, 3, 3, 4]
+    assert np.allclose(pose_confidence(with_stranger)[:4], alone, atol=1e-3)
 
 
 def test_neighbourhoods_of_a_sphere_are_all_alike():
