@@ -184,7 +184,7 @@ def _fits(costs: Sequence[FloatArray], components: Sequence[IntArray]) -> FloatA
 def _among_relatives(
     partners: Sequence[list[Partner]], costs: Sequence[FloatArray], strange: BoolArray
 ) -> tuple[list[list[Partner]], list[FloatArray]]:
-    """Return the partners of each shape that are not strange, and its costs against these; strange shapes keep all."""
+    """Return the partners of each shape that are not strange, and its costs against these; a strange one has all."""
     of_shapes, against = [], []
     for i, (own, cost) in enumerate(zip(partners, costs, strict=True)):
         related = np.array([not strange[partner.shape] for partner in own], dtype=np.bool_)
