@@ -7,6 +7,7 @@ before it is asked for.
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -229,6 +230,23 @@ def read_landmarked_folder(folder: Path | str) -> Dataset:
         names=listing.names,
         loaders=tuple(partial(read_shape, file) for file in listing.files),
         landmarks=read_only(np.stack(landmarks)),
+    )
+
+
+def read_canonical_class(folder: Path | str) -> Dataset:
+    """Read meshes in ``meshes/`` whose canonical poses ``truth.json`` holds (one class of CAPOD, Papadakis 2014)."""
+    folder = Path(folder)
+    listing = read_folder(folder / "meshes")
+    try:
+        rows = json.loads(existing_file(folder / "truth.json").read_text())["shapes"]
+        to_file = {row["name"]: np.asarray(row["pose_common_to_file"], dtype=np.float64)[:3, :3] for row in rows}
+        turns = np.stack([to_file[name].T for name in listing.names])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder / 'truth.json'}: not the poses of the meshes ({error})") from error
+    return Dataset(
+        names=listing.names,
+        loaders=tuple(partial(read_shape, file) for file in listing.files),
+        rotations=read_only(as_rotations(turns, f"{folder}: poses", group="SO")),
     )
 
 

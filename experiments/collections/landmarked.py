@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from experiments.datasets import (
     Dataset,
+    read_canonical_class,
     read_landmark_archive,
     read_landmarked_folder,
     read_registered_archive,
@@ -16,12 +18,19 @@ from experiments.datasets import (
 )
 
 #: Folders of the data that they lie in.
-TEETH_FOLDER, CLASSES_FOLDER = "teeth_pnas116", "shrec07_dev"
+TEETH_FOLDER, CLASSES_FOLDER, OBJECTS_FOLDER = "teeth_pnas116", "shrec07_dev", "capod7"
 CLASSES = ("glasses", "ant", "chair", "teddy")
 #: Classes whose members bend, or were added later.
 MORE_CLASSES = ("human", "fish", "armadillo", "plane", "bird")
+#: Classes of objects with canonical poses; vases are not among them, which look the same after any turn.
+OBJECTS = ("guitar", "spider", "dolphin", "gun", "horse", "piano")
 #: A pose within this angle of the true one is right.
 RIGHT_DEG = 20.0
+
+
+def _read_object(name: str, data: Path) -> Dataset:
+    return read_canonical_class(data / OBJECTS_FOLDER / name)
+
 
 #: Readers of the collections that are no class of SHREC07.
 _READERS: dict[str, Callable[[Path], Dataset]] = {
@@ -30,6 +39,7 @@ _READERS: dict[str, Callable[[Path], Dataset]] = {
     "mouse landmarks": lambda data: read_landmark_archive(data / "mouse_skull_landmarks126" / "mouse_landmarks.npz"),
     "scape": lambda data: read_registered_archive(data / "scape71"),
     "centaur": lambda data: read_registered_folder(data / "tosca_centaur6"),
+    **{name: partial(_read_object, name) for name in OBJECTS},
 }
 #: Every real collection whose true rotations are known.
 COLLECTIONS = (*_READERS, *CLASSES, *MORE_CLASSES)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from collalign.confidence.pose_model import ceiling, probability, terms
-from data_tools.arrays import BoolArray, FloatArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.collections.landmarked import COLLECTIONS
+from experiments.collections.posed import MIRRORED_DEG
 from experiments.confidence.draws import FEWEST, GROSS_DEG, INTRUDED, MOST, measure_collection
 from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, training_rows
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
 SEED = 11
 RUNS = {"real": 10, "generated": 6}
 #: Raised when stated confidences change.
-VERSION = "5"
+VERSION = "6"
 #: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.
 SURE, USABLE = 0.95, 0.9
 RIGID = ("teeth", "mouse skulls")
+#: Fewest shapes of the runs that the table of sizes joins in one row.
+SIZES = {2: "2", 3: "3", 4: "4 to 6", 7: "7 to 12", 13: "13 or more"}
 #: Differences of confidences that are none.
 ROUNDING = 1e-9
 #: Figures to reach: name, words, at least or at most, value.
@@ -44,8 +47,8 @@ GOALS = (
 _ABOUT = f"""
 Random sub-collections of {FEWEST} to {MOST} shapes (uniform in the logarithm), default options, random poses, and
 generated collections of many kinds; a shape is right if it is within 20 degrees of the truth in the frame that
-most of its collection agrees with. In a part of {INTRUDED} of the runs on real collections one shape is replaced by a
-generated one or by a cloud of noise. *Unrelated blobs* and *noise* have no right answer: every pose that is not in
+most of its collection agrees with. In a part of {INTRUDED} of the runs one shape is replaced by a generated one of
+another kind or by a cloud of noise. *Unrelated blobs* and *noise* have no right answer: every pose that is not in
 doubt counts as wrong. Exactly symmetric families are right in several poses; there a word about it is owed, and they
 count in no other figure.
 
@@ -92,6 +95,43 @@ def facts(record: dict[str, Any], kind: str) -> Row:
     if intruder.any():
         row["intruders"] = 100 * float(named[intruder].mean())
     return row
+
+
+def by_size(records: dict[str, dict[str, Any]]) -> tuple[Row, ...]:
+    """Return one row for the runs of so many shapes: what is right, and how the sure ones are wrong."""
+    joined: dict[str, list[Any]] = {key: [] for key in ("size", "stated", "error_deg", "right")}
+    for kind, record in records.items():
+        part = _scored(record, kind)
+        joined["size"].append(run_sizes(record)[part])
+        for key in ("stated", "error_deg", "right"):
+            joined[key].append(record[key][part])
+    size, stated, error_deg, right = (np.concatenate(parts) for parts in joined.values())
+    rows: list[Row] = []
+    row_of_size = np.searchsorted(list(SIZES), size, side="right") - 1
+    for row, words in enumerate(SIZES.values()):
+        of_size = row_of_size == row
+        if not of_size.any():
+            continue
+        sure, is_right = of_size & (stated >= SURE), right[of_size]
+        rows.append(
+            {
+                "size": words,
+                "shapes": int(of_size.sum()),
+                "right": 100 * float(is_right.mean()),
+                "ece": reliability(stated[of_size], is_right).expected_error,
+                "num_sure": int(sure.sum()),
+                "wrong_side": int((sure & (error_deg == MIRRORED_DEG)).sum()),
+                "wrong_pose": int((sure & ~right & (error_deg != MIRRORED_DEG)).sum()),
+                "usable": 100 * _mean([stated[of_size & right] >= USABLE]),
+            }
+        )
+    return tuple(rows)
+
+
+def run_sizes(record: dict[str, Any]) -> IntArray:
+    """Return for each shape the number of shapes of its run."""
+    _, which, counts = np.unique(record["run"], return_inverse=True, return_counts=True)
+    return np.asarray(counts[which])
 
 
 def _scored(record: dict[str, Any], kind: str) -> BoolArray:
@@ -155,11 +195,20 @@ COLUMNS = (
 )
 
 
+SIZE_COLUMNS = (
+    Column(key="size", title="shapes of the run"),
+    *(column for column in COLUMNS if column.key in ("shapes", "right", "ece", "num_sure")),
+    Column(key="wrong_side", title="of these on the wrong side"),
+    Column(key="wrong_pose", title="of these in a wrong pose"),
+    *(column for column in COLUMNS if column.key == "usable"),
+)
+
+
 def measure(bench: Bench) -> Outcome:
     """Measure all collections."""
     bench.seeds.add(SEED)
     real = ("glasses",) if bench.quick else COLLECTIONS
-    generated = ("crowns", "noise") if bench.quick else tuple(FAMILIES)
+    generated = ("crowns", "bones, cut", "noise") if bench.quick else tuple(FAMILIES)
     runs = {"real": 2, "generated": 1} if bench.quick else RUNS
     cells = {kind: {"kind": kind, "seed": SEED, "runs": runs["real"]} for kind in real}
     cells |= {kind: {"kind": kind, "seed": SEED, "runs": runs["generated"]} for kind in generated}
@@ -186,6 +235,7 @@ def measure(bench: Bench) -> Outcome:
     return Outcome(
         tables=(
             Table(columns=COLUMNS, rows=tuple(facts(record, kind) for kind, record in records.items())),
+            Table(name="sizes", columns=SIZE_COLUMNS, rows=by_size(judged), caption="By size, left out."),
             Table(name="goals", columns=columns, rows=goals, caption="Figures to reach."),
         ),
         plots=(Plot(draw=lambda figure: draw(figure, records), title="Stated confidence and share that is right"),),
@@ -236,5 +286,5 @@ EXPERIMENT = Experiment(
     title="Confidence: what is stated, and what is true",
     about=_ABOUT,
     measure=measure,
-    collections=("teeth_pnas116", "shrec07_dev", "mouse_skulls62", "scape71", "tosca_centaur6"),
+    collections=("teeth_pnas116", "shrec07_dev", "mouse_skulls62", "scape71", "tosca_centaur6", "capod7"),
 )

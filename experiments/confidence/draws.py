@@ -20,9 +20,9 @@ from experiments.confidence.families import FAMILIES, noise_cloud, pose_family
 from experiments.experiment import Cell
 
 #: Shapes of a run, drawn uniformly in the logarithm; of a collection at most the larger are posed.
-FEWEST, MOST = 4, 40
-#: Of the runs on real collections this part has one shape replaced by an intruder.
-INTRUDED = 0.25
+FEWEST, MOST = 2, 40
+#: Of the runs this part has one shape replaced by an intruder, where there are more than so few shapes.
+INTRUDED, FEWEST_INTRUDED = 0.25, 4
 INTRUDER = "intruder"
 #: Sub-collections are wrong without a word where a shape is this far off and nothing is said of it.
 GROSS_DEG = 30.0
@@ -93,13 +93,17 @@ def _size(rng: np.random.Generator) -> int:
 
 def _generated(kind: str, folder: Path, rng: np.random.Generator) -> PosedCollection:
     """Write a generated collection, of at most half as many shapes: nothing of it can be matched twice."""
-    return pose_family(FAMILIES[kind], min(_size(rng), MOST // 2), folder, rng)
+    num = min(_size(rng), MOST // 2)
+    if FAMILIES[kind].related and num >= FEWEST_INTRUDED and rng.random() < INTRUDED:
+        _write_intruder(folder, rng)
+        num -= 1
+    return pose_family(FAMILIES[kind], num, folder, rng)
 
 
 def _subset(whole: PosedCollection, folder: Path, rng: np.random.Generator) -> PosedCollection:
     """Copy some shapes of a posed collection, one of them perhaps replaced by an intruder."""
     chosen = np.sort(rng.choice(len(whole.names), min(_size(rng), len(whole.names)), replace=False))
-    if rng.random() < INTRUDED:
+    if len(chosen) >= FEWEST_INTRUDED and rng.random() < INTRUDED:
         _write_intruder(folder, rng)
         chosen = chosen[1:]
     for index in chosen:

@@ -1,7 +1,8 @@
-"""Generated collections that try the confidence: symmetric, copied, mixed, unrelated shapes, and noise."""
+"""Generated collections that try the confidence: symmetric, mixed, damaged, unrelated shapes, and noise."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,11 @@ from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import bent, bumped, deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, sphere_mesh
 from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection
+from experiments.pairs.invariants import damage
+from experiments.peers.bones import bone
 
 NUM_VERTICES = 1200
 #: Root mean square height of bumps, as a share of the diagonal, of families that one should get right.
@@ -21,6 +25,11 @@ EASY_RMS = 0.02
 #: The same, of families at the edge of what can be told.
 HARD_RMS = 0.06
 
+#: Deviation of the logarithm of a stretched shape's proportions.
+STRETCH = 0.15
+
+Make = Callable[[np.random.Generator], Shape]
+Change = Callable[[Shape, np.random.Generator], Shape]
 Members = Callable[[int, np.random.Generator], tuple[Shape, ...]]
 
 
@@ -67,7 +76,7 @@ def cylinder(height: float, name: str = "cylinder") -> Shape:
     return radial(extent, name)
 
 
-def numbered(make: Callable[[np.random.Generator], Shape]) -> Members:
+def numbered(make: Make) -> Members:
     """Return a family of independent draws."""
 
     def members(num: int, rng: np.random.Generator) -> tuple[Shape, ...]:
@@ -79,7 +88,7 @@ def numbered(make: Callable[[np.random.Generator], Shape]) -> Members:
     return members
 
 
-def copies(make: Callable[[np.random.Generator], Shape], rms: float) -> Members:
+def copies(make: Make, rms: float) -> Members:
     """Return a family of bumped copies of one draw."""
     return lambda num, rng: deformed_family(make(rng), num, rng, rms=rms)
 
@@ -98,11 +107,41 @@ def noise_cloud(rng: np.random.Generator) -> Shape:
     return Shape.from_arrays(rng.standard_normal((NUM_VERTICES, 3)), name="noise")
 
 
+def changed(make: Make, change: Change) -> Members:
+    """Return a family of bumped copies of one draw, each changed in its own way."""
+
+    def members(num: int, rng: np.random.Generator) -> tuple[Shape, ...]:
+        return tuple(change(shape, rng) for shape in copies(make, EASY_RMS)(num, rng))
+
+    return members
+
+
+def stretched(shape: Shape, rng: np.random.Generator) -> Shape:
+    """Return a shape of other proportions along three random axes."""
+    axes = random_rotation(rng)
+    stretch = (axes * np.exp(STRETCH * rng.standard_normal(3))) @ axes.T
+    return Shape.from_arrays(shape.vertices @ stretch, shape.faces, name=shape.name)
+
+
+#: Shapes of which changed families are made, and what is done to each member.
+BASES: dict[str, Make] = {
+    "crowns": crown,
+    "chairs": chair,
+    "figures": lambda _: figure(),
+    "blobs": lambda rng: blob(rng, num_vertices=NUM_VERTICES),
+    "bones": lambda rng: bone(*sphere_mesh(NUM_VERTICES), rng, "bone"),
+}
+CHANGES: dict[str, Change] = {
+    "bumpy": lambda shape, rng: bumped(shape, rng, rms=HARD_RMS),
+    "bent": bent,
+    "rough": lambda shape, rng: damage(shape, "rough", rng),
+    "points": lambda shape, rng: damage(shape, "points", rng),
+    "cut": lambda shape, rng: damage(shape, "cut", rng),
+    "stretched": stretched,
+}
 FAMILIES: dict[str, Family] = {
     "crowns": Family(members=copies(crown, EASY_RMS)),
     "crowns, mirrored": Family(members=copies(crown, EASY_RMS), group="O"),
-    "hard crowns": Family(members=copies(crown, HARD_RMS)),
-    "hard chairs": Family(members=copies(chair, HARD_RMS)),
     "chairs": Family(members=numbered(lambda rng: bumped(chair(rng), rng, rms=EASY_RMS))),
     "bent figures": Family(members=numbered(lambda rng: bent(figure(), rng))),
     "near boxes": Family(members=numbered(lambda rng: bumped(box(np.array([1.0, 0.8, 0.6])), rng, rms=0.01))),
@@ -113,6 +152,10 @@ FAMILIES: dict[str, Family] = {
     "cubes": Family(members=numbered(lambda _: box(np.ones(3))), symmetric=True),
     "cylinders": Family(members=numbered(lambda _: cylinder(1.5)), symmetric=True),
     "spheres": Family(members=numbered(lambda _: radial(lambda u: np.ones(len(u)), "sphere")), symmetric=True),
+    **{
+        f"{base}, {change}": Family(members=changed(BASES[base], CHANGES[change]))
+        for base, change in itertools.product(BASES, CHANGES)
+    },
 }
 
 

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -107,6 +108,24 @@ def test_range_scan_layout(tmp_path, registered, rng):
     (tmp_path / "all.conf").write_text("bmesh scan0.ply 0 0 zero 0 0 0 1\n")
     with pytest.raises(InputError, match="malformed pose"):
         datasets.read_range_scans(tmp_path)
+
+
+def test_canonical_class_layout(tmp_path, registered, rng):
+    (tmp_path / "meshes").mkdir()
+    turns = np.stack([random_rotation(rng) for _ in registered])
+    rows = []
+    for i, (shape, turn) in enumerate(zip(registered, turns, strict=True)):
+        write_mesh(tmp_path / "meshes" / f"m{i}.ply", shape)
+        pose = np.eye(4)
+        pose[:3, :3] = turn
+        rows.append({"name": f"m{i}", "pose_common_to_file": pose.tolist()})
+    (tmp_path / "truth.json").write_text(json.dumps({"shapes": rows}))
+    found = datasets.read_canonical_class(tmp_path)
+    assert found.names == ("m0", "m1", "m2")
+    assert np.allclose(found.rotation(0, 1), turns[0] @ turns[1].T)
+    (tmp_path / "truth.json").write_text(json.dumps({"shapes": rows[:2]}))
+    with pytest.raises(InputError, match="not the poses of the meshes"):
+        datasets.read_canonical_class(tmp_path)
 
 
 def test_landmark_archive_layout(tmp_path, rng):

@@ -6,7 +6,7 @@ import pytest
 from collalign.products.trust import KINDS
 from data_tools.errors import InputError
 from experiments.collections.posed import MIRRORED_DEG
-from experiments.confidence.confidence import judged_by_the_others
+from experiments.confidence.confidence import by_size, judged_by_the_others
 from experiments.confidence.fit import training_rows
 from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
 
@@ -86,3 +86,16 @@ def test_wrong_chirality_is_no_evidence_about_turns():
     record["intruder"][7:9] = True
     record["evidence"][9, 0] = np.nan
     assert len(training_rows({"teeth": record})[0]) == len(record["right"]) - 10
+
+
+def test_sizes_tell_what_few_shapes_state_and_how_they_are_wrong():
+    record = record_of(9.0, num=13)
+    record["run"] = np.repeat([0, 1, 2], [2, 3, 8])
+    record["stated"] = np.full(13, 0.96)
+    record["right"] = np.arange(13) != 1
+    record["error_deg"] = np.where(record["right"], 0.0, 90.0)
+    record["error_deg"][4], record["right"][4] = MIRRORED_DEG, False
+    two, three, more = by_size({"teeth": record})
+    assert [row["size"] for row in (two, three, more)] == ["2", "3", "7 to 12"]
+    assert (two["wrong_pose"], two["wrong_side"], three["wrong_pose"], three["wrong_side"]) == (1, 0, 0, 1)
+    assert more["right"] == more["usable"] == 100.0
