@@ -25,6 +25,7 @@ def shape_files(tmp_path_factory):
 def test_the_undamaged_files_are_good(shape_files, tmp_path):
     for name, data in shape_files.items():
         assert targets.read_and_sample((name, data)) > 20
+    assert all(targets.read_landmark_file(file) > 0 for file in seeds.landmark_files().items())
     assert targets.read_store(("a.store", seeds.store_file(tmp_path))) == 2
     assert all(targets.read_record(item) > 0 for item in seeds.records().items())
     assert targets.read_certificate(("a.npz", seeds.certificate_file(tmp_path))) >= 0.0
@@ -50,6 +51,7 @@ def test_reasons_that_quote_the_file_or_name_internals_are_noticed(monkeypatch, 
 
 def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(tmp_path):
     for target, files, num in (
+        (targets.read_landmark_file, seeds.landmark_files(), 100),
         (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
         (targets.read_record, seeds.records(), 200),
         (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 60),

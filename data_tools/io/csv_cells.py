@@ -10,6 +10,9 @@ from collections.abc import Iterable
 #: Text that spreadsheets take for a formula, or that a reader would take for an escaped one.
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 
+#: A first line by which Excel tells which sign separates columns.
+SEPARATOR_LINE = re.compile(r"\A\ufeff?\"?sep=[;,\t|]\"?[ \t]*\r?\n", re.IGNORECASE)
+
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
     """Return rows as CSV with Unix line ends; numbers are written in full, NaN as an empty cell.

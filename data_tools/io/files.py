@@ -156,7 +156,11 @@ def read_any_text(path: Path) -> str:
         As :func:`open_regular`.
     """
     with open_regular(path, MAX_TEXT_BYTES) as stream:
-        content = stream.read()
+        return composed(any_text(stream.read()))
+
+
+def any_text(content: bytes) -> str:
+    """Return the text of a file's bytes in whatever encoding it is, as :func:`read_any_text`; never fails."""
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
     elif b"\0" in content[:2]:  # the first character of a table is one of ASCII
@@ -165,8 +169,8 @@ def read_any_text(path: Path) -> str:
         encodings = ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         with suppress(UnicodeDecodeError):
-            return composed(content.decode(encoding))
-    return composed(content.decode("latin-1"))
+            return content.decode(encoding)
+    return content.decode("latin-1")
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

@@ -42,13 +42,14 @@ def read_obj(source: Source) -> RawShape:
     faces = _triangles(path, polygons, num_before)
     if faces.size and faces.max() >= len(points):
         raise InputError(f"{path}: a face names vertex {faces.max() + 1}, there are {len(points)}")
-    return RawShape(vertices_of_lines(path, points), faces, _lost(text))
+    return RawShape(vertices_of_lines(path, points), faces, _lost(text, points[0]))
 
 
-def _lost(text: str) -> tuple[Note, ...]:
-    """Return the note that names what else the file has."""
+def _lost(text: str, point: str) -> tuple[Note, ...]:
+    """Return the note that names what else the file has; colours stand behind the coordinates of a vertex."""
     words = {"vt": "texture coordinates", "usemtl": "materials"}
-    return not_kept(thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE))
+    things = [thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE)]
+    return not_kept(things + ["colours"] * (len(point.split()) >= 6))
 
 
 def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatArray:

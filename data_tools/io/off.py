@@ -30,6 +30,8 @@ def read_off(source: Source) -> RawShape:
     first, *counts = " ".join(lines[:2]).split() or [""]
     if re.fullmatch(r"(ST)?C?N?OFF", first) is None:
         raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
+    if counts[:1] == ["BINARY"]:
+        raise InputError(f"{path}: is binary OFF, which is not read; save it as text, or as PLY")
     if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
         raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
     num_vertices, num_faces = int(counts[0]), int(counts[1])
@@ -40,10 +42,16 @@ def read_off(source: Source) -> RawShape:
             f"{len(body)} lines follow"
         )
     vertices = vertices_of_lines(path, body[:num_vertices], first=0)
-    faces = _triangles(path, body[num_vertices : num_vertices + num_faces])
+    rows = body[num_vertices : num_vertices + num_faces]
+    faces = _triangles(path, rows)
     if faces.size and faces.max() >= num_vertices:
         raise InputError(f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0")
-    return RawShape(vertices, faces, not_kept(["colours"] if "C" in first else []))
+    return RawShape(vertices, faces, not_kept(["colours"] if "C" in first or _has_colour(rows) else []))
+
+
+def _has_colour(rows: list[str]) -> bool:
+    """Whether numbers stand behind the corners of the first face."""
+    return bool(rows) and len(rows[0].split()) > 1 + int(rows[0].split()[0])
 
 
 def _triangles(path: Path, lines: list[str]) -> IntArray:

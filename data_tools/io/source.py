@@ -12,7 +12,7 @@ from typing import TypeAlias
 from urllib.parse import unquote
 
 from data_tools.errors import InputError
-from data_tools.io.files import existing_file, open_regular, resolved
+from data_tools.io.files import any_text, existing_file, open_regular, resolved
 
 #: Larger files are refused before anything of them is read, in bytes.
 MAX_FILE_BYTES = 4 * 2**30
@@ -65,9 +65,9 @@ class Source:
         """The file's name, or the shape's."""
         return self.path.name if self.is_file else str(self.path)
 
-    def text(self, encoding: str = "utf-8") -> str:
-        """Return the content as text with Unix line ends; bytes that are none become replacement characters."""
-        return self.content.decode(encoding, "replace").replace("\r\n", "\n").replace("\r", "\n")
+    def text(self) -> str:
+        """Return the content as text with Unix line ends, whatever its encoding."""
+        return any_text(self.content).replace("\r\n", "\n").replace("\r", "\n")
 
     @property
     def digest(self) -> str:

@@ -17,9 +17,9 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import is_number
+from data_tools.io.csv_cells import SEPARATOR_LINE, is_number
 from data_tools.io.files import open_regular
-from data_tools.io.formats.raw_shape import RawShape, no_faces
+from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
 from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
@@ -32,6 +32,9 @@ _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
 _BRACKETS = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")  # none inside of others: a heading of brackets takes no time
 _UNIT = re.compile(_BRACKETS.pattern + r"|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
 _AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
+#: A number with a decimal comma, and one whose comma may mark thousands instead.
+_COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 #: Places of missing numbers.
 _EMPTY_CELL = {sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE) for sign in (",", ";", "\t")}
 _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
@@ -57,7 +60,7 @@ def read_text_points(source: Source) -> RawShape:
     Columns called x, y and z are taken where the first line is a heading, else the first three; see
     :func:`read_points_table` for what is understood and what is refused.
     """
-    return RawShape(read_points_table(source.text("utf-8-sig"), str(source.path)), no_faces())
+    return read_points_table(source.text(), str(source.path))
 
 
 def read_pts(source: Source) -> RawShape:
@@ -68,14 +71,13 @@ def read_pts(source: Source) -> RawShape:
     InputError
         As :func:`read_points_table`, or if the file holds landmarks.
     """
-    path, lines = source.path, _lines(source.text("utf-8-sig"))
+    path, lines = source.path, _lines(source.text())
     if lines and _VERSION.match(lines[0]):
         raise InputError(f"{path}: holds landmarks, no point cloud; move it out of the folder of the shapes")
     starts = [at for at, line in enumerate(lines) if line.isdecimal()]
-    if starts[:1] != [0]:
-        return RawShape(read_points_table("\n".join(lines), str(path)), no_faces())
-    scans = ["\n".join(lines[start:stop]) for start, stop in pairwise([*starts, len(lines)])]
-    return RawShape(np.concatenate([read_points_table(scan, str(path)) for scan in scans]), no_faces())
+    bounds = [*starts, len(lines)] if starts[:1] == [0] else [0, len(lines)]
+    scans = [read_points_table("\n".join(lines[start:stop]), str(path)) for start, stop in pairwise(bounds)]
+    return RawShape(np.concatenate([scan.vertices for scan in scans]), no_faces(), scans[0].notes)
 
 
 def is_landmark_pts(path: Path) -> bool:
@@ -87,11 +89,12 @@ def is_landmark_pts(path: Path) -> bool:
     return False
 
 
-def read_points_table(text: str, name: str) -> FloatArray:
-    """Return the points of a table of numbers, shape (n, 3); missing numbers are NaN.
+def read_points_table(text: str, name: str) -> RawShape:
+    """Return the points of a table of numbers, and a note of its other columns; missing numbers are NaN.
 
     Columns are separated by semicolons, tabs, commas or blanks, in this order of preference; ``#`` and ``//`` start
-    comments. Numbers have decimal points. A first line with one whole number says how many points follow.
+    comments. Numbers have decimal points, or decimal commas where semicolons or tabs separate columns and no number
+    has a point. A first line with one whole number says how many points follow.
 
     Parameters
     ----------
@@ -108,6 +111,8 @@ def read_points_table(text: str, name: str) -> FloatArray:
     if not lines:
         raise InputError(f"{name}: holds no points")
     delimiter = _delimiter(lines, name)
+    if delimiter is not None and delimiter != ",":
+        lines = _with_decimal_points(lines, delimiter)
     heading, first = _cells(lines[:1], delimiter)
     body = lines if heading is None else lines[1:]
     if not body:
@@ -121,12 +126,15 @@ def read_points_table(text: str, name: str) -> FloatArray:
         _refuse_numbered(values[:, 0], width, name)
         if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
             _refuse_split_decimals(_cells(body, delimiter)[1], name)
-    return np.ascontiguousarray(values[:, columns])
+    num_named = width if heading is None else sum(map(bool, heading))
+    lost = not_kept(["further columns"] * (num_named > 3))
+    return RawShape(np.ascontiguousarray(values[:, columns]), no_faces(), lost)
 
 
 def _lines(text: str) -> list[str]:
     """Return the lines that hold anything, without comments."""
-    return [line.strip(" \r\n") for line in _COMMENT.sub("", text).splitlines() if not line.isspace() and line]
+    text = _COMMENT.sub("", SEPARATOR_LINE.sub("", text))
+    return [line.strip(" \r\n") for line in text.splitlines() if not line.isspace() and line]
 
 
 def _counted_lines(lines: list[str], name: str) -> list[str]:
@@ -168,6 +176,17 @@ def _delimiter(lines: list[str], name: str) -> str | None:
         f"{name}: both commas and blanks stand between numbers, first in row {body.index(between_words[0]) + 1}; "
         "it is not clear what separates columns. Save it with one separator and with decimal points"
     )
+
+
+def _with_decimal_points(lines: list[str], delimiter: str) -> list[str]:
+    """Return lines with points for decimal commas, unless a number has a point or all commas may mark thousands."""
+    if not any("," in line for line in lines):
+        return lines
+    cells = [cell.strip("\"' ") for line in lines for cell in line.split(delimiter)]
+    numbers = [cell for cell in cells if _COMMA_NUMBER.fullmatch(cell)]
+    if all(map(_THOUSANDS.fullmatch, numbers)) or any("." in cell and is_number(cell) for cell in cells):
+        return lines
+    return [re.sub(r",(?=\d)", ".", line) for line in lines]
 
 
 def _has_words(line: str) -> bool:
@@ -216,7 +235,7 @@ def _row_by_row(
             raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
         wanted = [row[c] or "nan" for c in columns]
         if not all(is_number(word) for word in wanted):
-            commas = "; decimals are marked by points" if any("," in word for word in wanted) else ""
+            commas = "; save it with decimal points" if any("," in word for word in wanted) else ""
             raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z{commas}")
         points.append([float(word) for word in wanted])
     return np.array(points, dtype=np.float64).reshape(-1, 3)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import composed, existing_file, read_any_text
-from data_tools.landmarks.point_tables import read_point_table
+from data_tools.landmarks.point_tables import number, read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
 SemilandmarkKind = Literal["open curve", "closed curve", "patch"]
@@ -78,8 +79,9 @@ def read_landmarks(path: Path | str) -> Landmarks:
     ``.mrk.json``, ``.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file
     declares; markups of the type Curve or ClosedCurve become curves, which are called as their points are, without
     the number), ``.csv`` (see :func:`data_tools.landmarks.point_tables.read_point_table`), ``.pts`` (Landmark Editor
-    and others: a row for each landmark, its name and x, y, z, below a version and a number of rows). Positions that
-    are undefined, empty or no numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
+    and others: a row for each landmark, its name and x, y, z, below a version and a number of rows), ``.pp``
+    (picked in MeshLab), ``.landmarkAscii`` (Amira and Avizo, in text). Positions that are undefined, empty or no
+    numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
 
     Raises
     ------
@@ -95,7 +97,15 @@ def read_landmarks(path: Path | str) -> Landmarks:
         landmarks = reader(path)
     except CollalignError:
         raise
-    except (ValueError, ArithmeticError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        ValueError,
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        SyntaxError,
+    ) as error:
         raise InputError(f"{path}: not a readable landmark file, it is damaged or of another format") from error
     every = np.concatenate([landmarks.points, *(one.points for one in landmarks.semilandmarks)])
     if not len(every) or np.isinf(every).any():
@@ -146,20 +156,16 @@ def _read_slicer_json(path: Path) -> Landmarks:
     labels: list[str] = []
     curves: list[Semilandmarks] = []
     systems: set[CoordinateSystem | None] = set()
-    for number, markup in enumerate(content["markups"], start=1):
+    for at, markup in enumerate(content["markups"], start=1):
         controls = markup.get("controlPoints", [])
         system = landmark_system(path, markup.get("coordinateSystem"))
         own = [composed(str(control.get("label") or index)) for index, control in enumerate(controls)]
-        defined = [control.get("positionStatus", "defined") == "defined" for control in controls]
-        places = [
-            [math.nan if x is None else float(x) for x in control["position"]] if there else [math.nan] * 3
-            for control, there in zip(controls, defined, strict=True)
-        ]
+        places = [_slicer_place(control) for control in controls]
         if markup.get("type") in _CURVES:
             name = re.sub(r"[-_ ]*\d*$", "", own[0]) if own else ""
             along = _landmarks(path, own, places).points
             closed = markup["type"] == "ClosedCurve"
-            curves.append(_curve(path, name or f"curve {number}", along, system, closed=closed))
+            curves.append(_curve(path, name or f"curve {at}", along, system, closed=closed))
         else:
             labels += own
             points += places
@@ -168,6 +174,14 @@ def _read_slicer_json(path: Path) -> Landmarks:
         raise InputError(f"{path}: its lists of points have different coordinate systems; export them anew in one")
     found = replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
     return replace(found, system=systems.pop() if systems else None)
+
+
+def _slicer_place(control: Mapping[str, Any]) -> list[float]:
+    """Return the coordinates of a control point, NaN where it is not placed."""
+    position = control.get("position")
+    if control.get("positionStatus", "defined") != "defined" or not position:
+        return [math.nan] * 3
+    return [math.nan if x is None else float(x) for x in position]
 
 
 def landmark_system(path: Path, declared: object) -> CoordinateSystem | None:
@@ -217,6 +231,29 @@ def _read_pts(path: Path) -> Landmarks:
     return found
 
 
+def _read_picked(path: Path) -> Landmarks:
+    """Read the points that were picked in MeshLab; those that are not active are missing."""
+    points = list(ElementTree.fromstring(read_any_text(path).encode()).iter("point"))
+    labels = [composed(point.get("name") or str(at)) for at, point in enumerate(points)]
+    rows = [
+        [math.nan] * 3 if point.get("active") == "0" else [number(point.get(axis, "")) for axis in "xyz"]
+        for point in points
+    ]
+    return _landmarks(path, labels, rows)
+
+
+def _read_amira(path: Path) -> Landmarks:
+    """Read a landmark set of Amira or Avizo in text."""
+    head, *blocks = re.split(r"(?m)^@(\d+)[ \t]*$", read_any_text(path))
+    places = re.findall(r"Markers\s*\{\s*(?:float|double)\[3\]\s+\w+\s*\}\s*@(\d+)", head)
+    if len(places) != 1:
+        raise InputError(f"{path}: holds {len(places)} sets of landmarks in text, expected one; save each on its own")
+    rows = [
+        list(map(number, line.split())) for line in blocks[blocks.index(places[0]) + 1].splitlines() if line.split()
+    ]
+    return _landmarks(path, list(map(str, range(len(rows)))), rows)
+
+
 def _of_table(path: Path, text: str, columns: Sequence[str] = ()) -> Landmarks:
     found = read_point_table(text, str(path), columns=columns)
     return Landmarks(labels=found.labels, points=found.points, system=landmark_system(path, found.system))
@@ -243,4 +280,6 @@ READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".fcsv": _read_fcsv,
     ".csv": _read_csv,
     ".pts": _read_pts,
+    ".pp": _read_picked,
+    **dict.fromkeys((".landmarkascii", ".landmarksascii"), _read_amira),
 }

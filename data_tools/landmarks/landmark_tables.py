@@ -57,6 +57,7 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     if twice is not None or not names:
         raise InputError(
             f"{path}: {'holds no landmarks' if twice is None else f'two specimens are called {twice!r}'}"
+            + ("; give each a name of its own (ID= in TPS)" if twice is not None else "")
         )
     return dict(zip(names, [marks for _, marks in found], strict=True))
 
@@ -105,7 +106,7 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
 
 def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     """Read ``1 nL p 1 CODE DIM=3``, names of the rows and of the columns where an L says so, and the matrix."""
-    header, *lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith('"')]
+    header, *lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(('"', "'"))]
     kind, rows, columns, has_code, *rest = header.split()
     if kind != "1" or re.search(r"(?i)dim\s*=\s*3", header) is None:
         raise ValueError(header)

@@ -12,7 +12,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import is_number, plain_cell
+from data_tools.io.csv_cells import SEPARATOR_LINE, is_number, plain_cell
 
 #: What tables write where there is no landmark.
 _MISSING = re.compile(r"(?i)[+-]?(nan(\(\w*\))?|1\.#\w+|#?n/?a|#(num|value)!|null|none|missing|undefined|[-.?])?")
@@ -81,6 +81,7 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
     InputError
         If it is not clear which columns hold what, or a row does not hold three numbers there.
     """
+    text = SEPARATOR_LINE.sub("", text)
     lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.startswith("#")]
     if not lines:
         raise InputError(f"{name}: holds no landmarks")

@@ -1,8 +1,8 @@
 """Damages files of every kind by the thousand: ``python -m tests.fuzz --shapes 10000 --stores 1000``.
 
-``--readers N`` damages N files of every reader, ``--only .ply .stl`` of some. ``--certificates N`` forges N
-certificates of every kind, and compares what they prove with brute force. ``--folders N`` forges N folders of a
-result, ``--overlaps N`` runs N of the ways in which output and input overlap.
+``--readers N`` damages N files of every reader, ``--only .ply .stl`` of some, ``--landmarks N`` files of landmarks.
+``--certificates N`` forges N certificates of every kind, and compares what they prove with brute force.
+``--folders N`` forges N folders of a result, ``--overlaps N`` runs N of the ways in which output and input overlap.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from tests.fuzz.harness import fuzz
 from tests.fuzz.hostile import attack
 from tests.fuzz.overlaps import attack_overlaps
 
-FILES = ("shapes", "readers", "stores", "records", "certificate-files", "configs")
+FILES = ("shapes", "readers", "landmarks", "stores", "records", "certificate-files", "configs")
 
 
 def main():
@@ -63,6 +63,7 @@ def run(kind, options, folder):
         return sum(run_reader(suffix, files, num, options) for suffix, files in by_suffix(folder).items())
     target, files = {
         "shapes": lambda: (targets.read_and_sample, seeds.shape_files(folder)),
+        "landmarks": lambda: (targets.read_landmark_file, seeds.landmark_files()),
         "stores": lambda: (targets.read_store, {"a.store": seeds.store_file(folder)}),
         "records": lambda: (targets.read_record, seeds.records()),
         "certificate-files": lambda: (targets.read_certificate, {"a.npz": seeds.certificate_file(folder)}),

@@ -22,6 +22,8 @@ from tests.data_tools.io.formats import test_gltf as gltf
 from tests.data_tools.io.formats import test_pcd as pcd
 from tests.data_tools.io.formats import test_vtk_legacy as vtk
 from tests.data_tools.io.formats import test_vtp as vtp
+from tests.data_tools.landmarks import test_landmark_files as one
+from tests.data_tools.landmarks import test_landmark_tables as several
 
 CONFIG = """
 group = "O"
@@ -140,6 +142,22 @@ def _pcd(points):
         + struct.pack("<II", len(columns), single.nbytes)
         + columns,
     }
+
+
+def landmark_files():
+    """Return landmark files of every readable format by name, as the tests of their readers have them."""
+    texts = {
+        "several.tps": several.TPS,
+        "several.nts": several.NTS,
+        "several.txt": several.MORPHOLOGIKA,
+        "slicer.mrk.json": one.slicer(one.TIP, one.BASE),
+        "slicer.fcsv": one.FCSV,
+        "table.csv": "label;x;y;z\ntip;0,5;0;0\nbase;1;2;3\n",
+        "editor.pts": "Version 1.0\n2\nS000 0 0 0\nS001 1 2 3\n",
+        "picked.pp": one.PICKED,
+        "amira.landmarkAscii": one.AMIRA,
+    }
+    return {name: text.encode() for name, text in texts.items()}
 
 
 def records():

@@ -14,6 +14,7 @@ from collalign.stages.pairs.match import PairPoses
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
+from data_tools.landmarks.landmark_tables import read_specimens
 from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate
@@ -35,6 +36,12 @@ def read_and_sample(payload):
             raise
         sample_shape(shape, SAMPLING)
         return len(shape.vertices)
+
+
+def read_landmark_file(payload):
+    """Read a landmark file of one or several specimens; returns how many landmarks it holds."""
+    with _as_file(payload) as path:
+        return sum(len(marks.points) for marks in read_specimens(path).values())
 
 
 def read_store(payload):

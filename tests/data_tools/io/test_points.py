@@ -3,6 +3,7 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
+from data_tools.io.formats.raw_shape import NOT_KEPT
 from data_tools.io.shapes import read_shape
 
 MALFORMED = [
@@ -36,6 +37,32 @@ def test_the_number_of_points_may_come_first(tmp_path, suffix):
 def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
     (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
     np.testing.assert_array_equal(read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
+def test_clouds_and_obj_may_be_in_any_encoding(tmp_path, encoding):
+    (tmp_path / "a.txt").write_bytes("Länge_x;y;z\r\n0;0;0\r\n1;2;3\r\n4;5;7\r\n".encode(encoding))
+    (tmp_path / "a.obj").write_bytes("v 0 0 0\ng Schädel\nv 1 2 3\nv 4 5 7\nf 1 2 3\n".encode(encoding))
+    for suffix in (".txt", ".obj"):
+        np.testing.assert_array_equal(read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "lost"),
+    [
+        ("a.obj", "v 0 0 0 .1 .2 .3\nv 1 2 3 1 1 1\nv 4 5 7 1 0 0\nvt 0 0\nusemtl bone\nf 1/1 2/1 3/1\n",
+         "colours, materials, texture coordinates"),
+        ("a.off", "OFF\n3 1 0\n0 0 0\n1 2 3\n4 5 7\n3 0 1 2 .5 .5 .5\n", "colours"),
+        ("a.csv", "x,y,z,red,\n0,0,0,9,\n1,2,3,9,\n4,5,7,9,\n", "further columns"),
+        ("a.pts", "3\n0 0 0 -7 1 2 3\n1 2 3 -7 4 5 6\n4 5 7 -7 1 1 1\n", "further columns"),
+        ("b.obj", "v 0 0 0 1\nv 1 2 3 1\nv 4 5 7 1\nf 1 2 3\n", None),
+        ("b.off", "OFF\n3 1 0\n0 0 0\n1 2 3\n4 5 7\n3 0 1 2\n", None),
+        ("b.csv", "x,y,z,\n0,0,0,\n1,2,3,\n4,5,7,\n", None),
+    ],
+)  # fmt: skip
+def test_what_no_output_keeps_is_noted(tmp_path, name, content, lost):
+    (tmp_path / name).write_text(content)
+    assert list(read_shape(tmp_path / name).notes) == ([NOT_KEPT + lost] if lost else [])
 
 
 def test_npz_holds_meshes_and_clouds(tmp_path, rng):

@@ -53,17 +53,19 @@ def test_blank_lines_hold_no_words():
         "pos_x pos_y pos_z\n-1 2.42 .5\n3.25 0 -7.75\n",
         "a,b,c\n-1,2.42,.5\n3.25,0,-7.75\n",
         "-1e0,2.42,5e-1,,\n3.25,0,-7.75,,\n",
+        "-1,00\t2,42\t0,5\n3,25\t0\t-7,75\n",
+        'sep=;\n"x";"y";"z"\n-1;"2,42";,5\n3,25;0;-7,75\n',
+        "\ufeffsep=,\r\nx,y,z\r\n-1,2.42,.5\r\n3.25,0,-7.75\r\n",
     ],
 )
 def test_tables_of_all_habits_are_read_alike(text):
-    np.testing.assert_array_equal(read_points_table(text, "a.csv"), [[-1, 2.42, 0.5], [3.25, 0, -7.75]])
+    np.testing.assert_array_equal(read_points_table(text, "a.csv").vertices, [[-1, 2.42, 0.5], [3.25, 0, -7.75]])
 
 
 #: Content, and what the error must say.
 AMBIGUOUS = [
-    ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "decimals are marked by points"),
-    ("1.5;2.5;3,5\n4,5;5,5;6,5\n", "row 1 .* decimals are marked by points"),
-    ("-1,00\t2,42\t0,5\n3,25\t0\t-7,75\n", "decimals are marked by points"),
+    ("1,234;5,678;2,100\n3,456;7,890;1,234\n", "save it with decimal points"),
+    ("1.5;2.5;3,5\n4,5;5,5;6,5\n", "row 1 .* save it with decimal points"),
     ("-1,00 2,42 0,5\n3,25 0,00 -7,75\n", "both commas and blanks"),
     ("1,2,3 4\n5,6,7 8\n", "both commas and blanks"),
     ("-1,00,2,42,3,10\n4,05,5,17,6,00\n", "both columns and decimals"),
@@ -88,13 +90,13 @@ def test_ambiguous_tables_are_refused_with_the_reason(text, reason):
 
 def test_integers_with_colours_are_no_split_decimals():
     text = "10,20,30,255,0,0\n40,50,60,0,128,9\n"
-    np.testing.assert_array_equal(read_points_table(text, "a.csv"), [[10, 20, 30], [40, 50, 60]])
+    np.testing.assert_array_equal(read_points_table(text, "a.csv").vertices, [[10, 20, 30], [40, 50, 60]])
 
 
 def test_missing_numbers_are_nan_wherever_they_are():
     for sign in (",", ";", "\t"):
         text = f"x{sign}y{sign}z\n{sign}2{sign}3\n1{sign}{sign}3\n1{sign}2{sign}\n"
-        found = read_points_table(text, "a.csv")
+        found = read_points_table(text, "a.csv").vertices
         np.testing.assert_array_equal(np.isnan(found), np.eye(3, dtype=bool))
 
 
@@ -102,7 +104,7 @@ def test_long_tables_take_the_short_way(rng, monkeypatch):
     points = rng.standard_normal((1000, 3))
     rows = "\n".join(",".join(map(repr, point)) for point in points.tolist())
     monkeypatch.setattr("data_tools.io.text_tables._row_by_row", lambda *_: pytest.fail("row by row"))
-    np.testing.assert_array_equal(read_points_table("x,y,z\n" + rows, "a.csv"), points)
+    np.testing.assert_array_equal(read_points_table("x,y,z\n" + rows, "a.csv").vertices, points)
 
 
 @pytest.mark.parametrize("heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"])
@@ -111,4 +113,6 @@ def test_a_heading_of_brackets_takes_no_time(heading):
     with pytest.raises(InputError, match="heading"):
         read_points_table(f"{heading} x\n1 2 3 4\n", "table.txt")
     assert time.process_time() - started < 5.0, "minutes where the time grows with the square"
-    np.testing.assert_array_equal(read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt"), [[1, 2, 3]])
+    np.testing.assert_array_equal(
+        read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt").vertices, [[1, 2, 3]]
+    )

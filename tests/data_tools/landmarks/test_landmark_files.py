@@ -11,6 +11,18 @@ FCSV = """# Markups fiducial file version = 4.11
 1,0,0,0,0,0,0,1,1,1,0,tip,,
 2,1,2,3,0,0,0,1,1,1,0,base,,
 """
+PICKED = """<!DOCTYPE PickedPoints><PickedPoints><DocumentData><DataFileName name="a.ply"/></DocumentData>
+ <point x="0" y="0" z="0" active="1" name="tip"/><point y="2" x="1" z="3" active="1" name="base"/></PickedPoints>
+"""
+AMIRA = """# AmiraMesh 3D ASCII 2.0
+define Markers 2
+Parameters { NumSets 1, ContentType "LandmarkSet" }
+Markers { float[3] Coordinates } @1
+# Data section follows
+@1
+0.000000e+00 0 0
+1 2 3
+"""
 
 
 def slicer(*controls):
@@ -32,6 +44,9 @@ BASE = {"label": "base", "position": [1, 2, 3]}
         ("a.fcsv", FCSV, ("tip", "base")),
         ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
         ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
+        ("c.csv", "sep=;\nlabel;x;y;z\ntip;0;0;0\nbase;1,0;2,0;3,0\n", ("tip", "base")),
+        ("a.pp", PICKED, ("tip", "base")),
+        ("a.landmarkAscii", AMIRA, ("0", "1")),
     ],
 )
 def test_formats(tmp_path, name, content, labels):
@@ -78,7 +93,9 @@ def test_every_list_of_points_has_its_own_coordinate_system(tmp_path):
         ("a.mrk.json", slicer(TIP, {**BASE, "positionStatus": "preview"})),
         ("a.json", slicer(TIP, {**BASE, "positionStatus": "missing"})),
         ("a.mrk.json", slicer(TIP, {**BASE, "position": [None, None, None]})),
+        ("a.mrk.json", slicer(TIP, {**BASE, "position": None})),
         ("a.csv", "tip,0,0,0\nbase,,,\n"),
+        ("a.pp", PICKED.replace('active="1" name="base"', 'active="0" name="base"')),
         ("a.pts", "Version 1.0\n2\nS000 0 0 0\nS001 NA NA NA\n"),
         *(("a.fcsv", FCSV.replace("tip,,", "tip,,,2,0").replace("base,,", f"base,,,{state},0")) for state in "013"),
     ],
@@ -110,6 +127,11 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
         ("a.csv", "tip,0,0,inf\n", "infinite"),
         ("a.csv", "0,0\n", "2 coordinates"),
         ("a.tps", "LM3=1\n", "unknown format of a list of points; readable are .*json"),
+        ("a.pp", PICKED[:150], "not a readable landmark file"),
+        ("a.pp", PICKED.replace('z="3"', 'z="three"'), "not a readable landmark file"),
+        ("a.landmarkAscii", AMIRA[:80], "holds 0 sets"),
+        ("a.landmarkAscii", AMIRA.replace("@1\n#", "@1\nMarkers { float[3] Coordinates2 } @2\n#"), "holds 2 sets"),
+        ("a.landmarkAscii", AMIRA.replace("1 2 3", "1 2"), "1 has 2 coordinates"),
         ("a.csv", "", "empty"),
     ],
 )

@@ -49,7 +49,8 @@ NaN NaN NaN
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("all.tps", TPS), ("all.NTS", NTS), ("all.dta", NTS), ("all.txt", MORPHOLOGIKA)]
+    ("name", "content"),
+    [("all.tps", TPS), ("all.NTS", NTS), ("all.dta", NTS.replace('"made', "'made")), ("all.txt", MORPHOLOGIKA)],
 )
 def test_every_specimen_is_read_by_its_name(tmp_path, name, content):
     (tmp_path / name).write_text(content)
