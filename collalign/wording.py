@@ -166,6 +166,10 @@ TOOL_TEXTS: dict[str, _Text] = {
     "left-out-of-statistics": lambda of: f"Left out of the statistics: {_with(of, of.values['reasons'])}.",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
+    "mirror-part-fits-better": lambda of: (
+        f"The mirror image of {listed(of.shapes)} fits much better: its poses have a chance of "
+        f"{percent(of.values['chance'])}. If one shape is of the other side, or was reflected, use --group O."
+    ),
     "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
     "{shapes}.",
     "not-shapes": "Skipped {num} files that are not shapes: {files}",

@@ -159,20 +159,27 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     files.append(str(write_mesh(tmp_path / "b.ply", moved(part, turn, 1.0, np.array([2.0, 0.0, 1.0])))))
     flags = ["--partial", "--sampling.normalisation", "none"]
     assert main(["match", *files, *flags, "--out", str(tmp_path / "out")]) == 0
-    assert " % of it lies on" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert " % of it lies on" in printed
+    assert "mirror image" not in printed
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert rotation_angle_deg(np.array(record["transform"])[:3, :3] @ turn, np.eye(3)) < 5
     assert np.linalg.norm(np.array(record["transform"])[:3, 3] + turn.T @ [2.0, 0.0, 1.0]) < 0.2
     overlap = record["candidates"][0]["overlap"]
     assert overlap["source"] > 0.9 > overlap["target"] > 0.5
     assert 0.5 < record["confidence"] <= 1
-    found = match_in_part(*files, options=TwoShapeOptions(group="O"))
+    assert record["mirror_chance"] < 0.3
+    other = Shape.from_arrays(part.vertices * [-1, 1, 1] @ turn, part.faces[:, ::-1])
+    files.append(str(write_mesh(tmp_path / "c.ply", other)))
+    assert main(["match", files[0], files[2], *flags]) == 0
+    assert "Note: the mirror image of c fits much better" in capsys.readouterr().out
+    found = match_in_part(*files[:2], options=TwoShapeOptions(group="O"))
     assert found.transforms.shape == (len(found.poses), 4, 4)
     assert repr(found).count(" %") == 3
     for wrong in ("--landmarks a.csv", "--surface.num-dense 900", "--nonrigid --partial", "--nonrigid --group O"):
-        assert main(["match", *files, *wrong.split(), "--out", str(tmp_path / "o")]) == 2
+        assert main(["match", *files[:2], *wrong.split(), "--out", str(tmp_path / "o")]) == 2
         assert "--nonrigid" in capsys.readouterr().err
-    assert main(["match", *files, "--partial", "--certify"]) == 2
+    assert main(["match", *files[:2], "--partial", "--certify"]) == 2
     assert "--partial works on surfaces" in capsys.readouterr().err
 
 

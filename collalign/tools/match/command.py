@@ -18,7 +18,7 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
-from collalign.tools.match.in_part import PartialMatch, match_in_part
+from collalign.tools.match.in_part import PartialMatch, match_in_part, with_mirror_chance
 from collalign.tools.match.map_files import NONRIGID_FILES, placed_landmarks, stage_match
 from collalign.tools.match.nonrigid import match_prepared
 from collalign.tools.match.pictures import match_figure
@@ -129,6 +129,8 @@ def _summary(found: RigidMatch) -> str:
 def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions) -> int:
     """Print and write the pose of two surfaces that overlap in part."""
     found = match_in_part(target, source, options=options)
+    if options.group == "SO":
+        found = with_mirror_chance(found, options)
     best = found.poses[0]
     doubt = " (in doubt)" if found.confidence < DOUBT else ""
     words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
@@ -136,6 +138,9 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
     tell(**found.record())
     say("\n".join([words, *rows]))
+    if found.mirror_fits_better:
+        note = Note("mirror-part-fits-better", (found.source,), {"chance": found.mirror_chance})
+        say(f"Note: {note_text(note)}")
     if out is not None:
         _write_rigid(found, target, source, out, options.cleaning)
     return 0

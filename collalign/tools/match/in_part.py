@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
@@ -65,6 +66,8 @@ class PartialMatch:
         Their names.
     poses : tuple of PartialPose
         The best one first, in the shapes' own coordinates.
+    mirror_chance : float
+        How probable a pose of the source's mirror image is, at the sizes of the files; NaN where nobody asked.
     """
 
     target_file: str
@@ -72,6 +75,16 @@ class PartialMatch:
     target: str
     source: str
     poses: tuple[PartialPose, ...]
+    mirror_chance: float = np.nan
+
+    @property
+    def mirror_fits_better(self) -> bool:
+        """Whether its mirror image has more chance than all rotations, and that no pose is right, together.
+
+        Of 16 pairs of a generated surface and a part of it, mirrored parts have .73 to .94, others at most .17. Where
+        a surface is bilateral, both kinds share.
+        """
+        return self.mirror_chance > 0.5
 
     @property
     def transforms(self) -> FloatArray:
@@ -100,6 +113,7 @@ class PartialMatch:
             "source": self.source_file,
             "partial": True,
             "confidence": self.confidence,
+            "mirror_chance": None if np.isnan(self.mirror_chance) else self.mirror_chance,
             "transform": self.transform.tolist(),
             "candidates": [
                 {
@@ -159,6 +173,22 @@ def match_in_part(
     return PartialMatch(
         target_file=target_file, source_file=source_file, target=names[0], source=names[1], poses=poses
     )
+
+
+@one_blas_thread()
+def with_mirror_chance(found: PartialMatch, options: TwoShapeOptions) -> PartialMatch:
+    """Return a match of two files with the chance of a pose of the source's mirror image.
+
+    Parameters
+    ----------
+    found : PartialMatch
+        Of files, without mirror images.
+    options : TwoShapeOptions
+        Of that match.
+    """
+    to, of = (read_shape(Path(file), options.cleaning) for file in (found.target_file, found.source_file))
+    mirrored = (one.chance for one in _poses_by_neighbourhoods(to, of, "O") if np.linalg.det(one.pose.rotation) < 0)
+    return replace(found, mirror_chance=float(sum(mirrored)))
 
 
 def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> tuple[PartialPose, ...]:
