@@ -27,7 +27,13 @@ from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
-from collalign.stages.own_knowledge import given_constraints, own_notes, own_points, with_own_samples
+from collalign.stages.own_knowledge import (
+    given_constraints,
+    own_notes,
+    own_points,
+    with_marked_reference,
+    with_own_samples,
+)
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete, pose_all
@@ -160,7 +166,7 @@ def align_listing(
     fixed, kept = ({composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept))
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
-        session = with_own_samples(session, given)
+        session = with_marked_reference(with_own_samples(session, given), own)
         shapes = prepare_shapes(session, listing, given)
         constraints = given_constraints(shapes, session.options, own, fixed, kept)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)

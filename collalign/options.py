@@ -36,6 +36,13 @@ PairStrategy = Literal["auto", "all", "sparse", "adaptive"]
 Synchronizer = Literal["robust", "spectral"]
 #: Where the axes of the common frame come from.
 Gauge = Literal["reference", "axes"]
+#: Directions that ``up`` and ``front`` may have without landmarks.
+FRAME_AXES: dict[str, tuple[float, float, float]] = {
+    **{"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)},
+    **{"-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0)},
+}
+#: The ``origin`` that is that of the reference's file.
+FILE_ORIGIN = "file"
 #: Whether non-rigid maps help to choose the poses.
 Maps = Literal["auto", "always", "never"]
 #: Values of ``AlignOptions.incomplete`` that name no shapes, and the one that means every shape.
@@ -104,6 +111,15 @@ class AlignOptions:
     gauge : {"reference", "axes"}
         Orientation of the common frame: the reference's, or the principal axes of all aligned shapes together. Poses
         set by hand go before both.
+    up : str
+        Which way of the reference is up: an axis of its file (z, -y), which then is that axis of the common frame;
+        or from one of its landmarks to another (base:vertex). Where landmarks say what is up or in front, the common
+        frame has z up and x to the front. Pages and pictures look at the front.
+    front : str
+        Which way its front is, in the same words.
+    origin : str
+        Where the common frame has its origin: at a landmark of the reference, or at the origin of its file (file); by
+        default in the middle of each shape.
     clusters : int
         Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
         number, 1 aligns all shapes together.
@@ -143,6 +159,9 @@ class AlignOptions:
     deformable: bool = False
     reference: str = ""
     gauge: Gauge = "reference"
+    up: str = ""
+    front: str = ""
+    origin: str = ""
     clusters: int = 1
     seed: int = 0
     certify: bool = False
@@ -163,8 +182,9 @@ class AlignOptions:
         check_count("seed", self.seed, lower=0)
         if not isinstance(self.incomplete, str):
             raise OptionsError(f"incomplete: expected names separated by commas, got {self.incomplete!r}")
-        for name in ("incomplete", "reference"):
+        for name in ("incomplete", "reference", "up", "front", "origin"):
             object.__setattr__(self, name, composed(getattr(self, name)))
+        self._check_frame()
         if self.gauge == "axes" and self.reference:
             raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
         if self.clusters != 1 and self.synchronization != "robust":
@@ -173,6 +193,25 @@ class AlignOptions:
             raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
         if self.seed >= _SEED_LIMIT:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
+
+    @property
+    def turns_frame(self) -> bool:
+        """Whether landmarks turn the common frame."""
+        return not {self.up, self.front} <= {"", *FRAME_AXES}
+
+    def _check_frame(self) -> None:
+        for name in ("up", "front"):
+            value = getattr(self, name)
+            if value and value not in FRAME_AXES and not (value.count(":") == 1 and all(value.split(":"))):
+                raise OptionsError(
+                    f"{name}: expected {', '.join(FRAME_AXES)} or two landmarks (base:vertex), got {value!r}"
+                )
+        if self.front and not self.up:
+            raise OptionsError("front: say also which way is up")
+        if self.up in FRAME_AXES and self.up[-1] == self.front[-1:] and self.front in FRAME_AXES:
+            raise OptionsError(f"front: {self.front!r} and up, {self.up!r}, are on one axis")
+        if self.gauge == "axes" and (self.up or self.origin):
+            raise OptionsError("up: the gauge 'axes' has no reference whose axes have names; choose one of the two")
 
 
 class AlignKeywords(TypedDict, total=False):
@@ -189,6 +228,9 @@ class AlignKeywords(TypedDict, total=False):
     deformable: bool
     reference: str
     gauge: Gauge
+    up: str
+    front: str
+    origin: str
     clusters: int
     seed: int
     certify: bool

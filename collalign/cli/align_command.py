@@ -19,7 +19,7 @@ from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.help import Excluded, Flag
 from collalign.cli.interruption import INCOMPLETE, resumable
-from collalign.cli.own_file import read_own
+from collalign.cli.own_file import read_own, with_marks
 from collalign.cli.talk import elapsed_s, say, say_files, tell, warn
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import ProgressBar
@@ -69,6 +69,8 @@ class Given:
         Decisions downloaded from the report: poses that are kept, with no pair matched again. Once for each file.
     labels : Path, optional
         CSV file with one row per shape (name, then columns such as taxon), for the report.
+    marks : Path, optional
+        Landmark file of one shape, called like it or given as SHAPE=FILE, for --up, --front and --origin.
     own : Path, optional
         JSON file with candidate poses and weights of pairs, samples and descriptors of your own.
     """
@@ -79,6 +81,7 @@ class Given:
     exclude: Excluded = ()
 
     labels: Path | None = None
+    marks: Path | None = None
     own: Path | None = None
 
 
@@ -114,6 +117,9 @@ def align(
     listing = every.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
+    if given.marks is not None:
+        own, of_marks = with_marks(own, given.marks, listing)
+        inputs |= of_marks
     if out is not None:
         refuse_overlap(out, inputs)
     decided = [read_corrections(path) for path in given.corrections or ()]

@@ -1,15 +1,20 @@
-"""What the caller knows of shapes and pairs, from a file: ``collalign align --own FILE``."""
+"""What the caller knows of shapes and pairs, from files: ``collalign align --own FILE --marks FILE``."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from collalign.cli.talk import warn
+from collalign.landmarks.on_surface import place_templates
+from collalign.landmarks.templates import read_templates, shape_of
 from collalign.products.own import Own
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import open_regular, read_text
+from data_tools.io.listing import FolderListing
 from data_tools.io.source import MAX_FILE_BYTES
 
 _KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
@@ -50,6 +55,32 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
         reason = f"no {error} is given" if isinstance(error, KeyError) else str(error)
         raise InputError(f"{path}: {reason.removeprefix(f'{path}: ')}") from error
     return own, {path, *([] if folder is None else [folder])}
+
+
+def with_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[Path]]:
+    """Return ``own`` with the landmarks of a file, and the file.
+
+    Parameters
+    ----------
+    own : Own
+    path : Path
+        As :func:`collalign.landmarks.templates.read_templates` takes it.
+    listing : FolderListing
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, belongs to no shape, or its landmarks do not lie on that shape.
+    """
+    files = dict(zip(listing.names, listing.files, strict=True))
+    placed, notes, _ = place_templates(read_templates([path], listing.names), files, ())
+    for note in notes:
+        warn(note)
+    marks = {
+        name: {label: point for label, point in zip(one.labels, one.points, strict=True) if not np.isnan(point).any()}
+        for name, one in placed.items()
+    }
+    return replace(own, marks=marks), {shape_of(path)[1]}
 
 
 def _arrays(folder: Path) -> dict[str, np.ndarray]:

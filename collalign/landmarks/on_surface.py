@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem, declared_system
 from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
@@ -58,7 +58,7 @@ class _Surface:
 
 
 def place_templates(
-    given: Mapping[str, Landmarks], files: Mapping[str, Path], meshes: Meshes
+    given: Mapping[str, Landmarks], files: Mapping[str, Origin], meshes: Meshes
 ) -> tuple[dict[str, Landmarks], tuple[Note, ...], CoordinateSystem]:
     """Bring landmarks into the coordinate systems of their templates and check that they lie on these.
 
@@ -69,7 +69,7 @@ def place_templates(
     ----------
     given : mapping of str to Landmarks
         By template.
-    files : mapping of str to Path
+    files : mapping of str to Path or Source
         Of the templates.
     meshes : sequence of (name, vertices, faces)
         All specimens, perhaps coarsely: whose landmarks might they be?

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from collalign.output.evidence.camera import camera
+from collalign.output.evidence.camera import UNNAMED, camera
 from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
+from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.figures import new_figure
@@ -51,13 +52,13 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
     return Shape.from_arrays(vertices, faces, name=shape.name), transform, confidence
 
 
-def write_contact_sheet(path: Path, tiles: Iterable[Tile]) -> None:
+def write_contact_sheet(path: Path, tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> None:
     """Draw the picture of all tiles and write it as PNG."""
-    contact_sheet(tiles).savefig(path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
+    contact_sheet(tiles, frame).savefig(path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
 
 
-def contact_sheet(tiles: Iterable[Tile]) -> Figure:
-    """Return a figure of all tiles, each before (left) and after (right) alignment."""
+def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
+    """Return a figure of all tiles, each before (left) and after (right) alignment, seen as ``frame`` names it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     tiles = list(tiles)
@@ -69,7 +70,7 @@ def contact_sheet(tiles: Iterable[Tile]) -> Figure:
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
     axes.set_axis_off()
     sure = [tile for tile in tiles if not tile[2] < DOUBT] or tiles
-    view = camera((moved_by(transform, shape.vertices), shape.faces) for shape, transform, _ in sure)
+    view = camera(((moved_by(transform, shape.vertices), shape.faces) for shape, transform, _ in sure), frame)
     panels = []
     for position, (shape, transform, confidence) in enumerate(tiles):
         row, column = divmod(position, columns)

@@ -20,6 +20,7 @@ from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
 from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.shown import some_shapes
+from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
 from data_tools.errors import CollalignError
@@ -71,9 +72,9 @@ def gallery(collection: CollectionData) -> str:
 
 def pictured(collection: CollectionData, chosen: Iterable[int]) -> Any:
     """Return the figure of matplotlib with some shapes, given by position, before and after alignment."""
-    return contact_sheet(
-        tile_of(collection.shape_at(at), collection.transforms[at], float(collection.confidence[at])) for at in chosen
-    )
+    confidence, transforms = collection.confidence, collection.transforms
+    tiles = (tile_of(collection.shape_at(at), transforms[at], float(confidence[at])) for at in chosen)
+    return contact_sheet(tiles, NamedFrame.of(collection.options))
 
 
 def _part(collection: CollectionData, chosen: IntArray) -> CollectionData:

@@ -27,6 +27,7 @@ from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
+from collalign.products.named_frame import NamedFrame
 from collalign.products.pair import are_weighed
 from collalign.products.run_record import OUTPUTS
 from collalign.products.trust import KINDS, Trust
@@ -218,6 +219,7 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
             "group": collection.group,
             "own": list(collection.own),
             "maps": are_weighed(collection.pairs),
+            "frame": asdict(NamedFrame.of(collection.options)),
         },
         "shapes": [
             {
@@ -270,7 +272,8 @@ def _documents(
     drawn = np.linspace(0, len(shown) - 1, min(len(shown), _MAX_TILES)).round().astype(np.int64)
     meshes = {i: Shape.from_arrays(shown.vertices[i], shown.faces[i], name=shown.names[i]) for i in drawn.tolist()}
     tiles = tuple(tile_of(mesh, shown.transforms[i], float(shown.confidence[i])) for i, mesh in meshes.items())
-    yield "sheet", partial(write_contact_sheet, output.stage(CONTACT_SHEET_FILE).absolute(), tiles)
+    frame = NamedFrame.of(shown.options)
+    yield "sheet", partial(write_contact_sheet, output.stage(CONTACT_SHEET_FILE).absolute(), tiles, frame)
     if title is not None:
         for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page.write

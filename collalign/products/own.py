@@ -19,12 +19,12 @@ from data_tools.surface.shape import Shape
 Names: TypeAlias = tuple[str, str]
 #: What may be given of pairs, and in all.
 OF_PAIRS = ("candidates", "correspondences", "pair_weights")
-GIVEN = ("invariants", "samples", *OF_PAIRS)
+GIVEN = ("invariants", "samples", "marks", *OF_PAIRS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Own:
-    """Descriptors, samples, poses and trust of the caller's own, by the names of shapes.
+    """Descriptors, samples, landmarks, poses and trust of the caller's own, by the names of shapes.
 
     Parameters
     ----------
@@ -37,6 +37,9 @@ class Own:
         those that they replace.
     samples : mapping of str to array_like of int, shape (k,)
         The vertices of each file that are matched, shape (k,), equally many of every shape.
+    marks : mapping of str to mapping of str to array_like, shape (3,)
+        Landmarks of the reference by their names, in the coordinates of its file: ``{"a": {"base": (0, 0, 1)}}``.
+        ``AlignOptions.up``, ``front`` and ``origin`` name them. Without a reference the shape becomes it.
     candidates : mapping of (str, str) to array_like, shape (3, 3) or (m, 3, 3)
         ``R_a_b`` of pairs (a, b), shape (3, 3) or (m, 3, 3), taking b's coordinates to a's.
     correspondences : mapping of (str, str) to array_like of int, shape (m, 2)
@@ -56,6 +59,7 @@ class Own:
     invariants: Mapping[str, ArrayLike] | Callable[[Shape], ArrayLike] = field(default_factory=dict)
     invariants_weight: float = 0.4
     samples: Mapping[str, ArrayLike] = field(default_factory=dict)
+    marks: Mapping[str, Mapping[str, ArrayLike]] = field(default_factory=dict)
     candidates: Mapping[Names, ArrayLike] = field(default_factory=dict)
     correspondences: Mapping[Names, ArrayLike] = field(default_factory=dict)
     pair_weights: Mapping[Names, float] = field(default_factory=dict)
@@ -95,6 +99,7 @@ class OwnKeywords(TypedDict, total=False):
     invariants: Mapping[str, ArrayLike] | Callable[[Shape], ArrayLike]
     invariants_weight: float
     samples: Mapping[str, ArrayLike]
+    marks: Mapping[str, Mapping[str, ArrayLike]]
     candidates: Mapping[Names, ArrayLike]
     correspondences: Mapping[Names, ArrayLike]
     pair_weights: Mapping[Names, float]

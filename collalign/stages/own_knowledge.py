@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from collalign.engine.jobs.job import table_of_values
 from collalign.engine.store.typed import MAX_INDEX
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import FILE_ORIGIN, AlignOptions, AlignSession
+from collalign.products.named_frame import frame_turn, landmark_of
 from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
@@ -20,7 +21,7 @@ from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_
 from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_indices, as_rotations, read_only
 from data_tools.checks import check_known
 from data_tools.embedding.own_points import OwnPoints
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
@@ -82,6 +83,23 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     return replace(session, options=replace(session.options, sampling=sampling))
 
 
+def with_marked_reference(session: AlignSession, own: Own) -> AlignSession:
+    """Return the session whose reference is the shape with landmarks, if one has them.
+
+    Raises
+    ------
+    InputError
+        If several shapes have landmarks and none is the reference.
+    """
+    reference = session.options.reference
+    if not own.marks or reference in own.marks:
+        return session
+    if reference or len(own.marks) > 1:
+        told = f"the reference, {reference!r}," if reference else "the reference"
+        raise InputError(f"marks: {told} needs the landmarks, {', '.join(own.marks)} has some; name it as reference")
+    return replace(session, options=replace(session.options, reference=next(iter(own.marks))))
+
+
 def given_constraints(
     shapes: Shapes,
     options: AlignOptions,
@@ -104,8 +122,11 @@ def given_constraints(
     Raises
     ------
     InputError
-        If there is no shape of a name, a transform is no similarity or scales where sizes stay, a given pose mirrors
-        a shape and the options' group forbids that, or matched vertices are none of a file's, or on a line.
+        If there is no shape or landmark of a name, a transform is no similarity or scales where sizes stay, a given
+        pose mirrors a shape and the options' group forbids that, or matched vertices are none of a file's, or on a
+        line.
+    OptionsError
+        If landmarks are to turn a frame that poses set by hand fix.
     """
     for argument, names in (("fixed", {*fixed}), ("kept", {*kept}), ("reference", {options.reference} - {""})):
         check_known(argument, names, shapes.names)
@@ -138,6 +159,16 @@ def given_constraints(
     for (a, b), weight in own.pair_weights.items():
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
+    marks = {
+        label: as_floats(point, f"marks[{label}]", shape=(3,))
+        for label, point in own.marks.get(options.reference, {}).items()
+    }
+    if options.turns_frame and by_hand and not kept:
+        raise OptionsError("up: poses set by hand fix the common frame, so landmarks cannot turn it; name an axis")
+    turn = frame_turn(options, marks) if options.turns_frame and not fixed else None
+    origin = None
+    if options.origin and not whole:
+        origin = np.zeros(3) if options.origin == FILE_ORIGIN else landmark_of("origin", options.origin, marks)
     return Constraints(
         fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
         fixed_transforms={at[name]: transform for name, transform in whole.items()},
@@ -145,6 +176,8 @@ def given_constraints(
         reference=at[options.reference] if options.reference else 0,
         candidates=candidates,
         weights=weights,
+        turn=turn,
+        origin=origin,
     )
 
 

@@ -29,7 +29,7 @@ from collalign.stages.evidence.rivals import settle_doubtful
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
-from collalign.stages.poses.frame import fix_frame
+from collalign.stages.poses.frame import fix_frame, with_origin
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import common_positions, in_label_order, labels_at_common_poses, place_and_scale
 from collalign.stages.poses.refinement import refine_poses
@@ -189,6 +189,7 @@ def _settled(
         settled = with_common_match(samples, pairs, solution, rotations)
         labels = labels_at_common_poses(samples, settled, rotations)
     transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
+    transforms = with_origin(transforms, constraints)
     return Posed(
         pairs=settled,
         matched=matched,

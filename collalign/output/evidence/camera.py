@@ -1,4 +1,4 @@
-"""From where a collection is looked at: along the shortest axis of what it has in common, the longest one level."""
+"""From where a collection is looked at: between front, side and top."""
 
 from __future__ import annotations
 
@@ -6,34 +6,74 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from collalign.products.named_frame import NamedFrame
 from data_tools.arrays import FloatArray, IntArray
 
+#: A picture shows the front turned to the left by the first and from above by the second, which shows three sides.
+_TURN_RAD, _ABOVE_RAD = np.deg2rad([30.0, 20.0])
+#: Below this share of the largest variance a direction has none.
+_FLAT = 1e-12
+#: No direction has a name.
+UNNAMED = NamedFrame()
 
-def camera(surfaces: Iterable[tuple[FloatArray, IntArray]]) -> FloatArray:
-    """Return the rotation from the common frame to the screen; it turns with the collection.
 
-    The axes are the principal ones of all surfaces, each centred and brought to one size. Of the three directions
-    the two in which mass lies least evenly (by skewness) have the thin end in front, handedness decides the third.
+def camera(surfaces: Iterable[tuple[FloatArray, IntArray]], frame: NamedFrame = UNNAMED) -> FloatArray:
+    """Return the rotation from the common frame to the screen in three-quarter view.
 
     Parameters
     ----------
     surfaces : iterable of (vertices, faces)
         In the common frame, shapes (v, 3) and (f, 3); no faces for a point cloud.
+    frame : NamedFrame
+        Up and front. Without them they are those of :func:`principal_view`; where only up has a name, the front is
+        the level direction in which the surfaces are thinnest.
 
     Returns
     -------
     ndarray, shape (3, 3)
         Rows are the directions to the right, upwards and to the viewer.
     """
+    up, front = frame.directions
+    if up is None:
+        view = principal_view(surfaces)
+    else:
+        if front is None:
+            level = np.eye(3) - np.outer(up, up)
+            second, third = _moments(surfaces)
+            third = np.einsum("ijk,ia,jb,kc->abc", third, level, level, level, optimize=True)
+            front = _principal(level @ second @ level, third)[1]
+        view = np.stack([np.cross(up, front), up, front])
+    (c, s), (a, b) = ((np.cos(angle), np.sin(angle)) for angle in (_TURN_RAD, _ABOVE_RAD))
+    turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    above = np.array([[1.0, 0.0, 0.0], [0.0, a, -b], [0.0, b, a]])
+    return np.asarray(above @ turn @ view)
+
+
+def principal_view(surfaces: Iterable[tuple[FloatArray, IntArray]]) -> FloatArray:
+    """Return the rotation that shows the longest axis level and the shortest to the viewer, shape (3, 3).
+
+    The axes are the principal ones of all surfaces, each centred and brought to one size, so they turn with the
+    collection. Of the three directions the two in which mass lies least evenly (by skewness) have the thin end in
+    front, handedness decides the third.
+    """
+    return _principal(*_moments(surfaces))
+
+
+def _moments(surfaces: Iterable[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, FloatArray]:
+    """Return the second and third moments of all surfaces, shapes (3, 3) and (3, 3, 3)."""
     second, third = np.zeros((3, 3)), np.zeros((3, 3, 3))
     for vertices, faces in surfaces:
         points, weights = _spread(vertices, faces)
         second += np.einsum("n,ni,nj->ij", weights, points, points)
         third += np.einsum("n,ni,nj,nk->ijk", weights, points, points, points, optimize=True)
+    return second, third
+
+
+def _principal(second: FloatArray, third: FloatArray) -> FloatArray:
     variances, vectors = np.linalg.eigh(second)
     axes = vectors[:, ::-1].T
     skewness = np.einsum("ijk,ai,aj,ak->a", third, axes, axes, axes, optimize=True)
-    skewness /= np.maximum(variances[::-1], np.finfo(float).tiny) ** 1.5
+    skewness /= np.maximum(variances[::-1], _FLAT * max(variances[-1], 1.0)) ** 1.5
     axes *= np.where(skewness < 0, -1.0, 1.0)[:, None]
     if np.linalg.det(axes) < 0:
         axes[np.abs(skewness).argmin()] *= -1.0

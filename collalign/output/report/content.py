@@ -17,6 +17,7 @@ from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.poses import offered_poses, own_disagreements_deg
 from collalign.output.report.statistics import cycle_histogram, shape_map
+from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
@@ -156,9 +157,8 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
 def _camera(collection: CollectionData, shapes: list[dict[str, Any]]) -> dict[str, Any]:
     """From where the sure shapes are looked at, and how far they reach to the side, upwards and to the viewer."""
     chosen = statistics_members(collection).chosen.tolist() or range(len(collection))
-    axes = camera(
-        (moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at]) for at in chosen
-    )
+    posed = ((moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at]) for at in chosen)
+    axes = camera(posed, NamedFrame.of(collection.options))
     reach = []
     for at in chosen:
         shape, pose = shapes[at], np.eye(4)

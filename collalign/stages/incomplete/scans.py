@@ -16,6 +16,7 @@ from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overla
 from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pairs
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
+from collalign.stages.poses.frame import with_origin
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Matched, Posed, Run
 from collalign.synchronization import SynchronizationResult
@@ -120,7 +121,10 @@ def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, 
     shapes, reference = run.shapes, run.constraints.reference
     num = len(shapes.names)
     turned = np.linalg.inv(joined.transforms[reference]) @ joined.transforms
+    if run.constraints.turn is not None:
+        turned[:, :3] = run.constraints.turn @ turned[:, :3]
     transforms = _framed(shapes, turned, run.session.options.scaling, reference)
+    transforms = with_origin(transforms, run.constraints)
     rotations = np.ascontiguousarray(turned[:, :3, :3])
     positions = common_positions(shapes.samples, transforms)
     universe = common_points(positions)

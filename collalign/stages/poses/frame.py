@@ -1,4 +1,4 @@
-"""The common frame: a solution turned as a whole, and the gauge of the principal axes."""
+"""The common frame: a solution turned as a whole, the gauge of the principal axes, and the origin."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from collalign.products.shapes import Constraints
 from collalign.synchronization import SynchronizationResult, principal_axes_gauge
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.embedding import Samples
+from data_tools.poses import moved_by
 
 
 def fix_frame(
@@ -23,7 +24,8 @@ def fix_frame(
 ) -> tuple[FloatArray, SynchronizationResult]:
     """Return poses and solution in the gauge that ``options.gauge`` asks for; fixed poses go before.
 
-    They come in the gauge of the reference; "axes" is that of the principal axes of all posed samples together.
+    They come in the gauge of the reference, which landmarks of it may turn; "axes" is that of the principal axes of
+    all posed samples together.
 
     Parameters
     ----------
@@ -35,11 +37,23 @@ def fix_frame(
         In the same frame.
     constraints : Constraints
     """
-    if options.gauge != "axes" or constraints.fixed:
+    if constraints.fixed or (options.gauge != "axes" and constraints.turn is None):
         return rotations, solution
-    posed = principal_axes_gauge([item.positions for item in samples], rotations)
+    if constraints.turn is not None:
+        posed = constraints.turn @ rotations[constraints.reference].T @ rotations
+    else:
+        posed = principal_axes_gauge([item.positions for item in samples], rotations)
     turn = posed[0] @ rotations[0].T
     return posed, rotated_solution(solution, np.tile(turn, (len(samples), 1, 1)))
+
+
+def with_origin(transforms: FloatArray, constraints: Constraints) -> FloatArray:
+    """Return transforms (N, 4, 4) with the origin at the point of the reference that was asked for, if any was."""
+    if constraints.origin is None or constraints.fixed_transforms:
+        return transforms
+    moved = transforms.copy()
+    moved[:, :3, 3] -= moved_by(transforms[constraints.reference], constraints.origin)
+    return moved
 
 
 def rotated_solution(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from collalign.output.contact_sheet import draw_panels, seen_panel
-from collalign.output.evidence.camera import camera
+from collalign.output.evidence.camera import camera, principal_view
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.figures import new_figure
@@ -54,7 +54,7 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
     """
     if len(point_map_target_source) and int(point_map_target_source.max()) >= len(target.vertices):
         raise InputError(f"the map names vertex {point_map_target_source.max()} of {target.name}, which has fewer")
-    places = target.vertices @ camera([(target.vertices, target.faces)]).T
+    places = target.vertices @ principal_view([(target.vertices, target.faces)]).T
     low, high = places.min(axis=0), places.max(axis=0)
     colours = 0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0)
     images = np.maximum(point_map_target_source, 0)

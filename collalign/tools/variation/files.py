@@ -12,6 +12,7 @@ from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.output.tool_record import write_tool_record
+from collalign.products.named_frame import NamedFrame
 from collalign.tools.variation.page_content import build_variation
 from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
 from collalign.tools.variation.shape_statistics import ShapeTests
@@ -43,6 +44,7 @@ def write_variation(
     tests: ShapeTests,
     landmarks: tuple[tuple[str, ...], FloatArray],
     symmetry: ObjectSymmetry | None = None,
+    frame: NamedFrame,
     version: str = "",
     who: Members,
     record: Mapping[str, Any] = MappingProxyType({}),
@@ -61,6 +63,8 @@ def write_variation(
         On the mean, see :func:`collalign.tools.variation.page_content.build_variation`.
     symmetry : ObjectSymmetry, optional
         Of bilateral shapes.
+    frame : NamedFrame
+        From where the page looks first.
     version : str
         Of the toolkit, for the page's last line.
     who : Members
@@ -74,7 +78,7 @@ def write_variation(
         If the folder cannot be written or files of somebody else's are in the way.
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
-        document, blobs = build_variation(variation, columns, landmarks, tests, symmetry)
+        document, blobs = build_variation(variation, columns, landmarks, tests, symmetry, frame)
         page = render_page("Shape variation", _summary(variation), document, blobs, version=version)
         write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
         write_tables(variation, columns, tests.tables, output)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.analysis.symmetry import ObjectSymmetry
-from collalign.output.evidence.camera import camera
+from collalign.output.evidence.camera import UNNAMED, camera
 from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
+from collalign.products.named_frame import NamedFrame
 from collalign.tools.variation.r_tables import procrustes_scores, symmetry_rows
 from collalign.tools.variation.shape_statistics import ShapeTests
 from collalign.tools.variation.surface_quality import QUALITY_HEADING
@@ -33,6 +34,7 @@ def build_variation(
     landmarks: tuple[tuple[str, ...], FloatArray],
     tests: ShapeTests,
     symmetry: ObjectSymmetry | None = None,
+    frame: NamedFrame = UNNAMED,
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Collect the page's content.
 
@@ -46,6 +48,8 @@ def build_variation(
     tests : ShapeTests
         Of the same columns.
     symmetry : ObjectSymmetry, optional
+    frame : NamedFrame
+        From where the surfaces are looked at first.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def build_variation(
         "colors": np.round(255 * sample_colors(mean[None])).astype(np.uint8),
     }
     fields, text = pack(arrays)
-    view = camera([(mean, faces)])
+    view = camera([(mean, faces)], frame)
     document = {
         "kind": "variation",
         "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},

@@ -20,6 +20,7 @@ from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import statistics_members
+from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.variation.files import write_variation
@@ -154,6 +155,7 @@ def write_surface_variation(
         tests=tested,
         landmarks=marked,
         symmetry=components,
+        frame=NamedFrame.of(collection.options),
         version=version,
         who=who,
         record={

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.output.evidence.camera import camera
+from collalign.output.evidence.camera import camera, principal_view
+from collalign.products.named_frame import NamedFrame
 from tests.view_problems import bumpy_shapes
 
 
@@ -16,7 +17,7 @@ def wedge():
 
 def test_longest_axis_is_level_and_the_shortest_the_line_of_sight():
     none = np.empty((0, 3), dtype=np.int64)
-    right, up, viewer = camera([(wedge(), none)])
+    right, up, viewer = principal_view([(wedge(), none)])
     np.testing.assert_allclose(right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(viewer, [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(up, np.cross(viewer, right), atol=1e-12)
@@ -31,3 +32,23 @@ def test_picture_is_the_same_in_every_frame_and_size(seed):
     np.testing.assert_allclose(turned @ turn, plain, atol=1e-9)
     assert np.linalg.det(plain) == pytest.approx(1)
     assert not np.allclose(turned, plain, atol=0.01)
+
+
+@pytest.mark.parametrize(("up", "front"), [("z", "x"), ("-y", "z")])
+def test_named_front_is_seen_from_its_side_and_above(up, front):
+    frame = NamedFrame(up=up, front=front)
+    view = camera([], frame)
+    assert np.linalg.det(view) == pytest.approx(1.0)
+    high, forward = (view @ direction for direction in frame.directions)
+    assert high[0] == pytest.approx(0.0)
+    assert high[1] > 0.9
+    assert high[2] > 0.3
+    assert forward[2] > 0.8
+    assert forward[0] == pytest.approx(-0.5)
+
+
+def test_without_a_named_front_it_is_the_thin_side_that_is_level():
+    none = np.empty((0, 3), dtype=np.int64)
+    plain = camera([(wedge(), none)], NamedFrame(up="y"))  # longest along x, the shortest level axis is z
+    assert abs(plain[2] @ [0, 0, 1]) == pytest.approx(np.cos(np.deg2rad(30)) * np.cos(np.deg2rad(20)))
+    np.testing.assert_allclose(plain @ [0, 1, 0], [0, np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))], atol=1e-12)
