@@ -8,11 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.options import FRAME_AXES, AlignOptions
-from data_tools.arrays import FloatArray, read_only
+from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, read_only
 from data_tools.errors import InputError
-
-#: Two directions are one from the sine of this angle downwards (1 degree).
-_SAME = 0.0175
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +61,7 @@ def frame_turn(options: AlignOptions, marks: Mapping[str, FloatArray]) -> FloatA
     up = _direction("up", options.up, marks)
     front = _direction("front", options.front, marks) if options.front else np.eye(3)[np.abs(up).argmin()]
     front = front - (front @ up) * up
-    if np.linalg.norm(front) < _SAME:
+    if np.linalg.norm(front) < ORTHOGONAL_TOL:
         raise InputError(f"front: {options.front!r} and up, {options.up!r}, are the same direction; choose another")
     front /= np.linalg.norm(front)
     return read_only(np.stack([front, np.cross(up, front), up]))

@@ -11,8 +11,6 @@ from data_tools.arrays import FloatArray, IntArray
 
 #: A picture shows the front turned to the left by the first and from above by the second, which shows three sides.
 _TURN_RAD, _ABOVE_RAD = np.deg2rad([30.0, 20.0])
-#: Below this share of the largest variance a direction has none.
-_FLAT = 1e-12
 #: No direction has a name.
 UNNAMED = NamedFrame()
 
@@ -73,7 +71,7 @@ def _principal(second: FloatArray, third: FloatArray) -> FloatArray:
     variances, vectors = np.linalg.eigh(second)
     axes = vectors[:, ::-1].T
     skewness = np.einsum("ijk,ai,aj,ak->a", third, axes, axes, axes, optimize=True)
-    skewness /= np.maximum(variances[::-1], _FLAT * max(variances[-1], 1.0)) ** 1.5
+    skewness /= np.maximum(variances[::-1], np.finfo(float).eps * max(variances[-1], 1.0)) ** 1.5
     axes *= np.where(skewness < 0, -1.0, 1.0)[:, None]
     if np.linalg.det(axes) < 0:
         axes[np.abs(skewness).argmin()] *= -1.0
