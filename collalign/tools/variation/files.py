@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from collalign.analysis.symmetry import ObjectSymmetry
+from collalign.output.evidence.camera import UNNAMED
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
 from collalign.output.report.page import render_page
 from collalign.output.tool_record import write_tool_record
@@ -44,7 +45,7 @@ def write_variation(
     tests: ShapeTests,
     landmarks: tuple[tuple[str, ...], FloatArray],
     symmetry: ObjectSymmetry | None = None,
-    frame: NamedFrame,
+    frame: NamedFrame = UNNAMED,
     version: str = "",
     who: Members,
     record: Mapping[str, Any] = MappingProxyType({}),

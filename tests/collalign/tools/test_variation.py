@@ -250,7 +250,12 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         page, before = opened.page, opened.image("#components canvas")
         page.locator("#components input[type=range]").first.fill("2.5")
         opened.wait_until_changed("#components canvas", before)
-        assert page.locator("#morphospace polygon").count() == 2
+        assert page.locator("#morphospace polygon.around").count() == 2
+        marks = page.locator("#morphospace .dot polygon:not(.around)").count()
+        assert 0 < marks < len(LABELS), "each group has a mark of its own"
+        crowded = page.locator("#morphospace .dot.crowded").count()
+        page.locator("#morphospace").get_by_label("Names").uncheck()
+        assert page.locator("#morphospace .dot.crowded").count() == len(LABELS) > crowded
         page.locator("#morphospace select").nth(0).select_option("1")
         assert "component 2" in page.locator("#morphospace text.title").first.text_content()
         page.locator("#morphospace .dot").nth(5).dispatch_event("click")
@@ -265,6 +270,7 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         assert "log(centroid size) explains" in page.locator("#statistics p").first.text_content()
         assert page.locator("#statistics table").nth(1).locator("tbody tr").count() == 2
         assert page.locator("#statistics svg .dot").count() == 8
+        assert page.locator("#statistics svg line.fitted").count() == 1
         for ending, words in (("SVG", 'paint-order="stroke'), ("PDF", "principal component")):
             with page.expect_download() as started:
                 page.locator("#morphospace").get_by_role("button", name=f"Save chart ({ending})").click()

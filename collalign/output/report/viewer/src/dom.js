@@ -41,6 +41,10 @@ export function select(label, options, onchange, value) {
   return el("label", { class: "field" }, el("span", null, label), box);
 }
 
+export function checkbox(label, onchange, checked) {
+  return el("label", { class: "check" }, el("input", { type: "checkbox", checked, onchange: (event) => onchange(event.target.checked) }), label);
+}
+
 export function button(text, onclick, properties) {
   return el("button", { type: "button", onclick, ...properties }, text);
 }

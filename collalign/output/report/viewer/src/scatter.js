@@ -1,14 +1,18 @@
-// A scatter of specimens with ticks on both axes, and hulls or ellipses around groups.
+// A scatter of specimens with ticks on both axes, a mark for each group, hulls or ellipses around groups, and a line.
 
 import { categorical } from "./colors.js";
 import { el, svg } from "./dom.js";
+import { namesBeside } from "./names.js";
 
 const ROOM = { left: 70, right: 18, top: 14, bottom: 50 };
 const WIDE = [900, 560];
 const NARROW = [380, 420];
-const NAMED = 60;
 //: Groups that the legend names.
 const LISTED = 16;
+//: How a legend is written, and how long a name in it may be.
+const [ROW, CHARACTER, LONGEST] = [18, 7, 24];
+//: Corners of the marks of groups, behind a circle for the first.
+const MARKS = [[[-4.5, -4.5], [4.5, -4.5], [4.5, 4.5], [-4.5, 4.5]], [[0, -6], [5.5, 4.5], [-5.5, 4.5]], [[0, -6.5], [6.5, 0], [0, 6.5], [-6.5, 0]], [[0, 6], [5.5, -4.5], [-5.5, -4.5]]];
 //: Radius of an ellipse in standard deviations: 95 % of a normal distribution in the plane.
 const ELLIPSE = Math.sqrt(5.991);
 
@@ -87,30 +91,54 @@ function axes({ place, bounds, size }, titles) {
   ];
 }
 
-// `points` as they are, `values` their groups or empty texts, `outline` hulls, ellipses or none; `open(at)` when a dot is chosen.
-export function scatter({ points, names, values, outline = "none", titles, words, equal = false, narrow, open }) {
+// The mark of a group, by its number; -1 for none.
+function mark(kind) {
+  const fill = kind < 0 ? "var(--accent)" : categorical(kind);
+  const corners = MARKS[(Math.max(kind, 0) % (MARKS.length + 1)) - 1];
+  return corners ? svg("polygon", { points: corners.join(" "), fill }) : svg("circle", { r: 5, fill });
+}
+
+// Groups with their marks: at the right of a wide chart, below a narrow one; and the size of the chart with them.
+function legendOf(kinds, [width, height], narrow) {
+  const named = kinds.slice(0, LISTED).map((kind) => (kind.length > LONGEST ? `${kind.slice(0, LONGEST - 1)}…` : kind));
+  const longest = Math.max(0, ...named.map((kind) => kind.length));
+  const [left, top] = narrow ? [ROOM.left, height + 6] : [width + 8, ROOM.top + 8];
+  const entries = named.map((kind, at) => svg("g", { transform: `translate(${left} ${top + ROW * at})` }, mark(at), svg("text", { x: 12, y: 4 }, kind)));
+  if (!named.length) return [entries, [width, height]];
+  return [entries, narrow ? [width, height + ROW * (named.length + 1)] : [width + 30 + CHARACTER * longest, height]];
+}
+
+// The ends of the least-squares line through points.
+export function regression(points) {
+  const [x, y] = [0, 1].map((axis) => points.reduce((sum, point) => sum + point[axis], 0) / points.length);
+  const slope = points.reduce((sum, point) => sum + (point[0] - x) * (point[1] - y), 0) / (points.reduce((sum, point) => sum + (point[0] - x) ** 2, 0) || 1);
+  const ends = points.map((point) => point[0]);
+  return [Math.min(...ends), Math.max(...ends)].map((at) => [at, y + slope * (at - x)]);
+}
+
+// `points` as they are, `values` their groups or empty texts, `outline` hulls, ellipses or none, `line` the ends of a
+// line, `named` whether names are written; `open(at)` when a dot is chosen.
+export function scatter({ points, names, values, outline = "none", line = [], named = true, titles, words, equal = false, narrow, open }) {
   const size = narrow ? NARROW : WIDE;
   const kinds = [...new Set(values)].filter(Boolean).sort();
   const outlines = kinds.map((kind) => {
     const members = points.filter((_, at) => values[at] === kind);
     return outline === "none" || members.length < 3 ? [] : (outline === "hulls" ? hull : ellipse)(members);
   });
-  const scale = scaler([...points, ...outlines.flat()], size, equal);
+  const scale = scaler([...points, ...line, ...outlines.flat()], size, equal);
   const text = (point) => scale.place(point).map((value) => value.toFixed(1));
-  const areas = outlines.map((corners, at) => corners.length && svg("polygon", { points: corners.map((point) => text(point).join(",")).join(" "), fill: categorical(at), "fill-opacity": 0.12, stroke: categorical(at) }));
+  const areas = outlines.map((corners, at) => corners.length && svg("polygon", { class: "around", points: corners.map((point) => text(point).join(",")).join(" "), fill: categorical(at), "fill-opacity": 0.12, stroke: categorical(at) }));
+  const [ends, [legend, whole]] = [line.map(scale.place), legendOf(kinds, size, narrow)];
+  const fitted = line.length ? [svg("line", { class: "fitted", x1: ends[0][0], y1: ends[0][1], x2: ends[1][0], y2: ends[1][1] })] : [];
+  const beside = namesBeside(points.map(scale.place), names, size);
   const dots = points.map((point, at) => {
     const name = [names[at], values[at]].filter(Boolean).join(", ");
-    const aside = scale.place(point)[0] > 0.75 * size[0] ? { x: -8, y: 4, "text-anchor": "end" } : { x: 8, y: 4 };
     const keys = (event) => (event.key === "Enter" || event.key === " ") && (event.preventDefault(), open(at));
-    return svg("g", { class: "dot", role: "button", tabindex: 0, "aria-label": name, transform: `translate(${text(point).join(" ")})`, onclick: () => open(at), onkeydown: keys },
-      svg("title", null, name), svg("circle", { r: 5, fill: values[at] ? categorical(kinds.indexOf(values[at])) : "var(--accent)" }), svg("text", aside, names[at]));
-  });
-  const legend = kinds.slice(0, LISTED).flatMap((kind, at) => {
-    const [x, y] = [size[0] - ROOM.right - 6, ROOM.top + 8 + 18 * at];
-    return [svg("circle", { cx: x, cy: y, r: 5, fill: categorical(at) }), svg("text", { x: x - 11, y: y + 4, "text-anchor": "end" }, kind)];
+    return svg("g", { class: named && !beside[at].crowded ? "dot" : "dot crowded", role: "button", tabindex: 0, "aria-label": name, transform: `translate(${text(point).join(" ")})`, onclick: () => open(at), onkeydown: keys },
+      svg("title", null, name), mark(values[at] ? kinds.indexOf(values[at]) : -1), svg("text", beside[at].text, names[at]));
   });
   return [
-    svg("svg", { class: points.length > NAMED || narrow ? "map crowded" : "map", viewBox: `0 0 ${size.join(" ")}`, role: "group", "aria-label": words }, ...areas.filter(Boolean), ...axes(scale, titles), ...legend, ...dots),
+    svg("svg", { class: "map", viewBox: `0 0 ${whole.join(" ")}`, role: "group", "aria-label": words }, ...areas.filter(Boolean), ...fitted, ...axes(scale, titles), ...legend, ...dots),
     kinds.length > LISTED ? el("p", { class: "muted" }, `The first ${LISTED} of ${kinds.length} groups are named.`) : "",
   ];
 }

@@ -2,11 +2,11 @@
 
 import { categorical } from "./colors.js";
 import { el, responsive, select, svg } from "./dom.js";
+import { namesBeside } from "./names.js";
 
 const MARGIN = 46;
 const WIDE = [900, 560];
 const NARROW = [380, 420];
-const NAMED = 60;
 
 export function labelColors(values) {
   const kinds = [...new Set(values)].filter(Boolean).sort();
@@ -38,14 +38,15 @@ function scatter(app, column, size) {
   const { color } = labelColors(values);
   const place = scaler(points, size);
   const places = points.map(place);
+  const names = members.map((index) => (app.collection.mark(index) ? `${shapes[index].name} ?` : shapes[index].name));
+  const beside = namesBeside(places, names, size);
   const dots = places.map(([x, y], at) => {
     const shape = shapes[members[at]];
     const name = [shape.name, values[at]].filter(Boolean).join(", ");
     const mark = app.collection.mark(members[at]);
-    const aside = x > 0.75 * width ? { x: -9, y: 4, "text-anchor": "end" } : { x: 9, y: 4 };
     const fill = column ? color(values[at]) : "var(--accent)";
-    return svg("g", { class: mark ? "dot doubtful" : "dot", role: "button", tabindex: at ? -1 : 0, "aria-label": [name, mark].filter(Boolean).join(", "), transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
-      svg("title", null, [name, mark].filter(Boolean).join(", ")), svg("circle", { r: 6, fill }), svg("text", aside, mark ? `${shape.name} ?` : shape.name));
+    return svg("g", { class: ["dot", mark && "doubtful", beside[at].crowded && "crowded"].filter(Boolean).join(" "), role: "button", tabindex: at ? -1 : 0, "aria-label": [name, mark].filter(Boolean).join(", "), transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
+      svg("title", null, [name, mark].filter(Boolean).join(", ")), svg("circle", { r: 6, fill }), svg("text", beside[at].text, names[at]));
   });
   const focus = (at) => {
     dots.forEach((dot, other) => dot.setAttribute("tabindex", other === at ? 0 : -1));
@@ -63,8 +64,7 @@ function scatter(app, column, size) {
   });
   const titles = [svg("text", { x: width / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, axes[0]),
     svg("text", { x: 14, y: height / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 14 ${height / 2})` }, axes[1])];
-  const kind = members.length > NAMED || width < WIDE[0] ? "map crowded" : "map";
-  return svg("svg", { class: kind, viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
+  return svg("svg", { class: "map", viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `Shape map, ${members.length} shapes` }, ...titles, ...dots);
 }
 
 function legend(app, column) {

@@ -1,8 +1,8 @@
 // Shape against size and groups: what explains how much of the variation, allometry, every two groups, disparity.
 
-import { el, number, responsive, select, table } from "./dom.js";
+import { checkbox, el, number, responsive, select, table } from "./dom.js";
 import { chartButtons } from "./downloads.js";
-import { scatter } from "./scatter.js";
+import { regression, scatter } from "./scatter.js";
 
 const cell = (value) => (typeof value === "number" ? number(value) : (value ?? ""));
 
@@ -21,9 +21,12 @@ function allometry(app) {
   const [head, ...rows] = app.variation.tables.allometry;
   const columns = Object.keys(app.variation.columns);
   const picture = el("div", { class: "picture" });
-  let column = columns[0] ?? "";
+  const points = rows.map((row) => row.slice(-2));
+  let [column, named] = [columns[0] ?? "", true];
   const show = responsive(picture, (narrow) => scatter({
-    points: rows.map((row) => row.slice(-2)),
+    points,
+    line: points.length > 1 ? regression(points) : [],
+    named,
     names: app.variation.names,
     values: rows.map((row) => (column ? row[head.indexOf(column, 1)] : "")),
     titles: ["logarithm of centroid size", "regression score (Procrustes distance)"],
@@ -35,7 +38,9 @@ function allometry(app) {
     el("h3", null, "Allometry"),
     el("div", { class: "row tools" },
       columns.length ? select("Colour by", [...columns.map((key) => [key, key]), ["", "nothing"]], (key) => { column = key; show(); }, column) : "",
-      ...chartButtons("allometry", picture)),
+      checkbox("Names", (on) => { named = on; show(); }, true),
+      ...chartButtons("allometry", picture),
+      el("span", { class: "muted" }, "The line is the least-squares fit of all dots.")),
     picture,
   ];
 }

@@ -2,7 +2,7 @@
 
 import { Vector3 } from "three";
 import { DIVERGING_CSS, RISING_CSS, categorical } from "./colors.js";
-import { button, el, number, select, table } from "./dom.js";
+import { button, checkbox, el, number, select, table } from "./dom.js";
 import { savePly, savePng } from "./downloads.js";
 import { morphospaceSection } from "./morphospace.js";
 import { shownTable, statisticsSection } from "./statistics.js";
@@ -105,7 +105,7 @@ function groupsSection(app) {
       select("Labels", columns.map((key) => [key, key]), (key) => { column = key; start(); }, column),
       select("From", options, (kind) => { one = kind; draw(); }, one), select("to", options, (kind) => { other = kind; draw(); }, other),
       slider("Arrows times", 1, 10, 1, factor, (value) => { factor = value; draw(); }).field,
-      el("label", { class: "check" }, el("input", { type: "checkbox", checked: arrows, onchange: (event) => { arrows = event.target.checked; draw(); } }), "Arrows"));
+      checkbox("Arrows", (on) => { arrows = on; draw(); }, arrows));
   };
   const start = () => {
     const kinds = kindsOf(variation, column);
