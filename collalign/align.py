@@ -31,7 +31,7 @@ from collalign.stages.own_knowledge import (
     given_constraints,
     own_notes,
     own_points,
-    with_marked_reference,
+    with_marks,
     with_own_samples,
 )
 from collalign.stages.pairs.match import num_reused_pairs
@@ -166,7 +166,7 @@ def align_listing(
     fixed, kept = ({composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept))
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
-        session = with_marked_reference(with_own_samples(session, given), own)
+        session = with_marks(with_own_samples(session, given), own)
         shapes = prepare_shapes(session, listing, given)
         constraints = given_constraints(shapes, session.options, own, fixed, kept)
     run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)

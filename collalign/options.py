@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, ClassVar, Literal, TypeAlias, TypedDict
@@ -43,6 +44,8 @@ FRAME_AXES: dict[str, tuple[float, float, float]] = {
 }
 #: The ``origin`` that is that of the reference's file.
 FILE_ORIGIN = "file"
+#: Three numbers: a direction or a point of the reference's file.
+_THREE_NUMBERS = re.compile(r"[-+.\deE]+(,[-+.\deE]+){2}")
 #: Whether non-rigid maps help to choose the poses.
 Maps = Literal["auto", "always", "never"]
 #: Values of ``AlignOptions.incomplete`` that name no shapes, and the one that means every shape.
@@ -113,13 +116,13 @@ class AlignOptions:
         set by hand go before both.
     up : str
         Which way of the reference is up: an axis of its file (z, -y), which then is that axis of the common frame;
-        or from one of its landmarks to another (base:vertex). Where landmarks say what is up or in front, the common
-        frame has z up and x to the front. Pages and pictures look at the front.
+        from one of its landmarks to another (base:vertex); or a direction in its file (0.1,0,0.9). Landmarks and
+        numbers turn the common frame, so that z is up and x to the front. Pages and pictures look at the front.
     front : str
         Which way its front is, in the same words.
     origin : str
-        Where the common frame has its origin: at a landmark of the reference, or at the origin of its file (file); by
-        default in the middle of each shape.
+        Where the common frame has its origin: at a landmark of the reference, at a point of its file (1,2,3), or at
+        the origin of that (file); by default in the middle of each shape.
     clusters : int
         Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
         number, 1 aligns all shapes together.
@@ -196,15 +199,17 @@ class AlignOptions:
 
     @property
     def turns_frame(self) -> bool:
-        """Whether landmarks turn the common frame."""
+        """Whether landmarks or numbers turn the common frame."""
         return not {self.up, self.front} <= {"", *FRAME_AXES}
 
     def _check_frame(self) -> None:
         for name in ("up", "front"):
             value = getattr(self, name)
-            if value and value not in FRAME_AXES and not (value.count(":") == 1 and all(value.split(":"))):
+            is_pair = value.count(":") == 1 and all(value.split(":"))
+            if value and value not in FRAME_AXES and not is_pair and numbers_of(value) is None:
                 raise OptionsError(
-                    f"{name}: expected {', '.join(FRAME_AXES)} or two landmarks (base:vertex), got {value!r}"
+                    f"{name}: expected {', '.join(FRAME_AXES)}, two landmarks (base:vertex) or three numbers, "
+                    f"got {value!r}"
                 )
         if self.front and not self.up:
             raise OptionsError("front: say also which way is up")
@@ -309,6 +314,14 @@ class TwoShapeKeywords(TypedDict, total=False):
     sampling: SamplingOptions | SamplingKeywords
     embedding: EmbeddingOptions | EmbeddingKeywords
     matching: PairOptions | PairKeywords
+
+
+def numbers_of(text: str) -> list[float] | None:
+    """Return three numbers that are separated by commas, None where a text is anything else."""
+    try:
+        return [float(one) for one in text.split(",")] if _THREE_NUMBERS.fullmatch(text) else None
+    except ValueError:
+        return None
 
 
 def _apply(preset: Mapping[str, Any], options: AlignOptions) -> None:

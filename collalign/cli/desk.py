@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 import sys
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any
 
 from collalign.analysis.label_table import read_labels
 from collalign.landmarks.templates import read_templates
-from collalign.options import ALL, AUTO, NEVER
+from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.output.again import option_words, shape_words
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
@@ -28,8 +28,9 @@ from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
-from data_tools.io.listing import read_folder
+from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.output_folder import OutputFolder, output_path
+from data_tools.io.source import location
 from data_tools.landmarks.landmark_tables import READABLE
 
 #: Pages that are shown, by the command that writes them.
@@ -64,19 +65,28 @@ class Desk:
             "out": str(self.out),
             "pages": pages,
             "formats": list(FORMATS),
-            "shapes": None,
+            "aligned": False,
+            "found": "",
+            "shapes": [],
             "byHand": [],
             "missing": [],
         }
         if not (self.out / ALIGNMENT_FILE).is_file():
-            return state
+            listing = read_folder(self._shapes)
+            shapes = [{"name": name, "exclude": False, "incomplete": False} for name in listing.names]
+            return state | {"found": _found(listing), "shapes": shapes}
         collection = self._load()
         left_out, incomplete = _left_out(collection), _incomplete(collection)
         shapes = [
             {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
             for name in (*collection.names, *left_out)
         ]
-        return state | {"shapes": shapes, "byHand": [*collection.by_hand], "missing": missing_files(collection.files)}
+        return state | {
+            "aligned": True,
+            "shapes": shapes,
+            "byHand": [*collection.by_hand],
+            "missing": missing_files(collection.files),
+        }
 
     def page(self, name: str) -> Path | None:
         """Return the file of a page, None if it is none of ours or leads out of the result."""
@@ -113,7 +123,7 @@ class Desk:
         """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
         out = str(self.out)
         if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
-            return ["align", str(self._shapes), f"--out={out}"]
+            return ["align", str(self._shapes), f"--out={out}", *self._first_words(asked)]
         collection = self._load()
         names = {*collection.names, *_left_out(collection)}
         for key in ("exclude", "incomplete"):
@@ -144,6 +154,16 @@ class Desk:
             raise InputError(f"{task}: there is no such command or format here")
         to = f"--to={out}/export-{asked['format']}"
         return ["export", out, f"--format={asked['format']}", to, *counted, *self._sources()]
+
+    def _first_words(self, asked: Mapping[str, Any]) -> list[str]:
+        """Return the options of a first alignment."""
+        names = read_folder(self._shapes).names
+        for key in ("exclude", "incomplete"):
+            check_known(key, asked.get(key) or (), names)
+        kept = {key: asked[key] for key in ("group", "scaling") if key in asked}
+        told = ",".join(sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())}))
+        options = AlignOptions(**kept, incomplete=told or AUTO)
+        return [*option_words(options), *(f"--exclude={name}" for name in asked.get("exclude") or ())]
 
     def start(self, task: str, asked: Mapping[str, Any]) -> None:
         """Run the command of :meth:`words` in a process of its own, one at a time."""
@@ -212,6 +232,14 @@ class Desk:
         if not chosen:
             raise InputError(f"give landmarks of a specimen first ({READABLE}), called like its file")
         return [str(file) for file in chosen]
+
+
+def _found(listing: FolderListing) -> str:
+    """Say what a folder holds."""
+    kinds = Counter(Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files)
+    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
+    skipped = f" {len(listing.skipped_names)} other files are left aside." if listing.skipped_names else ""
+    return f"{len(listing.files)} shapes ({counts}).{skipped}"
 
 
 def _folder_in(content: bytes) -> Path:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.options import FRAME_AXES, AlignOptions
+from collalign.options import FILE_ORIGIN, FRAME_AXES, AlignOptions, numbers_of
 from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, read_only
 from data_tools.errors import InputError
 
@@ -27,7 +27,7 @@ class NamedFrame:
 
     @classmethod
     def of(cls, options: AlignOptions) -> NamedFrame:
-        """Return the names that a result has: axes stay, and landmarks are turned to z and x."""
+        """Return the names that a result has: axes stay, and what turns the frame comes to z and x."""
         if not options.turns_frame:
             return cls(up=options.up, front=options.front)
         return cls(up="z", front="x" if options.front else "")
@@ -39,27 +39,38 @@ class NamedFrame:
         return up, front
 
 
-def frame_turn(options: AlignOptions, marks: Mapping[str, FloatArray]) -> FloatArray:
-    """Return the rotation from the reference's file to a frame with z up and x to the front.
+def without_names(options: AlignOptions, marks: Mapping[str, FloatArray]) -> AlignOptions:
+    """Return options whose directions and origin are numbers where they were landmarks of the reference.
 
     Parameters
     ----------
     options : AlignOptions
-        Its ``up`` or ``front`` names landmarks. What is to the front is made perpendicular to what is up.
     marks : mapping of str to ndarray, shape (3,)
         Landmarks of the reference, in the coordinates of its file.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
 
     Raises
     ------
     InputError
-        If there is no such landmark, or up and front are one direction.
+        If there is no such landmark, or two are at the same place.
     """
-    up = _direction("up", options.up, marks)
-    front = _direction("front", options.front, marks) if options.front else np.eye(3)[np.abs(up).argmin()]
+    changed = {name: _line(name, getattr(options, name), marks) for name in ("up", "front")}
+    if options.origin not in ("", FILE_ORIGIN) and numbers_of(options.origin) is None:
+        changed["origin"] = _words(_landmark("origin", options.origin, marks))
+    return replace(options, **changed)
+
+
+def frame_turn(options: AlignOptions) -> FloatArray:
+    """Return the rotation from the reference's file to a frame with z up and x to the front, shape (3, 3).
+
+    What is to the front is made perpendicular to what is up.
+
+    Raises
+    ------
+    InputError
+        If up and front are one direction.
+    """
+    up = _direction(options.up)
+    front = _direction(options.front) if options.front else np.eye(3)[np.abs(up).argmin()]
     front = front - (front @ up) * up
     if np.linalg.norm(front) < ORTHOGONAL_TOL:
         raise InputError(f"front: {options.front!r} and up, {options.up!r}, are the same direction; choose another")
@@ -67,24 +78,33 @@ def frame_turn(options: AlignOptions, marks: Mapping[str, FloatArray]) -> FloatA
     return read_only(np.stack([front, np.cross(up, front), up]))
 
 
-def landmark_of(option: str, label: str, marks: Mapping[str, FloatArray]) -> FloatArray:
-    """Return a landmark of the reference that an option names, shape (3,).
+def frame_origin(options: AlignOptions) -> FloatArray | None:
+    """Return the point of the reference's file that is the origin of the common frame, shape (3,), None for none."""
+    if not options.origin:
+        return None
+    return np.zeros(3) if options.origin == FILE_ORIGIN else np.array(numbers_of(options.origin))
 
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+
+def _direction(text: str) -> FloatArray:
+    found = np.array(FRAME_AXES.get(text) or numbers_of(text))
+    return found / np.linalg.norm(found)
+
+
+def _line(option: str, text: str, marks: Mapping[str, FloatArray]) -> str:
+    if ":" not in text:
+        return text
+    start, end = (_landmark(option, label, marks) for label in text.split(":"))
+    if not np.linalg.norm(end - start):
+        raise InputError(f"{option}: the landmarks of {text!r} are at the same place; choose others")
+    return _words(end - start)
+
+
+def _landmark(option: str, label: str, marks: Mapping[str, FloatArray]) -> FloatArray:
     if label not in marks:
         told = f"it has {', '.join(marks)}" if marks else "none are given; give its landmark file with --marks"
         raise InputError(f"{option}: the reference has no landmark {label!r}; {told}")
     return marks[label]
 
 
-def _direction(option: str, text: str, marks: Mapping[str, FloatArray]) -> FloatArray:
-    if text in FRAME_AXES:
-        return np.array(FRAME_AXES[text])
-    start, end = (landmark_of(option, label, marks) for label in text.split(":"))
-    if not (length := np.linalg.norm(end - start)):
-        raise InputError(f"{option}: the landmarks of {text!r} are at the same place; choose others")
-    return np.asarray((end - start) / length)
+def _words(numbers: FloatArray) -> str:
+    return ",".join(map(repr, numbers.tolist()))

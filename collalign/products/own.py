@@ -19,7 +19,7 @@ from data_tools.surface.shape import Shape
 Names: TypeAlias = tuple[str, str]
 #: What may be given of pairs, and in all.
 OF_PAIRS = ("candidates", "correspondences", "pair_weights")
-GIVEN = ("invariants", "samples", "marks", *OF_PAIRS)
+GIVEN = ("invariants", "samples", *OF_PAIRS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +66,7 @@ class Own:
 
     def __post_init__(self) -> None:
         check_number("invariants_weight", self.invariants_weight)
-        for name in GIVEN:
+        for name in (*GIVEN, "marks"):
             given = getattr(self, name)
             if not isinstance(given, Mapping) and not (name == "invariants" and callable(given)):
                 raise InputError(f"{name}: expected values by the names of shapes, got {type(given).__name__}")
@@ -75,7 +75,7 @@ class Own:
                 is_pair = isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]
                 if not is_pair or not all(isinstance(one, str) for one in pair):
                     raise InputError(f"{name}: expected pairs of two names, got {pair!r}")
-        for name in GIVEN:
+        for name in (*GIVEN, "marks"):
             given = getattr(self, name)
             if isinstance(given, Mapping):
                 object.__setattr__(self, name, {_composed(names): value for names, value in given.items()})

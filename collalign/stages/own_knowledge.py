@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from collalign.engine.jobs.job import table_of_values
 from collalign.engine.store.typed import MAX_INDEX
-from collalign.options import FILE_ORIGIN, AlignOptions, AlignSession
-from collalign.products.named_frame import frame_turn, landmark_of
+from collalign.options import AlignOptions, AlignSession
+from collalign.products.named_frame import frame_origin, frame_turn, without_names
 from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
@@ -83,21 +83,25 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     return replace(session, options=replace(session.options, sampling=sampling))
 
 
-def with_marked_reference(session: AlignSession, own: Own) -> AlignSession:
-    """Return the session whose reference is the shape with landmarks, if one has them.
+def with_marks(session: AlignSession, own: Own) -> AlignSession:
+    """Return the session whose reference is the shape with landmarks, and whose options need them no more.
 
     Raises
     ------
     InputError
-        If several shapes have landmarks and none is the reference.
+        If several shapes have landmarks and none is the reference, or it lacks a landmark that is named.
     """
-    reference = session.options.reference
-    if not own.marks or reference in own.marks:
-        return session
-    if reference or len(own.marks) > 1:
-        told = f"the reference, {reference!r}," if reference else "the reference"
-        raise InputError(f"marks: {told} needs the landmarks, {', '.join(own.marks)} has some; name it as reference")
-    return replace(session, options=replace(session.options, reference=next(iter(own.marks))))
+    options = session.options
+    if own.marks and options.reference not in own.marks:
+        if options.reference or len(own.marks) > 1:
+            told = f"the reference, {options.reference!r}," if options.reference else "the reference"
+            raise InputError(f"marks: {told} has no landmarks, {', '.join(own.marks)} has; name it as reference")
+        options = replace(options, reference=next(iter(own.marks)))
+    marks = {
+        label: as_floats(point, f"marks[{label}]", shape=(3,))
+        for label, point in own.marks.get(options.reference, {}).items()
+    }
+    return replace(session, options=without_names(options, marks))
 
 
 def given_constraints(
@@ -122,7 +126,7 @@ def given_constraints(
     Raises
     ------
     InputError
-        If there is no shape or landmark of a name, a transform is no similarity or scales where sizes stay, a given
+        If there is no shape of a name, up and front are one direction, a transform is no similarity or scales where sizes stay, a given
         pose mirrors a shape and the options' group forbids that, or matched vertices are none of a file's, or on a
         line.
     OptionsError
@@ -159,16 +163,8 @@ def given_constraints(
     for (a, b), weight in own.pair_weights.items():
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
-    marks = {
-        label: as_floats(point, f"marks[{label}]", shape=(3,))
-        for label, point in own.marks.get(options.reference, {}).items()
-    }
     if options.turns_frame and by_hand and not kept:
-        raise OptionsError("up: poses set by hand fix the common frame, so landmarks cannot turn it; name an axis")
-    turn = frame_turn(options, marks) if options.turns_frame and not fixed else None
-    origin = None
-    if options.origin and not whole:
-        origin = np.zeros(3) if options.origin == FILE_ORIGIN else landmark_of("origin", options.origin, marks)
+        raise OptionsError("up: poses set by hand fix the common frame, so nothing can turn it; name an axis")
     return Constraints(
         fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
         fixed_transforms={at[name]: transform for name, transform in whole.items()},
@@ -176,8 +172,8 @@ def given_constraints(
         reference=at[options.reference] if options.reference else 0,
         candidates=candidates,
         weights=weights,
-        turn=turn,
-        origin=origin,
+        turn=frame_turn(options) if options.turns_frame and not fixed else None,
+        origin=None if whole else frame_origin(options),
     )
 
 

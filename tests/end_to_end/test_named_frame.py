@@ -40,15 +40,19 @@ def marks(planted):
     return {name: shape.vertices[at] for name, at in chosen.items()}
 
 
-def align(planted, **keywords):
+def align(planted, options_of=None, **keywords):
     shapes = {shape.name: shape for shape in planted.shapes}
-    return align_collection(shapes, options=OPTIONS, progress=False, jobs=1, **keywords)
+    return align_collection(
+        shapes, options=OPTIONS if options_of is None else options_of.options, progress=False, jobs=1, **keywords
+    )
 
 
 def test_landmarks_turn_all_shapes_and_set_the_origin(planted, marks):
     name = planted.shapes[1].name
     found = align(planted, up="floor:top", front="left:right", origin="floor", marks={name: marks})
     assert found.options.reference == name
+    again = align(planted, options_of=found)
+    np.testing.assert_array_equal(again.transforms, found.transforms)  # the options alone repeat the run
     floor, top, left, right = (moved_by(found.transforms[1], marks[label]) for label in marks)
     np.testing.assert_allclose(floor, 0.0, atol=1e-12)
     np.testing.assert_allclose((top - floor) / np.linalg.norm(top - floor), UP, atol=1e-12)
@@ -103,7 +107,7 @@ def test_the_command_line_reads_landmarks_and_added_shapes_keep_the_frame(plante
         ({"up": "floor:top", "front": "floor:top"}, "the same direction"),
         ({"up": "floor:floor"}, "at the same place"),
         ({"up": "z", "origin": "seat"}, "no landmark 'seat'"),
-        ({"up": "z", "reference": "chair1"}, "needs the landmarks"),
+        ({"up": "z", "reference": "chair1"}, "has no landmarks"),
     ],
 )
 def test_what_landmarks_cannot_say_is_refused(planted, marks, given, said):
@@ -114,7 +118,15 @@ def test_what_landmarks_cannot_say_is_refused(planted, marks, given, said):
 @pytest.mark.parametrize(
     "given",
     [
-        *({"up": "w"}, {"up": "a:b:c"}, {"up": ":b"}, {"front": "x"}, {"up": "z", "front": "-z"}),
+        *(
+            {"up": "w"},
+            {"up": "1,2"},
+            {"up": "1,2,e"},
+            {"up": "a:b:c"},
+            {"up": ":b"},
+            {"front": "x"},
+            {"up": "z", "front": "-z"},
+        ),
         {"up": "z", "gauge": "axes"},
     ],
 )

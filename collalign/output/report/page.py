@@ -216,6 +216,8 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
         num = len(collection.excluded)
         words.append(f'<a href="#excluded">{num} {"file" if num == 1 else "files"} left out</a>.')
     kind = "warn" if len(words) > 1 else "plain"
+    if kind == "plain":
+        words.append("Nothing was left out, and nothing needs to be looked at.")
     against = sum(not pair.inlier for pair in collection.pairs)
     incomplete = f", {len(collection.incomplete)} of them incomplete" if collection.incomplete else ""
     facts = [

@@ -34,18 +34,19 @@ function heredoc(path, text) {
   return `cat > ${quoted(path)} <<'END'\n${text}\nEND`;
 }
 
-// The whole command; empty where a name cannot be pasted. In the shells of Windows it reads the downloaded file.
-export function wholeCommand({ again, labels, shapes }, decisions) {
+// The whole command, with `decisions` unless that is empty and without the shapes `leftOut`; empty where a name cannot
+// be pasted. In the shells of Windows it reads the downloaded file.
+export function wholeCommand({ again, labels, shapes }, decisions, leftOut) {
   const columns = isPart() ? [] : Object.keys(labels);
   const rows = columns.length ? [["name", ...columns], ...shapes.map(({ name }, at) => [name, ...columns.map((column) => labels[column][at])])] : [];
   const out = resultFolder() ?? "OUT";
-  if ([...again, out, ...rows.flat()].some((word) => UNPRINTABLE.test(word))) return "";
+  if ([...again, ...leftOut, out, ...rows.flat()].some((word) => UNPRINTABLE.test(word))) return "";
   const windows = /^[A-Za-z]:/.test(out);
   const [file, table] = ["corrections.json", "labels.csv"].map((name) => (windows ? name : `${out}/${name}`));
-  const words = ["collalign", "align", ...again, `--out=${out}`, `--corrections=${file}`, ...(rows.length && !windows ? [`--labels=${table}`] : [])];
+  const words = ["collalign", "align", ...again, `--out=${out}`, ...(decisions ? [`--corrections=${file}`] : []), ...leftOut.map((name) => `--exclude=${name}`), ...(rows.length && !windows ? [`--labels=${table}`] : [])];
   const command = words.map((word) => quoted(word, windows)).join(" ");
   if (windows) return command;
-  const written = [heredoc(file, JSON.stringify(JSON.parse(decisions)))];
+  const written = decisions ? [heredoc(file, JSON.stringify(JSON.parse(decisions)))] : [];
   if (rows.length) written.push(heredoc(table, rows.map((row) => row.map(cell).join(",")).join("\n")));
   return [...written, command].join("\n");
 }

@@ -21,6 +21,7 @@ export class Corrections {
     this.chosen = new Map();
     this.listeners = [];
     this.saved = true;
+    this.leftOut = new Set((kept(`${collection.run} left out`) ?? []).filter((name) => collection.shapes.some((shape) => shape.name === name)));
     // Poses set by hand before stay decisions until they are taken back.
     collection.byHand.forEach((index) => this.chosen.set(index, { pose: BEFORE, ...this.present(index) }));
     const remembered = kept(collection.run);
@@ -46,6 +47,15 @@ export class Corrections {
     this.listeners.forEach((listener) => listener(index));
   }
 
+  // Whether a shape takes part when the alignment runs again.
+  leaveOut(index, out) {
+    const { name } = this.collection.shapes[index];
+    if (out) this.leftOut.add(name);
+    else this.leftOut.delete(name);
+    this.remembered = keep(`${this.collection.run} left out`, [...this.leftOut]);
+    this.listeners.forEach((listener) => listener(index));
+  }
+
   // The present pose as a decision; of a shape that is placed with its place and size.
   present(index) {
     const { R, transform } = this.collection.shapes[index];
@@ -55,7 +65,7 @@ export class Corrections {
   // How many decisions differ from those with which this result was made.
   get changes() {
     const made = [...this.chosen.values()].filter(({ pose }) => pose !== BEFORE).length;
-    return made + this.collection.byHand.filter((index) => !this.chosen.has(index)).length;
+    return made + this.leftOut.size + this.collection.byHand.filter((index) => !this.chosen.has(index)).length;
   }
 
   // What is kept of a pose on the display: the rows of its rotation and, of a shape that is placed, of its transform.
@@ -182,16 +192,23 @@ export function correctionBar(corrections, collection) {
     const made = [...corrections.chosen.keys()];
     const { changes } = corrections;
     bar.hidden = made.length === 0 && changes === 0;
-    count.textContent = made.length ? `${made.length} ${made.length === 1 ? "decision" : "decisions"}` : "All decisions taken back";
+    const all = made.length + corrections.leftOut.size;
+    count.textContent = all ? `${all} ${all === 1 ? "decision" : "decisions"}` : "All decisions taken back";
+    save.hidden = !made.length && !collection.byHand.length;
     where.textContent = corrections.remembered === false ? "This browser keeps nothing for files: download before you close the page." : "Kept in this browser when the page is closed.";
     const chips = made.map((index) => {
       const { name } = collection.shapes[index];
       const undo = button("×", () => corrections.decide(index, null), { "aria-label": `Take back the decision on ${name}` });
       return el("li", { class: "chip" }, `${name}: ${corrections.words(index)} `, undo);
     });
-    list.replaceChildren(...chips);
-    command.show(again && changes ? wholeCommand(collection, corrections.text()) : "");
-    tell("decisions.json", bar.hidden ? "" : corrections.text());
+    const others = [...corrections.leftOut].map((name) => {
+      const undo = button("×", () => corrections.leaveOut(collection.shapes.findIndex((shape) => shape.name === name), false), { "aria-label": `Keep ${name}` });
+      return el("li", { class: "chip" }, `${name}: left out `, undo);
+    });
+    list.replaceChildren(...chips, ...others);
+    command.show(again && changes ? wholeCommand(collection, save.hidden ? "" : corrections.text(), [...corrections.leftOut]) : "");
+    tell("decisions.json", save.hidden ? "" : corrections.text());
+    tell("exclude.json", JSON.stringify([...corrections.leftOut]));
   };
   corrections.onchange(show);
   show();

@@ -1,6 +1,6 @@
 // A pair and a shape, looked at closely.
 
-import { degrees, el, modal, number, table, button } from "./dom.js";
+import { degrees, el, modal, number, select, table, button } from "./dom.js";
 import { angleDeg, rotationMatrix } from "./data.js";
 import { CONFIRMED } from "./corrections.js";
 import { GREY, categorical } from "./colors.js";
@@ -142,11 +142,12 @@ export function shapeDialog(app) {
     state.push(poseByHand(app, drawn, row, index, ghost, () => state.forEach((update) => update())));
   };
 
-  return (index) => {
+  // `chosen` is the shape to compare with, by default the surest one.
+  const open = (index, chosen) => {
     drawn.clear();
     const shape = collection.shapes[index];
     const certain = collection.certain(new Set([index]));
-    const compare = certain.find((other) => !collection.isPlaced(other)) ?? certain[0];
+    const compare = chosen ?? certain.find((other) => !collection.isPlaced(other)) ?? certain[0];
     // A shape that is placed lies in the common frame; others are turned about their own middles.
     const beneath = collection.isPlaced(index) ? (other) => corrections.inPlace(other) : (other) => corrections.centred(other);
     const row = el("div", { class: "figures" });
@@ -157,11 +158,14 @@ export function shapeDialog(app) {
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
     const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}`, shape.reflected && "mirrored by the alignment", ...labels, `file ${shape.file}`];
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
+    const others = certain.map((other) => [String(other), `${collection.shapes[other].name} (${percent(collection.shapes[other].confidence)})`]);
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
-      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or ${collection.isPlaced(index) ? "place" : "turn"} the shape by hand until it does, then download the decisions at the bottom of the page. Certain shapes will stay as they are, doubtful ones may follow.`),
+      others.length > 1 ? select("Compare with", others, (other) => open(index, Number(other)), String(compare)) : "",
+      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or ${collection.isPlaced(index) ? "place" : "turn"} the shape by hand until it does, then ${location.protocol.startsWith("http") ? "apply the decision at the top of the window" : "download the decisions at the bottom of the page"}. Certain shapes will stay as they are, doubtful ones may follow.`),
       row,
       rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "For the common poses"], rows) : "");
     box.show(shape.name);
   };
+  return (index) => open(index);
 }

@@ -43,14 +43,16 @@ function card(app, index) {
   app.galleryTiles.push(right);
   const box = el("input", { type: "checkbox", onchange: (event) => app.overlay.toggle(index, event.target.checked) });
   app.overlay.onchange((chosen) => (box.checked = chosen.has(index)));
+  const out = el("input", { type: "checkbox", checked: corrections.leftOut.has(shape.name), onchange: () => corrections.leaveOut(index, out.checked) });
   const marks = el("span", { class: "tags" }, ...tags(app, index));
   corrections.onchange((changed) => {
     if (changed !== index) return;
+    out.checked = corrections.leftOut.has(shape.name);
     marks.replaceChildren(...tags(app, index));
     stage.refresh(right);
   });
   const name = button(shape.name, () => app.openShape(index), { class: "link name", title: shape.file });
-  const foot = el("div", { class: "row" }, meter(app, shape), el("label", { class: "check" }, box, "overlay"));
+  const foot = el("div", { class: "row" }, meter(app, shape), el("label", { class: "check" }, box, "overlay"), el("label", { class: "check" }, out, "leave out"));
   return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot, marks);
 }
 
