@@ -12,6 +12,7 @@ from collalign.cli.talk import warn
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.products.own import Own
+from collalign.wording import note_text
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import open_regular, read_text
 from data_tools.io.listing import FolderListing
@@ -75,7 +76,7 @@ def with_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
     files = dict(zip(listing.names, listing.files, strict=True))
     placed, notes, _ = place_templates(read_templates([path], listing.names), files, ())
     for note in notes:
-        warn(note)
+        warn(note_text(note))
     marks = {
         name: {label: point for label, point in zip(one.labels, one.points, strict=True) if not np.isnan(point).any()}
         for name, one in placed.items()

@@ -53,10 +53,11 @@ def without_names(options: AlignOptions, marks: Mapping[str, FloatArray]) -> Ali
     InputError
         If there is no such landmark, or two are at the same place.
     """
-    changed = {name: _line(name, getattr(options, name), marks) for name in ("up", "front")}
-    if options.origin not in ("", FILE_ORIGIN) and numbers_of(options.origin) is None:
-        changed["origin"] = _words(_landmark("origin", options.origin, marks))
-    return replace(options, **changed)
+    up, front = (_line(name, getattr(options, name), marks) for name in ("up", "front"))
+    origin = options.origin
+    if origin not in ("", FILE_ORIGIN) and numbers_of(origin) is None:
+        origin = _words(_landmark("origin", origin, marks))
+    return replace(options, up=up, front=front, origin=origin)
 
 
 def frame_turn(options: AlignOptions) -> FloatArray:

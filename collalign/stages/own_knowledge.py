@@ -126,11 +126,11 @@ def given_constraints(
     Raises
     ------
     InputError
-        If there is no shape of a name, up and front are one direction, a transform is no similarity or scales where sizes stay, a given
-        pose mirrors a shape and the options' group forbids that, or matched vertices are none of a file's, or on a
-        line.
+        If there is no shape of a name, up and front are one direction, a transform is no similarity or scales where
+        sizes stay, a given pose mirrors a shape and the options' group forbids that, or matched vertices are none of
+        a file's, or on a line.
     OptionsError
-        If landmarks are to turn a frame that poses set by hand fix.
+        If directions are to turn a frame that poses set by hand fix.
     """
     for argument, names in (("fixed", {*fixed}), ("kept", {*kept}), ("reference", {options.reference} - {""})):
         check_known(argument, names, shapes.names)

@@ -18,7 +18,7 @@ import collalign
 from collalign.cli.desk import Desk
 from collalign.cli.open_command import served
 from data_tools.datasets.synthetic import write_collection
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED
 from data_tools.surface.shape import Shape
@@ -185,8 +185,18 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
     (tmp_path / "chair1.csv").write_text(f"label,x,y,z\n{rows}")
     with shown(browser, folder) as (opened, frame):
         page = opened.page
-        press(page, "Align this folder", "align")
+        page.locator("#found", has_text="3 shapes (3 ply).").wait_for()
+        assert hostile in page.locator("#shapes").text_content()
+        page.get_by_label("Left and right").select_option("SO")
+        press(page, "Align this folder", "--group=SO")
+        card = frame("align").locator(".card", has_text="chair2")
+        ticked = page.locator("#shapes li", has_text="chair2").get_by_label("leave out")
+        for out_of_it in (True, False):
+            card.get_by_label("leave out").set_checked(out_of_it)
+            page.wait_for_function("([box, on]) => box.checked === on", arg=[ticked.element_handle(), out_of_it])
+        assert frame("align").locator(".decisions").is_hidden()
         frame("align").locator(".tile").nth(1).click()
+        frame("align").get_by_label("Compare with").select_option(index=1)
         frame("align").get_by_role("button", name="This pose is right").click()
         press(page, "Apply 1 decision and run again", "--corrections")
         frame("align").locator(".decisions .chips button").click()
@@ -261,3 +271,19 @@ def test_specimens_of_parts_are_opened(tmp_path):
     desk = Desk(tmp_path / "out")
     assert [shape["name"] for shape in desk.state()["shapes"]] == ["c0", "c1", "c2"]
     assert desk.words("align", {})[1:3] == [str(tmp_path / "shapes"), "--parts"]
+
+
+def test_a_folder_is_described_before_anything_is_aligned(tmp_path):
+    write_collection(tmp_path / "shapes", chairs(3))
+    (tmp_path / "shapes" / "notes.md").write_text("mine")
+    desk = Desk(tmp_path / "shapes")
+    state = desk.state()
+    assert not state["aligned"]
+    assert state["found"].startswith("3 shapes (3 ply). ")
+    assert [shape["name"] for shape in state["shapes"]] == ["chair1", "chair2", "chair3"]
+    asked = {"exclude": ["chair1"], "incomplete": ["chair1", "chair2"], "group": "O", "scaling": "similarity"}
+    assert {*desk.words("align", asked)[3:]} == {"--group=O", "--incomplete=chair2", "--exclude=chair1"}
+    with pytest.raises(InputError, match="exclude"):
+        desk.words("align", {"exclude": ["--store=x"]})
+    with pytest.raises(OptionsError):
+        desk.words("align", {"group": "x"})
