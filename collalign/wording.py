@@ -173,6 +173,7 @@ TOOL_TEXTS: dict[str, _Text] = {
     "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
     "{shapes}.",
     "not-shapes": "Skipped {num} files that are not shapes: {files}",
+    "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "size-not-tested": lambda of: (
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."

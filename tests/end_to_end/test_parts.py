@@ -7,11 +7,14 @@ import pytest
 
 from collalign import add_to_collection, align_collection, load
 from collalign.cli import main
+from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.variation.posture import parts_of_mean
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape, parts_of
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
@@ -80,6 +83,23 @@ def test_without_being_asked_files_are_shapes_of_their_own(folder):
     )
     assert list_shapes([folder, folder / "s0"], parts=True).names[0] == "cranium"  # a folder that is named is a place
     assert parts_of(folder / "s2.cranium.stl") == {}
+
+
+def test_vertices_of_the_mean_are_told_apart_by_part(out):
+    collection = load(out)
+    copies = [read_shape(collection.file(at)) for at in range(2)]
+    dense = DenseCorrespondence(
+        names=collection.names[:2],
+        faces=copies[0].faces,
+        mean=copies[0].vertices,
+        vertices=np.stack([moved_by(T, one.vertices) for T, one in zip(collection.transforms, copies, strict=False)]),
+        completed=np.empty(0),
+        residual=np.empty(0),
+        quality=np.empty(0),
+    )
+    names, parts = parts_of_mean(collection, dense)
+    assert names == ("cranium", "mandible")
+    np.testing.assert_array_equal(parts, np.repeat([0, 1], [size for _, size in copies[0].parts]))
 
 
 def test_samples_are_spread_over_the_parts_by_area(folder, out):

@@ -48,6 +48,7 @@ def variation(
     tests: Annotated[ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())] = ShapeTestOptions(),  # noqa: B008
     exclude: Excluded = (),
     include_doubtful: Flag = False,
+    without_posture: Flag = False,
     sources: Path | None = None,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -72,6 +73,8 @@ def variation(
         Column of the labels that says whom each shape belongs to, where individuals were measured several times.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
+    without_posture
+        Of specimens aligned with --parts: bring each part to its mean place and direction among the others first.
     sources
         Folder of the original files where they have moved.
     """
@@ -95,6 +98,7 @@ def variation(
             individuals=owners,
             exclude=exclude,
             include_doubtful=include_doubtful,
+            without_posture=without_posture,
             run=run,
         )
     for note in found.notes:

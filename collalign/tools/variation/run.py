@@ -25,6 +25,7 @@ from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import mirror_map
+from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import surface_quality
@@ -56,6 +57,7 @@ def write_surface_variation(
     individuals: Sequence[str] | None = None,
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
+    without_posture: bool = False,
     sources: str | Path | None = None,
     run: RunOptions | Mapping[str, Any] | None = None,
     progress: ProgressFactory | bool = True,
@@ -84,6 +86,9 @@ def write_surface_variation(
         Names of shapes that do not count.
     include_doubtful : bool
         Let shapes whose pose is in doubt count as well. Incomplete ones cannot: not all their places are known.
+    without_posture : bool
+        Of specimens of several parts (``parts`` of the alignment): bring each part to its mean place and direction
+        first, so that a jaw that is open in some specimens is no difference of shape.
     sources : path, optional
         Folder that holds the original files now, where they have moved.
     run : RunOptions, optional
@@ -101,7 +106,8 @@ def write_surface_variation(
     Raises
     ------
     InputError
-        If the folder holds no result, files of somebody else's are in the way, or shapes are not bilateral.
+        If the folder holds no result, files of somebody else's are in the way, shapes are not bilateral, or of one
+        part each.
     CollectionError
         If fewer than two shapes are complete and sure, or can be registered.
 
@@ -127,12 +133,17 @@ def write_surface_variation(
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
+    posture = []
+    if without_posture:
+        kinds, parts = parts_of_mean(collection, dense)
+        vertices = at_mean_posture(vertices, parts)
+        posture = [Note("posture-taken-out", values={"parts": ", ".join(kinds)})]
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
     tested = shape_tests(found, columns, asked)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
     before = [note for note in collection.notes if note.code != "copies"]  # of all shapes, not of those that count
-    said = [*who.notes, *(one.note for one in who.copies), *tested.notes, *dropped, *notes, *before]
+    said = [*posture, *who.notes, *(one.note for one in who.copies), *tested.notes, *dropped, *notes, *before]
     found = replace(found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense))
     components = None
     if symmetry is not None:
@@ -165,6 +176,7 @@ def write_surface_variation(
             "templates": sorted(map(str, landmarks)),
             "exclude": exclude,
             "include_doubtful": include_doubtful,
+            "without_posture": without_posture,
             "labels": list(columns),
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),

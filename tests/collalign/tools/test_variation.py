@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
+from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes, principal_components
 from collalign.output.evidence.members import Members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
+from collalign.tools.variation.posture import at_mean_posture
 from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_quality import SurfaceQuality, surface_quality
@@ -221,6 +224,28 @@ def test_specimens_are_ranked_by_how_well_they_are_represented(tmp_path):
     np.testing.assert_allclose(found.to_specimen[1], 10 * np.percentile(apart[1], [50, 95, 99]))
     np.testing.assert_allclose(found.radii, 11, rtol=1e-3)
     np.testing.assert_allclose(found.share, np.maximum(found.to_mean, found.to_specimen)[:, 1] / found.radii)
+
+
+def test_posture_is_taken_out_and_shape_and_size_stay():
+    rng = np.random.default_rng(3)
+    sphere, _ = sphere_mesh(200)
+    skull, jaw = sphere * [2.0, 1.0, 1.0], 0.5 * sphere * [1.5, 1.0, 0.3]
+    parts = np.repeat([0, 1], len(sphere))
+    longer = np.linspace(0.8, 1.2, 6)
+
+    def specimen(length, angle):
+        turn = Rotation.from_euler("y", angle).as_matrix()
+        return np.vstack([skull, (jaw * [length, 1.0, 1.0]) @ turn.T + [1.0, 0.0, -1.2]])
+
+    angles = rng.permutation(np.linspace(-0.4, 0.4, 6))
+    open_jaws = np.stack([3.0 * specimen(*one) for one in zip(longer, angles, strict=True)])
+    closed = np.stack([3.0 * specimen(length, 0.0) for length in longer])
+    moved = at_mean_posture(open_jaws, parts)
+    kept, plain = principal_components(generalized_procrustes(moved)), principal_components(open_jaws)
+    assert kept.shares[0] > 0.98 > plain.shares[0], "only the length of the jaw is left"
+    assert abs(np.corrcoef(kept.scores[:, 0], longer)[0, 1]) > 0.99
+    for rows in (parts == 0, parts == 1):
+        np.testing.assert_allclose(centroid_sizes(moved[:, rows]), centroid_sizes(closed[:, rows]), rtol=1e-6)
 
 
 def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
