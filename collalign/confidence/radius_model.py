@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,9 +25,9 @@ _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 _LEAST_RANGE = 0.05
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 4
-#: Of one, two or three templates a radius is so many times the specimen's distance from them and their spread: 90 %
-#: lie within it on 14 molars, on which it was chosen, 97 % on 15 mouse skulls, 88, 89 and 91 % on 12 more molars.
-_FEW_FACTORS = (1.85, 1.32, 1.13)
+#: Of one, two or three templates a radius is a factor times powers of tilt, relief and residual, and of the spread.
+#: Fitted to the errors of 16 molars and 16 mouse skulls by ``python -m experiments calibrate radii``.
+_LOCAL_POWERS, _SPREAD_POWERS, _FEW_FACTORS = (0.9, -0.5, 0.15), (0.0, 0.13, 0.33), (0.5, 0.8, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,12 +44,17 @@ class RadiusEvidence:
         Distance of the registered mean from the specimen's surface at each landmark.
     unit : float
         Root mean square radius, in the unit of all of these.
+    tilt, relief : ndarray, shape (l,)
+        Of the surface around each landmark, see
+        :meth:`collalign.landmarks.neighbourhoods.Neighbourhoods.compare`, where there are one to three templates.
     """
 
     spread: FloatArray
     distance: float
     residual: FloatArray
     unit: float
+    tilt: FloatArray = field(default_factory=lambda: np.empty(0))
+    relief: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def expected(self, landmark_error: FloatArray) -> FloatArray:
         """Return a number in proportion to the error to expect, given each landmark's error elsewhere, shape (l,)."""
@@ -57,6 +62,14 @@ class RadiusEvidence:
         residual = np.maximum(self.residual / self.unit, _LEAST_RESIDUAL)
         known = np.hypot(landmark_error, _SPREAD_WEIGHT * self.spread)
         return np.asarray(known * distance**_DISTANCE_POWER * residual**_RESIDUAL_POWER)
+
+    def of_few(self, num_templates: int) -> FloatArray:
+        """Return the radii of the landmarks of one to three templates, in ``unit``, shape (l,)."""
+        numbers = (self.tilt, self.relief, self.residual / self.unit)
+        powers = zip(_LOCAL_POWERS, numbers, strict=True)
+        found = np.prod([np.maximum(one, _LEAST_DISTANCE) ** power for power, one in powers], axis=0)
+        split = np.maximum(self.spread / self.unit, _LEAST_DISTANCE) ** _SPREAD_POWERS[num_templates - 1]
+        return np.asarray(_FEW_FACTORS[num_templates - 1] * found * split)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,12 +142,11 @@ def beyond_range(calibration: Calibration, evidence: RadiusEvidence) -> BoolArra
 def radii(calibration: Calibration, evidence: RadiusEvidence) -> FloatArray:
     """Return the radius of each landmark on a specimen, shape (l,); NaN where there is no template.
 
-    Too few templates to calibrate on get the wider radii of other collections.
+    Of one to three templates, too few to calibrate on, they follow the surface around each landmark, as errors did on
+    other collections.
     """
     if 0 < calibration.num_templates < MIN_TEMPLATES:
-        distance = max(evidence.distance, _LEAST_DISTANCE * evidence.unit)
-        known = np.hypot(distance, _SPREAD_WEIGHT * evidence.spread)
-        return np.asarray(_FEW_FACTORS[calibration.num_templates - 1] * known)
+        return np.asarray(evidence.unit * evidence.of_few(calibration.num_templates))
     return np.asarray(calibration.factor * evidence.expected(calibration.landmark_error))
 
 

@@ -9,12 +9,20 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from collalign.confidence.radius_model import Calibration, RadiusEvidence, beyond_range, calibrate, radii
+from collalign.confidence.radius_model import (
+    MIN_TEMPLATES,
+    Calibration,
+    RadiusEvidence,
+    beyond_range,
+    calibrate,
+    radii,
+)
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
 from collalign.landmarks.curves import evenly_spaced
 from collalign.landmarks.fusion import fuse, template_distance
+from collalign.landmarks.neighbourhoods import Neighbourhoods
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, landmark_table
 from collalign.landmarks.templates import (
@@ -145,6 +153,7 @@ class _Transfer:
         ]
         if not self._templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        self._around = Neighbourhoods(dense.mean, dense.completed, dense.faces, radius)
         self._scale = {name: float(scale) for name, scale in zip(collection.names, collection.scales, strict=True)}
 
     def run(self, surface_points: int) -> TransferredLandmarks:
@@ -215,11 +224,14 @@ class _Transfer:
         """Landmarks of a specimen, in the common frame, what shows their error, and where the surface has nothing."""
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
+        tilt, relief = self._around.compare(templates, row) if len(templates) < MIN_TEMPLATES else 2 * (np.empty(0),)
         evidence = RadiusEvidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
+            tilt=tilt,
+            relief=relief,
         )
         surface = self._surface(name)
         nothing = _without_counterpart(surface, points) & ~off_surface(templates)

@@ -1,10 +1,12 @@
 """Radii hold as often as they say where errors are as the theory assumes, and fusion follows its weights."""
 
 import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 
 from collalign.confidence.radius_model import (
     COVERAGE,
-    MIN_TEMPLATES,
     RadiusEvidence,
     beyond_range,
     calibrate,
@@ -13,13 +15,21 @@ from collalign.confidence.radius_model import (
 )
 from collalign.landmarks.carry import carried, on_surface, template
 from collalign.landmarks.fusion import fuse, template_distance, template_weights
+from collalign.landmarks.neighbourhoods import Neighbourhoods
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 
 
-def shown(num=30, distance=1.0, residual=1.0):
+def shown(num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0):
     """Return evidence of templates that agree."""
-    return RadiusEvidence(spread=np.zeros(num), distance=distance, residual=np.full(num, residual), unit=1.0)
+    return RadiusEvidence(
+        spread=np.full(num, spread),
+        distance=distance,
+        residual=np.full(num, residual),
+        unit=unit,
+        tilt=np.full(num, tilt),
+        relief=np.full(num, relief),
+    )
 
 
 def simulated(rng, num):
@@ -61,16 +71,38 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
     assert (radii(calibration, split) > plain).all()
 
 
-def test_few_templates_have_wider_radii_the_fewer_and_the_farther_they_are_and_none_has_none():
-    errors = simulated(np.random.default_rng(3), MIN_TEMPLATES - 1)
-    few = [calibrate(errors[:num], [shown()] * num) for num in range(MIN_TEMPLATES)]
-    assert np.isnan(radii(few[0], shown())).all()
-    sizes = [radii(one, shown(distance=0.2)) for one in few[1:]]
-    assert (np.diff(sizes, axis=0) < 0).all()
-    np.testing.assert_allclose(radii(few[1], shown(distance=0.4)), 2 * sizes[0])
-    split = RadiusEvidence(spread=np.ones(30), distance=0.2, residual=np.ones(30), unit=1.0)
-    assert (radii(few[2], split) > sizes[1]).all()
-    assert (radii(few[1], shown(distance=0.0)) > 0).all()
+@pytest.mark.parametrize("num", [1, 2, 3])
+def test_radii_of_few_templates_follow_the_surface_and_the_spread_and_have_a_unit(num):
+    calibration = calibrate(simulated(np.random.default_rng(3), num), [shown()] * num)
+    plain = radii(calibration, shown())
+    for worse in (shown(tilt=0.4), shown(relief=0.02), shown(residual=2.0)):
+        assert (radii(calibration, worse) > plain).all()
+    assert ((radii(calibration, shown(spread=0.3)) > plain) == (num > 1)).all()
+    np.testing.assert_allclose(radii(calibration, shown(residual=10.0, spread=0.0, unit=10.0)), 10 * plain)
+    assert (radii(calibration, shown(tilt=0.0, residual=0.0)) > 0).all()
+
+
+def test_without_templates_there_are_no_radii():
+    assert np.isnan(radii(calibrate(np.empty((0, 30)), []), shown())).all()
+
+
+def test_surroundings_that_are_turned_are_alike_and_flat_ones_have_no_relief():
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 31)], indexing="ij"), axis=-1).reshape(-1, 2)
+    faces = Delaunay(grid).simplices
+
+    def surface(height, width):
+        bump = height * np.exp(-((grid - [0.5, 0.0]) ** 2).sum(axis=1) / width)
+        return np.column_stack([grid, bump])
+
+    mean, turn = surface(0.4, 0.05), Rotation.from_euler("xyz", [0.5, 0.2, 2.0]).as_matrix()
+    copies = np.stack([mean, mean @ turn.T + 3.0, surface(0.4, 0.2)])
+    marks = mean[[np.abs(grid - place).sum(axis=1).argmin() for place in ([0.5, 0.0], [-0.6, 0.0])]]
+    one = template(0, marks, copies[0], faces, 1.0)
+    around = Neighbourhoods(mean, copies, faces, 1.0)
+    (same, relief), (other, _) = (around.compare([one], specimen) for specimen in (1, 2))
+    np.testing.assert_allclose(same, 0.0, atol=1e-6)
+    assert other[0] > 0.1 > other[1]
+    assert relief[0] > 0.05 > 10 * relief[1]
 
 
 def test_missing_landmarks_count_for_nothing():
