@@ -30,7 +30,7 @@ _FOLDERS = {
     "matching_energies": "pairs",
     "proofs": "pairs",
     "incomplete": "pairs",
-    "peers": "peers",
+    "capod": "peers",
     "landmarks": "peers",
     "synchronization": "peers",
     "teeth_jobs": "collections",

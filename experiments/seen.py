@@ -14,6 +14,10 @@ SEEN = {
         "the classes of SHREC07 (weights of the invariants, dense stage, when maps are asked for, how they judge "
         "poses and where they start, averages of bent poses, confidence)"
     ),
+    "capod": (
+        "CAPOD (powers of energy and mismatch in the costs of candidates, with fifteen other classes and without any "
+        "left out; the local margin in the confidence, with each class left out)"
+    ),
     "scape": "SCAPE (maps, when maps are asked for)",
 }
 

@@ -24,8 +24,8 @@ edits them by hand. Each experiment has a page, linked below. It says how and wh
 and where goals were missed. `results/NAME.csv` has its tables at full precision.
 
 Some collections are not independent, because constants of the toolkit were chosen on them: the teeth, SCAPE, and
-the glasses, ants, chairs, teddy bears, humans and armadillos of SHREC07. The pages concerned repeat this. Mouse
-skulls and generated families are independent.
+the classes of SHREC07 and, less so, those of CAPOD. The pages concerned repeat this. Mouse skulls and generated
+families are independent but where a page says otherwise.
 """
 
 

@@ -33,14 +33,19 @@ class PosedCollection:
         File stems, in the natural order of the folder.
     relative : ndarray, shape (N, N, 3, 3)
         True ``R_i_j`` between the posed shapes.
+    axes : ndarray, shape (N, 3), or None
+        Axis of each posed shape about which it looks the same from all sides: of pairs only its direction counts.
     """
 
     folder: Path
     names: tuple[str, ...]
     relative: FloatArray
+    axes: FloatArray | None = None
 
     def pair_errors_deg(self, rotations: FloatArray, names: Sequence[str]) -> FloatArray:
         """Return the angle between found and true relative rotation of every pair; NaN where chirality is wrong.
+
+        Of shapes with axes it is the angle between these.
 
         Parameters
         ----------
@@ -49,11 +54,12 @@ class PosedCollection:
         names : sequence of str, length M
         """
         index = [self.names.index(name) for name in names]
+        pairs = list(itertools.combinations(range(len(names)), 2))
+        if self.axes is not None:
+            common = np.einsum("nij,nj->ni", rotations, self.axes[index])
+            return np.array([np.degrees(np.arccos(np.clip(common[a] @ common[b], -1.0, 1.0))) for a, b in pairs])
         return np.array(
-            [
-                rotation_angle_deg(rotations[a].T @ rotations[b], self.relative[index[a], index[b]])
-                for a, b in itertools.combinations(range(len(names)), 2)
-            ]
+            [rotation_angle_deg(rotations[a].T @ rotations[b], self.relative[index[a], index[b]]) for a, b in pairs]
         )
 
     def figures(self, rotations: FloatArray, names: Sequence[str]) -> Record:
@@ -105,7 +111,14 @@ class PosedCollection:
         return np.asarray(best)
 
 
-def pose_collection(dataset: Dataset, chosen: IntArray, folder: Path, rng: np.random.Generator) -> PosedCollection:
+def pose_collection(
+    dataset: Dataset,
+    chosen: IntArray,
+    folder: Path,
+    rng: np.random.Generator,
+    *,
+    axis: Sequence[float] | None = None,
+) -> PosedCollection:
     """Write shapes of a dataset in uniformly random poses.
 
     Parameters
@@ -117,6 +130,8 @@ def pose_collection(dataset: Dataset, chosen: IntArray, folder: Path, rng: np.ra
     folder : Path
         Gets one PLY file per shape.
     rng : numpy.random.Generator
+    axis : sequence of 3 floats, optional
+        Of rotational symmetry, in the frame of the dataset's known poses.
     """
     chosen = np.sort(chosen)
     group = "SO" if dataset.chirality is None else "O"
@@ -129,4 +144,7 @@ def pose_collection(dataset: Dataset, chosen: IntArray, folder: Path, rng: np.ra
     for a, b in itertools.product(range(len(chosen)), repeat=2):
         true = np.eye(3) if a == b else dataset.rotation(int(chosen[a]), int(chosen[b]), group=group)
         relative[a, b] = turns[a] @ true @ turns[b].T
-    return PosedCollection(folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative)
+    axes = None
+    if axis is not None and dataset.rotations is not None:
+        axes = np.array([turn @ dataset.rotations[i].T @ axis for turn, i in zip(turns, chosen, strict=True)])
+    return PosedCollection(folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative, axes=axes)

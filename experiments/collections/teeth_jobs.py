@@ -19,7 +19,6 @@ from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.ground_truth import landmark_rotation
 from experiments.peers.peer_tools import TOOLS
-from experiments.peers.peers import choose
 from experiments.tables import Column, Table
 
 if TYPE_CHECKING:
@@ -50,6 +49,14 @@ Landmarks are set by hand, and no two teeth differ by a rotation alone. *Landmar
 the rotations that every other landmark and the rest of them give (median of the pairs): about the error of the truth
 itself.
 """
+
+
+def choose(dataset: Dataset, settings: dict[str, Any], rng: np.random.Generator) -> IntArray:
+    """Draw shapes of a dataset; of one side where the settings say so."""
+    index = np.arange(len(dataset))
+    if settings["one_side"] and dataset.chirality is not None:
+        index = np.flatnonzero(dataset.chirality == 1)
+    return rng.permutation(index)[: settings["num"]]
 
 
 def measure_job(cell: Cell) -> Record:

@@ -140,7 +140,7 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
 
 
 def drift_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
-    """Match by coherent point drift (pycpd), from all pairings of the principal axes; the best counts."""
+    """Match by coherent point drift (rustcpd), from all pairings of the principal axes; the best counts."""
     points = [normalised_points(shape, CPD_POINTS) for shape in shapes]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     tasks = [(f"{target} {source}", (points[target], points[source])) for target, source in edges]
@@ -191,17 +191,17 @@ def _open3d_match(registration: Any, target: tuple[Any, Any], source: tuple[Any,
 
 
 def _drift(clouds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    from pycpd import RigidRegistration
+    import rustcpd
 
     target, source = clouds
     best, least = np.eye(4), np.inf
     for start in axis_starts(target, source):
-        drift = RigidRegistration(X=target, Y=source @ start.T, scale=False)
-        drift.register()
-        if drift.q < least:
-            least = drift.q
-            best = np.eye(4)
-            best[:3, :3], best[:3, 3] = drift.R.T @ start, np.ravel(drift.t)
+        turned = np.ascontiguousarray(source @ start.T)
+        drift = rustcpd.register_rigid(target, turned, scale=False, parallel=False)
+        if drift.objective < least:
+            least = drift.objective
+            best = np.eye(4)  # the library multiplies rows from the right
+            best[:3, :3], best[:3, 3] = np.asarray(drift.rotation).T @ start, np.asarray(drift.translation)
     return best
 
 

@@ -8,13 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
-import numpy as np
-
 from collalign import AlignOptions, RunOptions, align_collection
 from data_tools.arrays import FloatArray
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
-from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import Elapsed, stopwatch
 from experiments.peers.peer_pairs import (
@@ -40,11 +37,14 @@ class Answer:
         ``R_common_shape``.
     elapsed : Elapsed
         From the files to the rotations.
+    confidence : ndarray, shape (N,), or None
+        Of each shape's rotation, where the tool states one.
     """
 
     names: tuple[str, ...]
     rotations: FloatArray
     elapsed: Elapsed
+    confidence: FloatArray | None = None
 
 
 #: Aligns the files of a folder, where mirror images may be allowed; an answer for each way to synchronize its pairs.
@@ -63,17 +63,11 @@ class Tool:
         Names of its answers.
     packages : tuple of str
         Modules that it imports.
-    mirrors : bool
-        Whether it can mirror shapes.
-    max_shapes : int
-        Larger collections take it too long.
     """
 
     align: Align
     answers: tuple[str, ...]
     packages: tuple[str, ...] = ()
-    mirrors: bool = False
-    max_shapes: int = 40
 
     def lacks(self) -> str:
         """Return the packages that are not installed, separated by commas."""
@@ -83,7 +77,8 @@ class Tool:
 def _collalign(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
     with stopwatch() as elapsed:
         found = align_collection(folder, options=AlignOptions(), run=RunOptions(jobs=num_jobs))
-    return {"collalign": Answer(names=found.names, rotations=found.rotations, elapsed=elapsed)}
+    answer = Answer(names=found.names, rotations=found.rotations, elapsed=elapsed, confidence=found.confidence)
+    return {"collalign": answer}
 
 
 def _principal_axes(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
@@ -124,28 +119,14 @@ def _names(shapes: Sequence[Shape]) -> tuple[str, ...]:
     return tuple(shape.name for shape in shapes)
 
 
-def largest_difference_deg(a: Answer, b: Answer) -> float:
-    """Return how far two answers are apart in a relative rotation, in degrees; 0 only for the same bytes.
-
-    NaN where shapes or chiralities differ.
-    """
-    if a.names != b.names:
-        return float("nan")
-    if a.rotations.tobytes() == b.rotations.tobytes():
-        return 0.0
-    turns = np.swapaxes(a.rotations, 1, 2)[:, None] @ a.rotations[None]
-    other = np.swapaxes(b.rotations, 1, 2)[:, None] @ b.rotations[None]
-    return float(rotation_angle_deg(turns, other).max())
-
-
 _OPEN3D = {"Open3D pairs + pose graph": open3d_pose_graph, "Open3D pairs + spectral": spectral}
 _KISS = {"KISS-Matcher + GICP + spectral": spectral}
 _DRIFT = {"principal axes + CPD + spectral": spectral}
 
 TOOLS: dict[str, Tool] = {
-    "collalign": Tool(align=_collalign, answers=("collalign",), mirrors=True, max_shapes=1000),
+    "collalign": Tool(align=_collalign, answers=("collalign",)),
     "open3d": Tool(align=_from_pairs(open3d_pairs, _OPEN3D), answers=tuple(_OPEN3D), packages=("open3d",)),
-    "axes": Tool(align=_principal_axes, answers=("principal axes + ICP + tree",), mirrors=True, max_shapes=1000),
+    "axes": Tool(align=_principal_axes, answers=("principal axes + ICP + tree",)),
     "kiss": Tool(align=_from_pairs(kiss_pairs, _KISS), answers=tuple(_KISS), packages=("kiss_matcher", "small_gicp")),
-    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("pycpd",), max_shapes=8),
+    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("rustcpd",)),
 }

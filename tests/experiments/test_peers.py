@@ -1,6 +1,7 @@
 """The comparison with other tools, the jobs of teeth and the deformed families: their parts and their quick runs."""
 
 import itertools
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,14 +10,16 @@ import pytest
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import crown
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from experiments.clock import Elapsed
 from experiments.collections import deformations, teeth_jobs
-from experiments.collections.posed import PosedCollection
+from experiments.collections.posed import PosedCollection, pose_collection
+from experiments.datasets import read_canonical_class
 from experiments.experiment import Bench, Cell
-from experiments.peers import peers
-from experiments.peers.peer_pairs import MatchedPairs, open3d_pairs, open3d_pose_graph, spectral
-from experiments.peers.peer_tools import TOOLS, Answer, largest_difference_deg
+from experiments.peers import capod
+from experiments.peers.peer_pairs import MatchedPairs, drift_pairs, open3d_pairs, open3d_pose_graph, spectral
+from experiments.peers.peer_tools import TOOLS
 from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
 
 
@@ -116,25 +119,65 @@ def test_open3d_matches_copies(crowns, rng):
     assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
 
 
-def test_differences_between_answers(rng):
-    rotations = np.stack([random_rotation(rng) for _ in range(3)])
-    answer = Answer(names=("a", "b", "c"), rotations=rotations, elapsed=Elapsed())
-    assert largest_difference_deg(answer, answer) == 0
-    other = replace(answer, rotations=random_rotation(rng) @ rotations)
-    assert 0 < largest_difference_deg(answer, other) < 1e-4
-    turned = rotations.copy()
-    turned[2] = turned[2] @ np.diag([1.0, -1.0, -1.0])
-    assert largest_difference_deg(answer, replace(answer, rotations=turned)) == pytest.approx(180)
-    turned[2] = -turned[2]
-    assert np.isnan(largest_difference_deg(answer, replace(answer, rotations=turned)))
-    assert np.isnan(largest_difference_deg(answer, replace(answer, names=("a", "c", "b"))))
+def test_coherent_point_drift_matches_copies(crowns, rng):
+    pytest.importorskip("rustcpd")
+    copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
+    (transform,) = drift_pairs(copies.shapes, 1).transforms
+    assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
 
 
-def test_a_comparison_runs_each_tool_twice(posed_crowns):
-    record = peers.compare_runs(TOOLS["axes"], posed_crowns, mixed=False, num_jobs=1)
-    (figures,) = record.values()
-    assert figures["difference_deg"] == 0
-    assert figures["wall_s"] > 0
+def write_canonical_class(folder, shapes):
+    """Shapes of one frame in the layout of CAPOD; the second is stored turned, and its pose says so."""
+    turn = np.diag([-1.0, -1.0, 1.0])
+    rows = []
+    for i, shape in enumerate(shapes):
+        pose = np.eye(4)
+        pose[:3, :3] = turn if i == 1 else np.eye(3)
+        write_mesh(folder / "meshes" / f"m{i}.ply", replace(shape, vertices=shape.vertices @ pose[:3, :3].T))
+        rows.append({"name": f"m{i}", "file": f"m{i}.ply", "pose_common_to_file": pose.tolist()})
+    (folder / "truth.json").write_text(json.dumps({"shapes": rows}))
+
+
+def test_of_symmetric_objects_the_direction_of_the_axis_counts(crowns, tmp_path, rng):
+    write_canonical_class(tmp_path / "vase", crowns.shapes)
+    dataset = read_canonical_class(tmp_path / "vase")
+    (tmp_path / "posed").mkdir()
+    posed = pose_collection(dataset, np.arange(4), tmp_path / "posed", rng, axis=(0.0, 0.0, 1.0))
+    right = posed.relative[0]
+    assert posed.pair_errors_deg(right, posed.names).max() < 1e-4
+    about = right.copy()
+    about[2] = random_rotation_about(right[2] @ posed.axes[2]) @ about[2]
+    assert posed.pair_errors_deg(about, posed.names).max() < 1e-4
+    assert posed.shape_errors_deg(about, posed.names)[2] > 20
+    over = right.copy()
+    over[2] = over[2] @ np.diag([1.0, -1.0, -1.0])
+    assert posed.pair_errors_deg(over, posed.names).max() > 20
+    (tmp_path / "vase" / "truth.json").write_text('{"shapes": [{"file": "m0.ply"}]}')
+    with pytest.raises(InputError, match="pose_common_to_file"):
+        read_canonical_class(tmp_path / "vase")
+
+
+def random_rotation_about(axis):
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(1.0) * cross + (1 - np.cos(1.0)) * cross @ cross
+
+
+def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
+    members = deformed_family(crown(num_vertices=600), 4, rng, rms=0.01)
+    write_canonical_class(tmp_path / capod.FOLDER / "gun", members)
+    monkeypatch.setattr(capod, "TOOLS", {name: TOOLS[name] for name in ("collalign", "axes")})
+    bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
+    outcome = capod.EXPERIMENT.measure(bench)
+    rows = {(row["class"], row["tool"]): row for row in outcome.tables[0].rows}
+    ours, axes = rows["gun", "collalign"], rows["gun", "principal axes + ICP + tree"]
+    assert ours["pairs"] == axes["pairs"] == 6
+    assert ours["gross"] == ours["sure_wrong"] == 0
+    assert "stated" not in axes
+    record = {"errors": np.array([5.0, 40.0, 180.0]), "processor_s": 1.0, "stated": 0.5, "sure_wrong": 1}
+    row = capod.row_of("gun", "collalign", [record, record])
+    assert (row["pairs"], row["sure_wrong"]) == (6, 2)
+    assert row["gross"] == pytest.approx(200 / 3)
 
 
 def test_families_are_deformed_and_their_truth_is_exact(tmp_path):
