@@ -31,6 +31,7 @@ _FOLDERS = {
     "proofs": "pairs",
     "incomplete": "pairs",
     "capod": "peers",
+    "scans": "peers",
     "landmarks": "peers",
     "synchronization": "peers",
     "teeth_jobs": "collections",

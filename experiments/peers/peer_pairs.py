@@ -1,7 +1,8 @@
 """Other tools' pairs: global registration and refinement as each tool's own documentation has them.
 
-Every shape is first brought to one size. What a tool is given beyond its defaults (a voxel size, normals of the mesh
-instead of estimated ones) was chosen for it: the setting with the fewest gross pairs on eight teeth.
+Lengths are in root mean square radii, to which shapes are brought first (:func:`of_one_size`). What a tool is given
+beyond its defaults (a voxel size, normals of a mesh instead of estimated ones) was chosen for it: what has the fewest
+gross pairs on eight teeth.
 """
 
 from __future__ import annotations
@@ -16,14 +17,15 @@ import numpy as np
 from collalign.engine.jobs.run import run_jobs
 from collalign.synchronization import synchronize
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollectionError
 from data_tools.surface.shape import Shape
-from experiments.peers.principal_axes import axis_starts, normalised_points
+from experiments.peers.principal_axes import axis_starts
 
-#: Open3D: points drawn on a mesh, and its voxel in units of the shape's root mean square radius.
+#: Open3D: points drawn on a mesh, and its voxel.
 OPEN3D_POINTS = 10_000
 OPEN3D_VOXEL = 0.1
-#: KISS-Matcher's voxel, in the same unit.
+#: KISS-Matcher's voxel.
 KISS_VOXEL = 0.07
 #: Points for coherent point drift, whose cost grows with their square.
 CPD_POINTS = 200
@@ -51,10 +53,11 @@ class MatchedPairs:
     information: tuple[FloatArray, ...] = ()
 
 
-def of_one_size(shape: Shape) -> FloatArray:
-    """Return the vertices, centred, with a root mean square radius of 1."""
+def of_one_size(shape: Shape) -> Shape:
+    """Return the shape centred, with a root mean square radius of 1."""
     vertices = shape.vertices - shape.vertices.mean(axis=0)
-    return np.asarray(vertices / np.sqrt((vertices**2).sum(axis=1).mean()))
+    radius = np.sqrt((vertices**2).sum(axis=1).mean())
+    return Shape.from_arrays(vertices / radius, shape.faces, name=shape.name)
 
 
 def open3d_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
@@ -119,7 +122,7 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     import kiss_matcher
     import small_gicp
 
-    clouds = [of_one_size(shape) for shape in shapes]
+    clouds = [np.ascontiguousarray(shape.vertices) for shape in shapes]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     transforms = []
     for target, source in edges:
@@ -141,7 +144,7 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
 
 def drift_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     """Match by coherent point drift (rustcpd), from all pairings of the principal axes; the best counts."""
-    points = [normalised_points(shape, CPD_POINTS) for shape in shapes]
+    points = [shape.vertices[farthest_points(shape, CPD_POINTS, metric="euclidean")] for shape in shapes]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     tasks = [(f"{target} {source}", (points[target], points[source])) for target, source in edges]
     found = {}
@@ -160,10 +163,14 @@ def spectral(pairs: MatchedPairs) -> FloatArray:
 
 
 def _open3d_cloud(open3d: Any, shape: Shape) -> tuple[Any, Any]:
-    """Return points with the mesh's normals, thinned to voxels, and their features."""
-    vertices = open3d.utility.Vector3dVector(of_one_size(shape))
-    mesh = open3d.geometry.TriangleMesh(vertices, open3d.utility.Vector3iVector(shape.faces.astype(np.int32)))
-    cloud = mesh.sample_points_uniformly(OPEN3D_POINTS, use_triangle_normal=True).voxel_down_sample(OPEN3D_VOXEL)
+    """Return points thinned to voxels with the mesh's normals, or else estimated ones, and their features."""
+    vertices = open3d.utility.Vector3dVector(np.array(shape.vertices))
+    if shape.is_mesh:
+        mesh = open3d.geometry.TriangleMesh(vertices, open3d.utility.Vector3iVector(shape.faces.astype(np.int32)))
+        cloud = mesh.sample_points_uniformly(OPEN3D_POINTS, use_triangle_normal=True).voxel_down_sample(OPEN3D_VOXEL)
+    else:
+        cloud = open3d.geometry.PointCloud(vertices).voxel_down_sample(OPEN3D_VOXEL)
+        cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2 * OPEN3D_VOXEL, max_nn=30))
     nearby = open3d.geometry.KDTreeSearchParamHybrid(radius=5 * OPEN3D_VOXEL, max_nn=100)
     return cloud, open3d.pipelines.registration.compute_fpfh_feature(cloud, nearby)
 
@@ -193,7 +200,8 @@ def _open3d_match(registration: Any, target: tuple[Any, Any], source: tuple[Any,
 def _drift(clouds: tuple[FloatArray, FloatArray]) -> FloatArray:
     import rustcpd
 
-    target, source = clouds
+    centres = [cloud.mean(axis=0) for cloud in clouds]
+    target, source = (cloud - centre for cloud, centre in zip(clouds, centres, strict=True))
     best, least = np.eye(4), np.inf
     for start in axis_starts(target, source):
         turned = np.ascontiguousarray(source @ start.T)
@@ -202,6 +210,7 @@ def _drift(clouds: tuple[FloatArray, FloatArray]) -> FloatArray:
             least = drift.objective
             best = np.eye(4)  # the library multiplies rows from the right
             best[:3, :3], best[:3, 3] = np.asarray(drift.rotation).T @ start, np.asarray(drift.translation)
+    best[:3, 3] += centres[0] - best[:3, :3] @ centres[1]
     return best
 
 

@@ -18,6 +18,7 @@ from experiments.peers.peer_pairs import (
     MatchedPairs,
     drift_pairs,
     kiss_pairs,
+    of_one_size,
     open3d_pairs,
     open3d_pose_graph,
     spectral,
@@ -96,7 +97,7 @@ def _from_pairs(
 
     def align(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
         with stopwatch() as matching:
-            shapes = _read(folder)
+            shapes = [of_one_size(shape) for shape in _read(folder)]
             pairs = match(shapes, num_jobs)
         answers = {}
         for name, synchronizer in synchronizers.items():
