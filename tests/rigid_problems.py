@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from data_tools.arrays import read_only
+from pairwise.local.rotation_search import mirror_points
+from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
 #: How the points lie.
@@ -77,3 +80,16 @@ def _points(shape, n, dim, rng):
     elif shape == "one place":
         points[:] = points[0]
     return points
+
+
+def of_chirality(problem, *, reflected):
+    """The problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
+
+    For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
+    too (:func:`pairwise.local.rotation_search.mirror_rotations`).
+    """
+    if problem.pattern.special_blocks:
+        return problem
+    pattern = RotationPattern(problem.pattern.mask, ((0, problem.pattern.rotation_block),))
+    source = mirror_points(problem.source) if reflected else problem.source
+    return replace(problem, source=read_only(source), pattern=pattern)

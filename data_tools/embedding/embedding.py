@@ -27,8 +27,7 @@ from data_tools.threads import one_blas_thread
 LB_WEIGHT = 0.3
 #: Weight of the distance to the boundary; closed surfaces have none.
 BOUNDARY_WEIGHT = 0.2
-#: Factor of the invariants' weights on open surfaces and point clouds (``python -m experiments invariants`` compares
-#: samples with and without invariants at these weights).
+#: Factor of the invariants' weights on open surfaces and point clouds, chosen on teeth.
 OPEN_FACTOR = 0.25
 #: Distance of the points whose neighbourhoods are described, in root mean square radii.
 CELL = 0.12

@@ -22,7 +22,7 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.landmarked import read_dataset
-from experiments.pairs.invariants import without_share
+from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone
 from pairwise.partial.match import refine
 from pairwise.partial.surface import MOST_POINTS

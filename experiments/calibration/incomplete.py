@@ -26,7 +26,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.landmarked import read_dataset
-from experiments.pairs.invariants import without_share
+from experiments.pairs.incomplete import without_share
 
 #: Shapes of each collection at the most, which part of them is cut, and how much of these.
 NUM_SHAPES, NUM_QUICK, CUT, SHARE = 20, 6, 0.3, 0.25

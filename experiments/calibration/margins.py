@@ -10,13 +10,14 @@ import numpy as np
 
 from collalign.confidence import incomplete_model
 from data_tools.arrays import FloatArray
+from data_tools.embedding.surface_points import spread_points
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, scan
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
-from experiments.pairs.incomplete_sets import surface_of
-from experiments.pairs.invariants import without_share
+from experiments.pairs.incomplete import without_share
 from pairwise.partial.match import match_partial
+from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 #: Pairs of each collection, among its shapes at even positions, and how much is cut off the source.
 NUM_PAIRS, NUM_QUICK, SEED, SHARE = 16, 2, 23, 0.25
@@ -38,6 +39,12 @@ def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, F
         turns = np.stack([one.pose.rotation for one in poses])
         found.append((turns, np.log([one.energy for one in poses]), bool(error <= RIGHT_DEG)))
     return found
+
+
+def surface_of(shape: Shape) -> PartialSurface:
+    """Return what is matched of a shape."""
+    points = spread_points(shape, MOST_POINTS)
+    return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
 
 
 def measure_margins(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:

@@ -9,7 +9,7 @@ class PartialTuning(NamedTuple):
     """Numbers of a search; lengths are in root mean square radii of the target.
 
     Chosen on shapes at even positions of teeth, glasses and ants with a quarter cut off. Of 8 pairs each at odd
-    positions (``python -m experiments incomplete``), 100 % of teeth of which one is cut are right, 88 % where both
+    positions 100 % of teeth of which one is cut are right, 88 % where both
     are, 75 % of glasses, 50 % of ants; of classes on which nothing was chosen, 88 % of chairs and 62 % of teddies.
     """
 

@@ -1,11 +1,13 @@
-"""Rows of the experiment on cut shapes, and a pair of them with data."""
+"""The experiment on cut shapes: what is cut off, its rows, and its quick run with data."""
 
+import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
+from data_tools.datasets.synthetic_shapes import crown
 from experiments.experiment import Bench
 from experiments.pairs import incomplete
-from experiments.pairs.incomplete_sets import complete_row, cut_row, scan_pair_rows, scan_row
+from experiments.pairs.incomplete import complete_row, cut_row, without_share
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
@@ -25,21 +27,23 @@ def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole():
     row = cut_row(settings, record)
     assert (row["named"], row["wrongly"], row["right"], row["whole"], row["without"]) == (1, 1, 1, 1, 2)
     assert (row["worst"], row["noticed"], row["same"], row["way"]) == (90.0, "1 of 2", "no", "looked for")
-    scans = scan_row({"shape_deg": [1.0, 6.0, 40.0], "confidence": [0.99, 0.5, 0.5], "processor_s": 1.0})
-    assert (scans["within_5"], scans["within_20"], scans["noticed"], scans["doubtful"]) == (1, 2, "1 of 1", 1)
-    pairs = {"overlap": [0.35, 0.4, 0.9], "best": [1.0, 90.0, 2.0], "chance": [0.99, 0.6, 0.99], "seconds": [1.0] * 3}
-    rows = scan_pair_rows(pairs)
-    assert [(one["overlap"], one["pairs"], one["right"]) for one in rows] == [
-        ("30 to 50", 2, 50.0),
-        ("70 to 100", 1, 100.0),
-    ]
-    assert rows[0]["noticed"] == "1 of 1"
     complete = complete_row(settings, {"same": True, "named": [], "auto_s": 2.2, "never_s": 2.0})
     assert (complete["same"], complete["named"], complete["ratio"]) == ("yes", 0, pytest.approx(1.1))
 
 
+def test_a_quarter_is_cut_off_on_one_side(rng):
+    shape = crown(rng)
+    cut = without_share(shape, np.array([1.0, 0.0, 0.0]), 0.25)
+    limit = np.quantile(shape.vertices[:, 0], 0.75)
+    assert cut.vertices[:, 0].max() <= limit
+    assert len(cut.vertices) == pytest.approx(0.75 * len(shape.vertices), rel=0.02)
+    assert set(np.unique(cut.faces)) == set(range(len(cut.vertices)))
+    kept = {tuple(vertex) for vertex in shape.vertices[shape.vertices[:, 0] <= limit]}
+    assert {tuple(vertex) for vertex in cut.vertices} <= kept
+
+
 @pytest.mark.data
-def test_a_pair_of_cut_glasses_is_measured(shared_data):
+def test_a_few_ants_of_which_one_is_cut_are_measured(shared_data):
     bench = Bench(data=shared_data, store=Store.memory(), quick=True, quiet=True)
-    (table,) = incomplete.measure(bench).tables
-    assert [row["pairs"] for row in table.rows] == [1]
+    table, _ = incomplete.measure(bench).tables
+    assert [(row["shapes"], row["cut"]) for row in table.rows] == [(4, 1)]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.local_search import MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
 from tests.problems import catalogue, planted
+from tests.rigid_problems import of_chirality
 
 PROBLEMS = [known for known in catalogue() if known.problem.pattern.is_block_diagonal]
 

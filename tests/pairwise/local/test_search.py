@@ -5,7 +5,6 @@ import pytest
 
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
-from experiments.pairs.matching_energies import of_chirality
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import (
     _first,
@@ -21,6 +20,7 @@ from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 from tests.problems import planted, search
+from tests.rigid_problems import of_chirality
 
 
 @pytest.mark.parametrize(("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)])
