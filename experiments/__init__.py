@@ -30,10 +30,10 @@ _FOLDERS = {
     "capod": "peers",
     "scans": "peers",
     "landmarks": "peers",
+    "templates": "collections",
     "synchronization": "peers",
     "teeth_jobs": "collections",
     "deformations": "collections",
-    "morphospace": "collections",
     "confidence": "confidence",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)
