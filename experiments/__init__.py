@@ -14,10 +14,7 @@ from experiments.experiment import Experiment
 _FOLDERS = {
     "figure3": "figures",
     "figure5": "figures",
-    "scape": "maps",
-    "tosca": "maps",
-    "shrec07_maps": "maps",
-    "faust": "maps",
+    "maps": "maps",
     "consistent_maps": "maps",
     "theorem3": "figures",
     "figure13": "figures",

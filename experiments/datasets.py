@@ -176,24 +176,6 @@ def read_registered_folder(folder: Path | str) -> Dataset:
     return _registered(listing.names, loaders, len(loaders[0]().vertices), folder)
 
 
-def read_faust(folder: Path | str) -> Dataset:
-    """Read the training set of FAUST (Bogo et al. 2014): ``training/registrations/tr_reg_*.ply`` and its poses.
-
-    The registrations share their vertices; labels are the subject and the pose, ten of each.
-    """
-    listing = read_folder(Path(folder) / "training" / "registrations")
-    numbers = [_trailing_number(name) for name in listing.names]
-    return Dataset(
-        names=listing.names,
-        loaders=tuple(partial(read_shape, file, AS_STORED) for file in listing.files),
-        labels={
-            "subject": tuple(str(number // 10) for number in numbers),
-            "pose": tuple(str(number % 10) for number in numbers),
-        },
-        vertices_correspond=True,
-    )
-
-
 def read_range_scans(folder: Path | str) -> Dataset:
     """Read scans with their poses in a ``*.conf`` file (Stanford 3D Scanning Repository).
 
@@ -309,13 +291,6 @@ def _order(folder: Path, names: tuple[str, ...], stored: list[str]) -> IntArray:
     if missing:
         raise InputError(f"{folder}: no landmarks for {', '.join(missing[:5])}")
     return np.array([stored.index(name) for name in names], dtype=np.int64)
-
-
-def _trailing_number(name: str) -> int:
-    digits = name[len(name.rstrip("0123456789")) :]
-    if not digits:
-        raise InputError(f"{name}: expected a name that ends in the number of subject and pose")
-    return int(digits)
 
 
 def _quaternion_matrix(quaternion: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 #: Libraries whose version can change a figure; optional ones are left out where they are not installed.
 LIBRARIES = ("collalign", "numpy", "scipy", "scs", "clarabel", "cvxpy", "trimesh", "potpourri3d", "robust-laplacian")
-PEERS = ("open3d", "open3d-cpu", "geomfum", "gtsam", "kiss-matcher", "pyfmaps", "rustcpd", "small-gicp")
+PEERS = ("open3d", "open3d-cpu", "gtsam", "kiss-matcher", "pyfmaps", "rustcpd", "small-gicp")
 
 
 @functools.cache

@@ -20,9 +20,15 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.confidence.fit import fit_weights
 from experiments.confidence.reliability import reliability
-from experiments.maps.map_cells import NUM_EVALUATED, evaluated_points, judge_of, map_set, prepared
+from experiments.maps.map_cells import (
+    NUM_EVALUATED,
+    QUICK_SURFACE,
+    evaluated_points,
+    judge_of,
+    map_set,
+    prepared,
+)
 from experiments.maps.map_sets import ANIMALS, BODIES, OTHER_CLASSES, SHREC07_CLASSES
-from experiments.maps.map_trials import QUICK_SURFACE
 from experiments.maps.paper_chain import in_files
 
 #: Pairs of each set, drawn at random.
@@ -69,7 +75,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
     order = np.random.default_rng(SEED).permutation(len(maps.pairs))[: NUM_QUICK if quick else NUM_PAIRS]
     judged = []
     for target, source in (maps.pairs[number] for number in order):
-        settings: dict[str, Any] = {"set": name, "variant": "original", "surface": QUICK_SURFACE if quick else {}}
+        settings: dict[str, Any] = {"set": name, "surface": QUICK_SURFACE if quick else {}}
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
         to, of = prepared(data, settings, target), prepared(data, settings, source)
         found = match.finished(to.spectral, of.spectral, NonrigidOptions())
@@ -79,7 +85,7 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
             nearest = of.spectral.nearest_dense  # noqa: B023
             return in_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
 
-        judge = judge_of(maps, settings, (to.copy, of.copy), None)
+        judge = judge_of(maps, settings, None)
         whole = match.vertex_maps(to.spectral, of.spectral, found[0])[0]
         errors = [judge(whole).direct, *(judge(images(one)).direct for one in found[1:])]
         at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]

@@ -38,8 +38,8 @@ _ABOUT = f"""
 Zhang et al., *MALPACA*, PLOS ONE 2022; github.com/SlicerMorph/Mouse_Models, without a stated licence, so that no
 picture of them is shown here). Meshes of 12 000 vertices, in random poses.
 
-**Rule.** The skulls are aligned with default options, and `collalign transfer` carries the landmarks of one of them to
-all others, for each of them in turn. *Agreement*: the RV coefficient (Robert and Escoufier 1976) of two templates'
+**Rule.** The skulls are aligned with default options, and `collalign transfer` carries the landmarks of one of them
+to all others, for each of them in turn. *Agreement*: the RV coefficient (Robert and Escoufier 1976) of two templates'
 answers, all specimens superimposed; 1 if the morphospaces are the same up to a similarity. A template's own landmarks
 are the experts'. A preprint of 2026 has a mean RV of {ALPACA_RV:.3f} for ALPACA with different templates, and of
 {CONSENSUS_RV:.3f} for its consensus of many, on all 62 skulls.

@@ -19,8 +19,7 @@ from data_tools.embedding.invariants import NUM_SPECTRUM
 from data_tools.surface.geodesics import GeodesicSolver
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.maps.map_cells import map_set
-from experiments.maps.map_sets import FOLDERS, MapSet
-from experiments.maps.map_trials import SEED, some_pairs
+from experiments.maps.map_sets import FOLDERS, SEED, MapSet, some_pairs
 from experiments.maps.paper_chain import agd_gaps
 from experiments.tables import Column, Row, Table
 

@@ -7,16 +7,14 @@ symmetric shapes a map may also be compared with the mirrored truth; the better 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError
-from data_tools.io.files import write_atomic
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import vertex_areas
 from data_tools.surface.shape import Shape
@@ -116,32 +114,6 @@ def summary(errors: Sequence[FloatArray]) -> dict[str, float]:
         "worst_map": float(means.max()),
         "worst_point": float(max(e.max() for e in errors)),
     }
-
-
-def draw_curves(path: Path | str, curves: Mapping[str, Sequence[FloatArray]]) -> Path:
-    """Draw the cumulative error curves of several methods and write a PNG.
-
-    Parameters
-    ----------
-    path : Path or str
-    curves : mapping of str to sequence of ndarray
-        Errors of each map, by the method's name.
-    """
-    from io import BytesIO
-
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 4.0), dpi=150)
-    axes = figure.add_subplot()
-    for name, errors in curves.items():
-        mean = float(np.mean([e.mean() for e in errors]))
-        axes.plot(THRESHOLDS, 100.0 * cumulative_curve(errors), label=f"{name} (mean {mean:.3f})")
-    axes.set(xlabel="geodesic error / sqrt(area)", ylabel="points within, %", xlim=(0, 0.25), ylim=(0, 100))
-    axes.grid(visible=True, alpha=0.3)
-    axes.legend(loc="lower right", fontsize="small")
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return write_atomic(Path(path), buffer.getvalue())
 
 
 def _look_up(distances: FloatArray, images: IntArray) -> FloatArray:

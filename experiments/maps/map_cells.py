@@ -10,23 +10,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collalign.engine.store.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import find_candidates
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.nonrigid import match_prepared
-from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
+from data_tools.surface.shape import Shape
 from experiments.experiment import Cell
 from experiments.maps.evaluation import MapErrors, MapEvaluator
-from experiments.maps.graph_operator import graph_spectrum_of
-from experiments.maps.map_sets import LANDMARKED, Copy, MapSet, read_map_set, vary
-from experiments.maps.paper_chain import PAPER_SHARE, PaperChain, dense_point_maps, in_files, match_by_paper
-from pairwise.status import Status
+from experiments.maps.map_sets import LANDMARKED, MapSet, read_map_set
+from experiments.maps.paper_chain import PaperChain, dense_point_maps, in_files, match_by_paper
 
 #: Points at which maps between registered meshes are evaluated.
 NUM_EVALUATED = 200
+#: Surfaces of ``--quick``: fewer functions and samples.
+QUICK_SURFACE = {"num_functions": 40, "num_samples": 60, "num_dense": 200}
+#: pyFM: eigenfunctions of a mesh; every so many of its descriptors, as in its example; landmarks, where it has some;
+#: and steps of ZoomOut from its 50 functions on.
+NUM_PROCESSED, DESCRIPTOR_STEP, NUM_LANDMARKS, ZOOMOUT_STEPS, ZOOMOUT_STEP = 128, 5, 5, 10, 5
 #: A self-map is taken for the mirror image only if the landmarks confirm it this well.
 MAX_MIRROR_ERROR = 0.05
 #: Prepared shapes that are kept, about 20 MB each.
@@ -50,45 +55,82 @@ class Mirror:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prepared:
-    """A variant of a shape prepared for matching, and the processor time that this took."""
+    """A shape prepared for matching, and the processor time that this took."""
 
-    copy: Copy
+    shape: Shape
     spectral: SpectralShape
     seconds: float
 
 
 def measure_map(cell: Cell) -> Record:
-    """Match one pair and return its errors at the evaluated points."""
+    """Match one pair with one tool of :data:`TOOLS` and return its errors at the evaluated points."""
     settings = cell.settings
     maps = map_set(cell.data, settings["set"])
-    shapes = [prepared(cell.data, settings, settings[role]) for role in ("target", "source")]
-    started = time.process_time()
-    match, status = _matched(shapes[0].spectral, shapes[1].spectral, settings["options"])
-    seconds = time.process_time() - started
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
-    judge = judge_of(maps, settings, (shapes[0].copy, shapes[1].copy), mirror)
-    errors = judge(match.point_map_target_source)
+    judge = judge_of(maps, settings, mirror)
+    images, seconds = TOOLS[settings["tool"]](cell)
+    errors = judge(images)
     return {
         "direct": errors.direct,
         "mirrored": errors.mirrored,
         "mirror_error": None if mirror is None else mirror.error,
-        "confidence": match.confidence,
-        "orientation": match.orientation,
-        "origin": match.candidates[0].origin,
-        "status": status.name,
         "seconds": seconds,
-        "prepare_s": [shape.seconds for shape in shapes],
     }
 
 
-def _matched(
-    target: SpectralShape, source: SpectralShape, options: Mapping[str, Any]
-) -> tuple[NonrigidMatch, Status]:
-    """Match by default, or by the paper's chain where the options name its strategy."""
-    if "strategy" not in options:
-        return match_prepared(target, source), Status.CONVERGED
-    chain = PaperChain(is_fast=options["strategy"] == "fast", share=options.get("mask_share", PAPER_SHARE))
-    return match_by_paper(target, source, chain)
+def _toolkit(cell: Cell) -> tuple[IntArray, float]:
+    """Match by default."""
+    target, source = (prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source"))
+    started = time.process_time()
+    found = match_prepared(target.spectral, source.spectral)
+    return found.point_map_target_source, target.seconds + source.seconds + time.process_time() - started
+
+
+def _paper(cell: Cell, *, is_fast: bool) -> tuple[IntArray, float]:
+    """Match by the paper's chain."""
+    target, source = (prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source"))
+    started = time.process_time()
+    found, _ = match_by_paper(target.spectral, source.spectral, PaperChain(is_fast=is_fast))
+    return found.point_map_target_source, target.seconds + source.seconds + time.process_time() - started
+
+
+def _zoomout(cell: Cell, *, num_landmarks: int) -> tuple[IntArray, float]:
+    """Fit a functional map to wave kernel signatures by pyFM, and refine it by its ZoomOut (Melzi et al. 2019)."""
+    from pyFM.functional import FunctionalMapping
+
+    maps = map_set(cell.data, cell.settings["set"])
+    points = evaluated_points(maps, cell.settings["source"], cell.settings["points"])[:num_landmarks]
+    truth, _ = true_places(maps, cell.settings["target"], points, None)
+    meshes = [_processed(cell.data, cell.settings["set"], cell.settings[role]) for role in ("target", "source")]
+    started = time.process_time()
+    model = FunctionalMapping(*(mesh for mesh, _ in meshes))
+    landmarks = np.column_stack([truth, points]) if num_landmarks else None
+    model.preprocess(landmarks=landmarks, subsample_step=DESCRIPTOR_STEP, k_process=NUM_PROCESSED)
+    model.fit()
+    refined = model.zoomout_refine(nit=ZOOMOUT_STEPS, step=ZOOMOUT_STEP)
+    images = np.asarray(model.get_p2p(refined), dtype=np.int64)
+    return images, sum(seconds for _, seconds in meshes) + time.process_time() - started
+
+
+@functools.lru_cache(maxsize=_NUM_KEPT)
+def _processed(data: Path, set_name: str, name: str) -> tuple[Any, float]:
+    """Return pyFM's mesh with its eigenfunctions, and the processor time that these took."""
+    from pyFM.mesh import TriMesh
+
+    shape = map_set(data, set_name).data.shape(name)
+    started = time.process_time()
+    mesh = TriMesh(np.array(shape.vertices), np.array(shape.faces)).process(k=NUM_PROCESSED)
+    return mesh, time.process_time() - started
+
+
+#: Each returns the vertex of the target for each vertex of the source, and the CPU time from the meshes on.
+TOOLS: dict[str, Callable[[Cell], tuple[IntArray, float]]] = {
+    "collalign": _toolkit,
+    "the paper's chain": functools.partial(_paper, is_fast=False),
+    "the paper's fast chain": functools.partial(_paper, is_fast=True),
+    "pyFM, ZoomOut": functools.partial(_zoomout, num_landmarks=0),
+    f"pyFM, ZoomOut, {NUM_LANDMARKS} landmarks": functools.partial(_zoomout, num_landmarks=NUM_LANDMARKS),
+}
 
 
 def errors_of(record: Record) -> MapErrors:
@@ -96,33 +138,21 @@ def errors_of(record: Record) -> MapErrors:
     return MapErrors(direct=record["direct"], mirrored=record["mirrored"])
 
 
-def judge_of(
-    maps: MapSet, settings: Mapping[str, Any], copies: tuple[Copy, Copy], mirror: Mirror | None
-) -> Callable[[IntArray], MapErrors]:
-    """Return what gives the errors of any map between two copies, at points of the originals.
-
-    It takes the vertex of the target's copy for each vertex of the source's copy.
+def judge_of(maps: MapSet, settings: Mapping[str, Any], mirror: Mirror | None) -> Callable[[IntArray], MapErrors]:
+    """Return what gives the errors of any map, from the vertex of the target for each vertex of the source.
 
     Parameters
     ----------
     maps : MapSet
     settings : mapping
         With ``target``, ``source``, and the number of ``points`` on registered meshes.
-    copies : pair of Copy
-        Of target and source.
     mirror : Mirror or None
         On registered meshes; elsewhere the landmarks' mirror images are used.
     """
     points = evaluated_points(maps, settings["source"], settings["points"])
     truth, mirrored = true_places(maps, settings["target"], points, mirror)
-    target, source = copies
-    present = (source.from_original[points] >= 0) & (target.from_original[truth] >= 0)
-    if mirrored is not None:
-        present &= target.from_original[mirrored] >= 0
-        mirrored = target.from_original[mirrored[present]]
-    evaluator = MapEvaluator(target.shape, target.from_original[truth[present]], mirrored)
-    at = source.from_original[points[present]]
-    return lambda images: evaluator.errors(images[at])
+    evaluator = MapEvaluator(maps.data.shape(settings["target"]), truth, mirrored)
+    return lambda images: evaluator.errors(images[points])
 
 
 def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:
@@ -135,10 +165,11 @@ def evaluated_points(maps: MapSet, source: str, num: int) -> IntArray:
 def true_places(
     maps: MapSet, target: str, points: IntArray, mirror: Mirror | None
 ) -> tuple[IntArray, IntArray | None]:
-    """Return the vertices of the target at which the evaluated points belong, and those of their mirror images."""
+    """Return the vertices of the target at which the first evaluated points belong, and of their mirror images."""
     if maps.name in LANDMARKED:
-        marks = maps.landmarks(target)
-        return marks, None if maps.data.mirror is None else marks[maps.data.mirror]
+        marks = maps.landmarks(target)[: len(points)]
+        whole = maps.data.mirror is not None and len(marks) == len(maps.data.mirror)
+        return marks, marks[maps.data.mirror] if whole else None
     return points, None if mirror is None else mirror.image[points]
 
 
@@ -150,12 +181,10 @@ def prepared(data: Path, settings: Mapping[str, Any], name: str) -> Prepared:
     data : Path
         Folder of the public collections.
     settings : mapping
-        With ``set``, ``variant`` and the ``surface`` options.
+        With ``set`` and the ``surface`` options.
     name : str
     """
-    return _prepared(
-        data, settings["set"], settings["variant"], name, json.dumps(settings["surface"], sort_keys=True)
-    )
+    return _prepared(data, settings["set"], name, json.dumps(settings["surface"], sort_keys=True))
 
 
 def mirror_of(data: Path, settings: Mapping[str, Any]) -> Mirror | None:
@@ -170,13 +199,11 @@ def map_set(data: Path, name: str) -> MapSet:
 
 
 @functools.lru_cache(maxsize=_NUM_KEPT)
-def _prepared(data: Path, set_name: str, variant: str, name: str, surface: str) -> Prepared:
-    copy = vary(map_set(data, set_name), name, variant)
+def _prepared(data: Path, set_name: str, name: str, surface: str) -> Prepared:
+    shape = map_set(data, set_name).data.shape(name)
     started = time.process_time()
-    options = json.loads(surface)
-    spectrum_of = graph_spectrum_of if options.pop("operator", "auto") == "graph" else None
-    spectral = prepare_surface(copy.shape, SurfaceOptions(**options), spectrum_of=spectrum_of)
-    return Prepared(copy=copy, spectral=spectral, seconds=time.process_time() - started)
+    spectral = prepare_surface(shape, SurfaceOptions(**json.loads(surface)))
+    return Prepared(shape=shape, spectral=spectral, seconds=time.process_time() - started)
 
 
 @functools.lru_cache(maxsize=4)
@@ -185,7 +212,7 @@ def _mirror(data: Path, set_name: str, surface: str) -> Mirror | None:
     if maps.data.mirror is None or maps.data.landmark_vertices is None:
         return None
     name = maps.data.names[0]
-    shape = _prepared(data, set_name, "original", name, surface).spectral
+    shape = _prepared(data, set_name, name, surface).spectral
     marks = maps.landmarks(name)
     evaluator = MapEvaluator(maps.data.shape(name), marks[maps.data.mirror])
     found = []

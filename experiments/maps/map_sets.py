@@ -1,4 +1,4 @@
-"""Benchmarks of maps between deformable surfaces: their pairs, what was published on them, and their copies."""
+"""Benchmarks of maps between deformable surfaces: their pairs, and what was published on them."""
 
 from __future__ import annotations
 
@@ -7,22 +7,15 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
-import fast_simplification
 import numpy as np
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import IntArray
-from data_tools.datasets.synthetic import shuffled
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.files import existing_file
-from data_tools.io.shapes import read_shape
-from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas
 from experiments.datasets import (
     Dataset,
-    read_faust,
     read_registered_archive,
     read_registered_folder,
     read_shrec07_class,
@@ -50,15 +43,10 @@ FOLDERS = {
     ANIMALS: "tosca_cat_dog",
     "scape": "scape71",
     "tosca": "tosca_centaur6",
-    "faust": "faust",
     **{name: f"shrec07_dev/{name}" for name in (*SHREC07_CLASSES, *OTHER_CLASSES)},
 }
-#: Variants of a shape: as stored; vertices in another order; another triangulation; the scan it was registered to.
-VARIANTS = ("original", "permuted", "remeshed", "scan")
-#: Share of the triangles that a remeshed copy keeps.
-REMESHED_SHARE = 0.6
-#: A vertex of a registered mesh is on its scan if it is this near, in units of sqrt(area).
-ON_SCAN = 0.01
+#: Of the choice of pairs.
+SEED = 0
 
 Pair = tuple[str, str]
 
@@ -105,21 +93,6 @@ class MapSet:
         }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Copy:
-    """A variant of a shape.
-
-    Attributes
-    ----------
-    shape : Shape
-    from_original : ndarray of int, shape (vertices of the original,)
-        Vertex of the copy that stands for each vertex of the original; -1 where there is none.
-    """
-
-    shape: Shape
-    from_original: IntArray
-
-
 def read_map_set(root: Path, name: str) -> MapSet:
     """Read a benchmark.
 
@@ -144,8 +117,7 @@ def read_map_set(root: Path, name: str) -> MapSet:
         data = _bodies(folder) if name == BODIES else _animals(folder)
         published, pairs = {}, _pairs_of_kinds(data)
     else:
-        readers = {"tosca": read_registered_folder, "faust": read_faust}
-        data = readers.get(name, read_shrec07_class)(folder)
+        data = read_registered_folder(folder) if name == "tosca" else read_shrec07_class(folder)
         published, pairs = {}, tuple(combinations(data.names, 2))
     return MapSet(name=name, folder=folder, data=data, pairs=pairs, published=published)
 
@@ -212,34 +184,7 @@ def read_published(path: Path, names: tuple[str, ...]) -> dict[str, dict[Pair, f
     return found
 
 
-def vary(maps: MapSet, name: str, variant: str) -> Copy:
-    """Return a variant of a shape; permuted and remeshed ones are seeded by the shape's position in the set."""
-    shape = maps.data.shape(name)
-    if variant == "scan":
-        return _scan(maps, shape)
-    rng = np.random.default_rng(maps.data.index(name))
-    if variant == "permuted":
-        copy, order = shuffled(shape, rng)
-        return Copy(shape=copy, from_original=np.argsort(order))
-    if variant == "remeshed":
-        num = round(REMESHED_SHARE * len(shape.faces))
-        vertices, faces = fast_simplification.simplify(
-            np.array(shape.vertices), np.array(shape.faces), target_count=num
-        )
-        copy = _as_stored(clean(shuffled(Shape.from_arrays(vertices, faces, name=shape.name), rng)[0]))
-        return Copy(shape=copy, from_original=cKDTree(copy.vertices).query(shape.vertices)[1])
-    return Copy(shape=shape, from_original=np.arange(len(shape.vertices)))
-
-
-def _scan(maps: MapSet, registered: Shape) -> Copy:
-    """Return the scan that a mesh of FAUST was registered to; vertices far from it have no counterpart there."""
-    folder = maps.folder / "training" / "scans"
-    scan = _as_stored(read_shape(folder / f"{registered.name.replace('reg', 'scan')}.ply"))
-    distances, nearest = cKDTree(scan.vertices).query(registered.vertices)
-    unit = np.sqrt(face_areas(registered.vertices, registered.faces).sum())
-    return Copy(shape=scan, from_original=np.where(distances <= ON_SCAN * unit, nearest, -1))
-
-
-def _as_stored(shape: Shape) -> Shape:
-    """Return a cleaned shape as if it had come like that, so that maps count its own vertices."""
-    return Shape.from_arrays(shape.vertices, shape.faces, name=shape.name)
+def some_pairs(pairs: tuple[Pair, ...], num: int, seed: int) -> tuple[Pair, ...]:
+    """Return a part of the pairs, drawn by a seed, in their order."""
+    chosen = np.sort(np.random.default_rng(seed).permutation(len(pairs))[:num])
+    return tuple(pairs[i] for i in chosen)

@@ -139,7 +139,7 @@ COLUMNS = (
 def _plot(rows: list[Row]) -> Plot:
     kinds = list(dict.fromkeys(row["class"] for row in rows))
     tools = list(dict.fromkeys(row["tool"] for row in rows))
-    gross = {(row["class"], row["tool"]): row["gross"] for row in rows}
+    gross = {(row["class"], row["tool"]): float(row["gross"] or 0.0) for row in rows}
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -32,9 +30,6 @@ NUM_SEEDS = 10
 NUM_ORIENTATION = 12
 #: Heat times of the curvature that is compared, at unit area.
 CURVATURE_TIMES = (0.0001, 0.0003)
-
-#: What gives the eigenfunctions of a surface.
-SpectrumOf: TypeAlias = Callable[[WorkingSurface, IntArray, int], Spectrum]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,9 +108,7 @@ class SpectralShape:
 
 
 @one_blas_thread()
-def prepare_surface(
-    shape: Shape, options: SurfaceOptions | None = None, *, spectrum_of: SpectrumOf | None = None
-) -> SpectralShape:
+def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> SpectralShape:
     """Prepare a shape for non-rigid matching.
 
     Parameters
@@ -124,8 +117,6 @@ def prepare_surface(
         A mesh or point cloud as stored: several components, isolated vertices, holes and non-manifold edges are
         allowed, and vertices may be repeated; the largest component is used.
     options : SurfaceOptions, optional
-    spectrum_of : callable, optional
-        Eigenfunctions of another operator: takes the surface, its dense samples and how many functions.
 
     Raises
     ------
@@ -143,8 +134,7 @@ def prepare_surface(
             f"{options.num_samples} samples need more: refine the mesh, or lower num_functions and num_samples"
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
-    size = options.num_functions
-    eigen = spectrum_of(surface, dense, size) if spectrum_of else surface.eigenfunctions(size)
+    eigen = surface.eigenfunctions(options.num_functions)
     lowest = Spectrum(eigen.values[:NUM_SPECTRUM], eigen.functions[:, :NUM_SPECTRUM], eigen.mass, eigen.kind)
     samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
     in_file = shape.file_indices

@@ -8,11 +8,6 @@ import pytest
 from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
 from collalign.nonrigid.eigen_starts import candidate_mask
 from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap
-from data_tools.datasets.synthetic_shapes import sphere_mesh
-from data_tools.embedding.sampling import farthest_points
-from data_tools.surface.geodesics import GeodesicSolver
-from data_tools.surface.shape import Shape
-from experiments.maps.graph_operator import GAUSSIAN_WIDTH, NUM_NEIGHBOURS, _weights, graph_spectrum
 from experiments.maps.paper_chain import agd_gaps
 
 
@@ -70,25 +65,3 @@ def test_masks_are_widened_by_half_until_a_map_fits():
     # 5 source samples need 5 targets: shares .05, .075, .1125, .169, .253 allow 1, 2, 2, 3, 5 of 20
     few = candidate_mask(agd_gaps(target, source, np.arange(5)), 0.05)
     assert (few.sum(axis=0) == 5).all()
-
-
-def test_neighbours_weigh_by_a_gaussian_of_the_paper_s_width():
-    distances = np.array([[0.0, 0.1, 0.2], [0.1, 0.0, 0.1], [0.2, 0.1, 0.0]])
-    np.testing.assert_allclose(_weights(distances), np.exp(-((distances / GAUSSIAN_WIDTH) ** 2)))
-    line = np.abs(np.subtract.outer(np.arange(60.0), np.arange(60.0)))
-    assert (np.count_nonzero(_weights(0.01 * line), axis=1) <= NUM_NEIGHBOURS + 1).all()
-
-
-def test_the_graph_is_symmetric_although_neighbours_are_not():
-    # A dense patch beside sparse points: these have neighbours in the patch that do not have them as neighbours.
-    shape = Shape.from_arrays(*sphere_mesh(600))
-    heights = shape.vertices[:, 2]
-    patch = np.argsort(-heights)[:60]
-    rest = farthest_points(shape, 20, metric="euclidean")
-    samples = np.unique(np.concatenate([patch, rest]))
-    spectrum = graph_spectrum(shape, GeodesicSolver(shape), samples, 6)
-    assert (np.diff(spectrum.values) >= -1e-9).all()
-    assert spectrum.values[0] > 0.0
-    assert spectrum.values[-1] == pytest.approx(4.0 * np.pi * 6)
-    reordered = graph_spectrum(shape, GeodesicSolver(shape), samples[::-1].copy(), 6)
-    np.testing.assert_allclose(reordered.values, spectrum.values, rtol=1e-8)

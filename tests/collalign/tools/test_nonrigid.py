@@ -17,7 +17,6 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
-from experiments.maps.graph_operator import graph_spectrum_of
 from tests.notes import codes
 
 SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
@@ -134,10 +133,9 @@ def test_poor_meshes_work_or_say_what_to_do(pair, prepared):
         prepare_surface(few, SMALL)
 
 
-@pytest.mark.parametrize("spectrum_of", [None, graph_spectrum_of])
-def test_point_clouds_match_without_normals(spectrum_of, pair, rng):
+def test_point_clouds_match_without_normals(pair, rng):
     options = replace(SMALL, num_functions=40)
-    clouds = [prepare_surface(point_cloud(shape, rng), options, spectrum_of=spectrum_of) for shape in pair[:2]]
+    clouds = [prepare_surface(point_cloud(shape, rng), options) for shape in pair[:2]]
     match = match_prepared(*clouds, QUICK)
     assert match.orientation == "unknown"
     assert max(match.confidence, *match.vertex_confidence) <= 0.5
