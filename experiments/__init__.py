@@ -20,7 +20,6 @@ _FOLDERS = {
     "figure13": "figures",
     "figure14": "figures",
     "classification": "collections",
-    "collections": "collections",
     "bending": "collections",
     "proofs": "pairs",
     "incomplete": "pairs",

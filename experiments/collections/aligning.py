@@ -1,11 +1,9 @@
-"""Cells that align a public collection from random poses, this toolkit's way or an older one, and count errors."""
+"""Cells that align a public collection from random poses, by default or as published, and count errors."""
 
 from __future__ import annotations
 
-import itertools
 import shutil
 import tempfile
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,14 +18,12 @@ from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.io.shapes import read_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from experiments.clock import stopwatch
 from experiments.collections.landmarked import RIGHT_DEG, TEETH_FOLDER, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.experiment import Cell
-from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
 
 #: The published rotations beside the teeth.
 PUBLISHED_FILE = "auto3dgm_rotations_baseline.npz"
@@ -136,48 +132,6 @@ def align_subsets(
             aligned = align_collection(folder, options=options, run=run)
         shares.append(float((posed.shape_errors_deg(aligned.rotations, aligned.names) <= RIGHT_DEG).mean()))
     return shares
-
-
-def measure_principal_axes(cell: Cell) -> Record:
-    """Align a collection by principal axes, one-to-one closest points and a spanning tree."""
-    settings = cell.settings
-    with tempfile.TemporaryDirectory() as name:
-        posed, group = pose_some(settings, cell.data, Path(name))
-        with stopwatch() as elapsed:
-            files = {file.stem: file for file in posed.folder.iterdir()}
-            points = [normalised_points(read_shape(files[shape]), settings["points"]) for shape in posed.names]
-            relative, distances = match_by_axes(points, group)
-            rotations = along_tree(relative, distances)
-    first, second = np.triu_indices(len(points), 1)
-    return {
-        **posed.figures(rotations, posed.names),
-        "matched": len(first),
-        "own_deg": rotation_angle_deg(relative[first, second], posed.relative[first, second]),
-        "pair_deg": posed.pair_errors_deg(rotations, posed.names),
-        "shape_deg": posed.shape_errors_deg(rotations, posed.names),
-        "processor_s": elapsed.processor_s,
-    }
-
-
-def match_by_axes(points: Sequence[FloatArray], group: str) -> tuple[FloatArray, FloatArray]:
-    """Match all pairs from the pairings of their principal axes, the least distance of each pair's starts.
-
-    Returns
-    -------
-    relative : ndarray, shape (N, N, 3, 3)
-        ``R_i_j``.
-    distances : ndarray, shape (N, N)
-        Symmetric.
-    """
-    num = len(points)
-    relative, distances = np.tile(np.eye(3), (num, num, 1, 1)), np.zeros((num, num))
-    for i, j in itertools.combinations(range(num), 2):
-        ends = [
-            closest_points(points[i], points[j], start) for start in axis_starts(points[i], points[j], group=group)
-        ]
-        relative[i, j], distances[i, j] = min(ends, key=lambda end: end[1])
-        relative[j, i], distances[j, i] = relative[i, j].T, distances[i, j]
-    return relative, distances
 
 
 def measure_published_rotations(cell: Cell) -> Record:

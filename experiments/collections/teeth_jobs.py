@@ -14,6 +14,7 @@ from collalign.engine.store.records import Record
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError
 from data_tools.rotations import rotation_angle_deg
+from experiments.collections.aligning import measure_published_rotations
 from experiments.collections.posed import pose_collection
 from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
@@ -43,7 +44,8 @@ the first 16 landmarks; *gross* is a pair of right chirality beyond 30 degrees. 
 chirality in any draw, and a median of at most {MEDIAN_DEG} degrees; for all 116 in no more than the
 {SECONDS_116:.0f} seconds that auto3dgm (Python, 100, then 200 points) took on two cores of the same kind (its median:
 8.1 degrees, no gross pair). *Principal axes + ICP + tree* is what auto3dgm does, written for the table of other
-tools, and is told whether a job is mixed; it has the same draws, the same clock and as many processes.
+tools, and is told whether a job is mixed; it has the same draws, the same clock and as many processes. *auto3dgm,
+published* are the rotations of its authors' alignment, for the teeth that have one.
 
 Landmarks are set by hand, and no two teeth differ by a rotation alone. *Landmarks' own* is half of the angle between
 the rotations that every other landmark and the rest of them give (median of the pairs): about the error of the truth
@@ -109,6 +111,10 @@ def measure(bench: Bench) -> Outcome:
         for draw, record in enumerate(some)
     )
     summary = tuple({"job": name, "tool": tool} | _summary(some) for (name, tool), some in records.items())
+    if not bench.quick:
+        published = bench.measure(measure_published_rotations, {"auto3dgm": {}})["auto3dgm"]
+        figures = {key: published[key] for key in ("pairs", "gross", "mirrored", "median_deg", "worst_deg")}
+        summary += ({"job": f"{published['shapes']} teeth", "tool": "auto3dgm, published"} | figures,)
     ours = {name: some for (name, tool), some in records.items() if tool == "collalign"}
     return Outcome(
         tables=(_summary_table(summary), _draws_table(draws_rows)), plots=(_plot(ours),), text=_text(summary)

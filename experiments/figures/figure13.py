@@ -9,7 +9,6 @@ import numpy as np
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
 from experiments.collections.aligning import measure_alignment
-from experiments.collections.collections import EMBEDDINGS, SEED, SUBSETS, settings_of, version_of
 from experiments.collections.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.tables import Column, Row, Table
@@ -18,8 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: The paper's number of points.
-POINTS = 20
+SEED = 1
+#: Shapes of each class, and the paper's number of points.
+NUM_SHAPES, POINTS = 20, 20
+#: Embeddings: positions (d = 3), with four eigenfunctions (d = 7), the default (positions and invariants).
+EMBEDDINGS = ("xyz", "xyz+lb", "xyz+invariants")
+#: Subsets of each class that are aligned on their own, from the same pairs.
+SUBSETS = {"subsets": 12, "subset_size": 6}
 #: Ways with their embeddings.
 WAYS = [("appendix B", "xyz"), ("appendix B", "xyz+lb"), *(("toolkit", kind) for kind in EMBEDDINGS)]
 _NAMES = {"xyz": "d = 3", "xyz+lb": "d = 7", "xyz+invariants": "d = 3 + invariants (default)"}
@@ -130,21 +134,24 @@ def _draw_class(axes: Axes, name: str, records: dict[tuple[str, str, str], Recor
     axes.set_xlabel("error of the relative rotation, deg")
 
 
+def settings_of(way: str, name: str, kind: str) -> dict[str, Any]:
+    """Return the settings of one alignment: a class, and subsets of it."""
+    pairs = "all" if way == "appendix B" else "auto"
+    sizes = {"shapes": NUM_SHAPES, "points": POINTS, "seed": SEED}
+    return {"way": way, "collection": name, "embedding": kind, "pairs": pairs} | sizes | SUBSETS
+
+
 def measure(bench: Bench) -> Outcome:
     """Align every class in every way."""
     bench.seeds.add(SEED)
-    cells = {
-        (name, way, kind): settings_of(way, name, 20, POINTS, kind, "all" if way == "appendix B" else "auto")
-        for way, kind in WAYS
-        for name in CLASSES
-    }
+    cells = {(name, way, kind): settings_of(way, name, kind) for way, kind in WAYS for name in CLASSES}
     if bench.quick:
         few = {"shapes": 4, "subsets": 2, "subset_size": 3}
         cells = {("glasses", "toolkit", kind): cells["glasses", "toolkit", kind] | few for kind in ("xyz", "xyz+lb")}
     records: dict[tuple[str, str, str], Record] = {}
     for key, settings in cells.items():
         label = " ".join(key)
-        found = bench.measure(measure_alignment, {label: settings}, version=version_of(settings), apart=True)
+        found = bench.measure(measure_alignment, {label: settings}, apart=True)
         records[key] = found[label]
     rows = rows_of(records)
     title = "Relative rotations within an angle of the landmarks' ones; toolkit in full lines, appendix B dashed"

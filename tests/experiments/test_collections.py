@@ -76,7 +76,7 @@ def cell(data, **settings):
     return Cell(data=data, settings=settings)
 
 
-@pytest.mark.parametrize("name", ["classification", "collections", "figure13"])
+@pytest.mark.parametrize("name", ["classification", "figure13"])
 def test_quick_run_writes_tables_and_pictures(name, layouts, tmp_path):
     experiment = load_experiment(name)
     with Store.memory() as store:

@@ -143,11 +143,11 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
 
 def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
     assert write_headlines(tmp_path) == ""
-    (tmp_path / "scape.md").write_text("## SCAPE: maps of bodies\n")
-    (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\nscape,default,0.0164\n")
+    (tmp_path / "maps.md").write_text("## Maps\n")
+    (tmp_path / "maps.csv").write_text("set,method,direct\nscape,slow,0.5\nscape,collalign,0.0164\n")
     assert "mean error 0.016 of" in write_headlines(tmp_path)
-    assert "[scape](results/scape.md)" in write_headlines(tmp_path)
-    (tmp_path / "scape.csv").write_text("set,method,direct\nscape,slow,0.5\n")
+    assert "[maps](results/maps.md)" in write_headlines(tmp_path)
+    (tmp_path / "maps.csv").write_text("set,method,direct\nscape,slow,0.5\n")
     assert write_headlines(tmp_path) == ""
 
 
@@ -161,7 +161,7 @@ def test_what_can_be_measured_has_been(name, shared_data):
 
 def test_pages_say_on_which_of_their_collections_constants_were_chosen():
     named = {name for name in NAMES if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen}
-    assert {"collections", "figure13", "scape", "shrec07_maps", "teeth_jobs"} <= named
+    assert {"bending", "capod", "figure13", "maps", "teeth_jobs"} <= named
     for name in named:
         section = (ROOT / "results" / f"{name}.md").read_text("utf-8")
         experiment = load_experiment(name)
