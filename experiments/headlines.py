@@ -10,9 +10,9 @@ from typing import NamedTuple
 class Headline(NamedTuple):
     """One figure of one experiment, and where it lies.
 
-    ``says`` holds the value as ``{}``; ``compared_with`` is a goal or another tool's figure, with that of
-    the row ``other`` where there is one; ``file`` is the table without ``.csv``, ``row`` what the cells of its row start with
-    and ``column`` the value's.
+    ``says`` holds the value as ``{}``; ``compared_with`` is a goal or another tool's figure, with that of the row
+    ``other`` where there is one; ``file`` is the table without ``.csv``, ``row`` what the cells of its row start
+    with and ``column`` the value's.
     """
 
     says: str

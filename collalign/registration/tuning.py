@@ -52,7 +52,8 @@ class BentTuning(NamedTuple):
 
     What starts was chosen while looking at six ants, armadillos, humans and centaurs each, by where landmarks end up;
     six glasses were only measured: .10 radii instead of .30 (``docs/tutorials/deformable.md``). The fit was chosen on
-    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments consistent_maps`` measures the maps.
+    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments consistent_maps`` measures
+    the maps.
     """
 
     length: float = 0.1
