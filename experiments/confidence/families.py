@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import bent, bumped, deformed_family, planted_collection
+from data_tools.datasets.synthetic import bent, bumped, deformed_family, planted_collection, point_cloud
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, sphere_mesh
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection
-from experiments.pairs.invariants import damage
+from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone
 
 NUM_VERTICES = 1200
@@ -27,6 +27,11 @@ HARD_RMS = 0.06
 
 #: Deviation of the logarithm of a stretched shape's proportions.
 STRETCH = 0.15
+
+#: Deviation of the noise on a rough surface, as a share of the diagonal.
+ROUGHNESS = 0.01
+#: Points that are kept of a shape without its surface.
+NUM_POINTS = 2000
 
 Make = Callable[[np.random.Generator], Shape]
 Change = Callable[[Shape, np.random.Generator], Shape]
@@ -123,6 +128,19 @@ def stretched(shape: Shape, rng: np.random.Generator) -> Shape:
     return Shape.from_arrays(shape.vertices @ stretch, shape.faces, name=shape.name)
 
 
+def roughened(shape: Shape, rng: np.random.Generator) -> Shape:
+    """Return a shape with noise on every vertex, one by one, which leaves a surface of spikes."""
+    rough = point_cloud(shape, rng, noise=ROUGHNESS).vertices
+    return Shape.from_arrays(rough, shape.faces, name=shape.name)
+
+
+def as_points(shape: Shape, rng: np.random.Generator) -> Shape:
+    """Return some points of a shape without its triangles, with half of that noise."""
+    cloud = point_cloud(shape, rng, noise=ROUGHNESS / 2)
+    kept = np.sort(rng.permutation(len(cloud.vertices))[:NUM_POINTS])
+    return Shape.from_arrays(cloud.vertices[kept], name=shape.name)
+
+
 #: Shapes of which changed families are made, and what is done to each member.
 BASES: dict[str, Make] = {
     "crowns": crown,
@@ -134,9 +152,9 @@ BASES: dict[str, Make] = {
 CHANGES: dict[str, Change] = {
     "bumpy": lambda shape, rng: bumped(shape, rng, rms=HARD_RMS),
     "bent": bent,
-    "rough": lambda shape, rng: damage(shape, "rough", rng),
-    "points": lambda shape, rng: damage(shape, "points", rng),
-    "cut": lambda shape, rng: damage(shape, "cut", rng),
+    "rough": roughened,
+    "points": as_points,
+    "cut": lambda shape, rng: without_share(shape, rng.standard_normal(3), 0.25),
     "stretched": stretched,
 }
 FAMILIES: dict[str, Family] = {
