@@ -20,9 +20,9 @@ from cyclopts import App, CycloptsError, Parameter, UnknownCommandError
 
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
-from collalign.cli.help import HELP_ALL, GroupedHelp
-from collalign.cli.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
-from collalign.cli.talk import configure_output, end, talking, tell
+from collalign.console.help import HELP_ALL, GroupedHelp
+from collalign.console.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
+from collalign.console.talk import configure_output, end, talking, tell
 from collalign.engine.command_line import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable

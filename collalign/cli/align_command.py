@@ -17,10 +17,10 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.help import Excluded, Flag
-from collalign.cli.interruption import INCOMPLETE, resumable
 from collalign.cli.own_file import read_own, with_marks
-from collalign.cli.talk import elapsed_s, say, say_files, tell, warn
+from collalign.console.help import Excluded, Flag
+from collalign.console.interruption import INCOMPLETE, resumable
+from collalign.console.talk import elapsed_s, say, say_files, tell, warn
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions

@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
-from collalign.cli.interruption import INCOMPLETE
-from collalign.cli.talk import say, separate_summary, tell, warn
+from collalign.console.interruption import INCOMPLETE
+from collalign.console.talk import say, separate_summary, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from collalign.cli.interruption import INCOMPLETE
-from collalign.cli.talk import say, tell, warn
+from collalign.console.interruption import INCOMPLETE
+from collalign.console.talk import say, tell, warn
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display

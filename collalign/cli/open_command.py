@@ -13,7 +13,7 @@ from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from collalign.cli.desk import Desk
-from collalign.cli.talk import say
+from collalign.console.talk import say
 from data_tools.errors import CollalignError, OptionsError
 
 #: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from collalign.cli.help import Flag
-from collalign.cli.interruption import INCOMPLETE, UNFINISHED
-from collalign.cli.talk import say, tell
+from collalign.console.help import Flag
+from collalign.console.interruption import INCOMPLETE, UNFINISHED
+from collalign.console.talk import say, tell
 from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.output.evidence.loading import load

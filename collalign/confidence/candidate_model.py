@@ -46,6 +46,12 @@ WEIGHTS = {
 #: birds, fish and teddy bears alike within .02. Shapes of 20 planes that are right after synchronization: 13, 20, 20.
 #: Limits from .15 to .25 are alike; chosen on these classes.
 MOST_EXCESS = 0.2
+#: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit of
+#: which candidate is right gives 5.15 and 15.5 to the logarithms of both (16 classes of SHREC07, CAPOD, SCAPE and
+#: molars, 40 pairs each, equal weight a class); the powers are these over 12, what it gave to the costs used before.
+#: With both, the right candidate is first in .841 of the pairs, with energies alone in .798, no class less. All 16
+#: classes were in the fit. The mean squared distance of closest dense points, used before, gets no weight beside.
+ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 #: Costs count as no smaller than this in logarithms.
 LEAST_COST = float(np.finfo(float).tiny)
 #: How many times as telling as the logarithms of costs the odds of candidates are, and the log-odds that none is
@@ -85,6 +91,24 @@ def evidence_score(evidence: FloatArray, kinds: Collection[str] = WEIGHTS) -> Fl
     return np.asarray(-excess_logs(evidence, kinds) @ np.array([WEIGHTS[kind] for kind in kinds]))
 
 
+def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
+    """Return what speaks against each candidate of a pair by its energy and its neighbourhoods, shape (m,).
+
+    In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a mismatch is not
+    known, the energies alone.
+
+    Parameters
+    ----------
+    energies, mismatches : ndarray, shape (m,)
+        As :class:`collalign.products.pair.Pair` has them.
+    """
+    if len(mismatches) != len(energies) or np.isnan(mismatches).any() or not energies.min() > 0:
+        return energies
+    best = int(np.argmin(energies))
+    ratios = (mismatches + LEAST_MISMATCH) / (mismatches[best] + LEAST_MISMATCH)
+    return read_only(energies[best] * (energies / energies[best]) ** ENERGY_POWER * ratios**MISMATCH_POWER)
+
+
 def cost_log_odds(costs: FloatArray) -> FloatArray:
     """Return the log-odds of poses of one pair by their costs alone, up to a constant, shape (m,)."""
     return np.asarray(-COST_TRUST * np.log(np.maximum(costs, LEAST_COST)))
@@ -92,6 +116,6 @@ def cost_log_odds(costs: FloatArray) -> FloatArray:
 
 def candidate_chances(pair: Pair) -> FloatArray:
     """Return how probable each candidate is by its pair alone, shape (m,); what they leave is that none is right."""
-    odds = pair.log_odds if len(pair.log_odds) else cost_log_odds(pair.costs)
+    odds = pair.log_odds if len(pair.log_odds) else cost_log_odds(candidate_costs(pair.energies, pair.mismatches))
     weights = np.exp(odds - odds.max())
     return read_only(weights / (weights.sum() + np.exp(NONE_RIGHT)))

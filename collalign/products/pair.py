@@ -12,12 +12,6 @@ from data_tools.arrays import FloatArray, IntArray, one_line, read_only
 from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
 
-#: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit of
-#: which candidate is right gives 5.15 and 15.5 to the logarithms of both (16 classes of SHREC07, CAPOD, SCAPE and
-#: molars, 40 pairs each, equal weight a class); the powers are these over 12, what it gave to the costs used before.
-#: With both, the right candidate is first in .841 of the pairs, with energies alone in .798, no class less. All 16
-#: classes were in the fit. The mean squared distance of closest dense points, used before, gets no weight beside.
-ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 #: Alternatives reported per shape.
 MAX_ALTERNATIVES = 3
 
@@ -93,11 +87,6 @@ class Pair:
         """What speaks against each candidate by all that is known, shape (m,): minus its log-odds, or its energy."""
         return read_only(-self.log_odds) if len(self.log_odds) else self.energies
 
-    @property
-    def costs(self) -> FloatArray:
-        """What speaks against each candidate, shape (m,): see :func:`candidate_costs`."""
-        return candidate_costs(self.energies, self.mismatches)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SettledPair(Pair):
@@ -122,24 +111,6 @@ class SettledPair(Pair):
     disagreement_deg: float
     map_target_source: IntArray
     energy: float
-
-
-def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
-    """Return what speaks against each candidate of a pair by its energy and its neighbourhoods, shape (m,).
-
-    In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a mismatch is not
-    known, the energies alone.
-
-    Parameters
-    ----------
-    energies, mismatches : ndarray, shape (m,)
-        As :class:`Pair` has them.
-    """
-    if len(mismatches) != len(energies) or np.isnan(mismatches).any() or not energies.min() > 0:
-        return energies
-    best = int(np.argmin(energies))
-    ratios = (mismatches + LEAST_MISMATCH) / (mismatches[best] + LEAST_MISMATCH)
-    return read_only(energies[best] * (energies / energies[best]) ** ENERGY_POWER * ratios**MISMATCH_POWER)
 
 
 def are_weighed(pairs: Iterable[Pair]) -> bool:

@@ -17,8 +17,8 @@ from typing import Annotated
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Wanted
+from collalign.matching_input import pair_problem
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.local_evidence import local_evidence

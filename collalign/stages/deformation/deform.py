@@ -24,12 +24,13 @@ from collalign.stages.poses.refinement import local_pairs
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
+from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 
 #: Triangles of a surface, at most: places of vertices are as exact as these.
 MAX_FACES = 50_000
-#: Poses that start maps of a pair: the common one, and candidates of the pair that are this far apart.
-MAX_STARTS, APART_DEG = 5, 25.0
+#: Poses that start maps of a pair: the common one, and candidates of the pair that are different answers.
+MAX_STARTS = 5
 _SMALLEST = float(np.finfo(float).tiny)
 
 

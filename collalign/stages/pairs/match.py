@@ -8,11 +8,12 @@ from typing import Annotated
 
 import numpy as np
 
+from collalign.confidence.candidate_model import candidate_costs
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.store.keys import pair_seed
+from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.matching_input import match_at_rotation, pair_problem
-from collalign.products.pair import Pair, candidate_costs
+from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
 from collalign.stages.local_evidence import CONVINCING, local_evidence, proposed_rotations
 from collalign.stages.shape_stage import SAMPLING

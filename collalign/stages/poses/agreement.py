@@ -10,8 +10,8 @@ import numpy as np
 from collalign.engine.jobs.job import Shared
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
+from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignSession
-from collalign.products.matching_input import match_at_rotation, pair_problem
 from collalign.products.pair import Pair, SettledPair
 from collalign.stages.local_evidence import local_evidence
 from collalign.synchronization import SynchronizationResult

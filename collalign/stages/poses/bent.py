@@ -13,9 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.candidate_model import candidate_costs
 from collalign.engine.jobs.job import table_of_values
+from collalign.matching_input import pair_problem
 from collalign.options import AlignSession
-from collalign.products.matching_input import pair_problem
 from collalign.products.pair import Pair
 from collalign.stages.poses.agreement import solve_again
 from collalign.synchronization import SynchronizationResult
@@ -115,7 +116,7 @@ def bent_poses(
 def _nearest_map(pair: Pair, asked: FloatArray) -> FloatArray:
     """Return the likeliest candidate near the common pose, or zeros where none is near."""
     angles = rotation_angle_deg(pair.rotations[:, :3, :3], np.broadcast_to(asked, (len(pair.rotations), 3, 3)))
-    odds = pair.log_odds if len(pair.log_odds) else -pair.costs
+    odds = pair.log_odds if len(pair.log_odds) else -candidate_costs(pair.energies, pair.mismatches)
     near = np.isfinite(odds) & (np.nan_to_num(angles, nan=np.inf) <= APART_DEG)
     if not near.any():
         return np.zeros((3, 3))

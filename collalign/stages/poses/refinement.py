@@ -16,8 +16,8 @@ import numpy as np
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.engine.store.records import Record
 from collalign.engine.store.typed import from_record
+from collalign.matching_input import dense_points
 from collalign.options import AlignSession
-from collalign.products.matching_input import dense_points
 from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at

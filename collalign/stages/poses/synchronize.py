@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.candidate_model import candidate_costs
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
@@ -48,7 +49,13 @@ def pair_graph(
     dim = sum(block_sizes)
     return PairGraph.of_candidates(
         np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64),
-        [(pair.rotations[:, :dim, :dim], pair.energies if energies_alone else pair.costs) for pair in pairs],
+        [
+            (
+                pair.rotations[:, :dim, :dim],
+                pair.energies if energies_alone else candidate_costs(pair.energies, pair.mismatches),
+            )
+            for pair in pairs
+        ],
         num_shapes=num_shapes,
         pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
         log_odds=[pair.log_odds for pair in pairs] if are_weighed(pairs) else None,

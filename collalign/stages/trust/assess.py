@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.confidence.candidate_model import LEAST_COST
+from collalign.confidence.candidate_model import LEAST_COST, LEAST_MISMATCH, candidate_costs
 from collalign.confidence.pose_model import is_as_good, pose_confidence, resembles_none
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
-from collalign.products.pair import LEAST_MISMATCH, MAX_ALTERNATIVES, Alternative, Pair
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
@@ -218,7 +218,11 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
         is_weighed = len(pair.log_odds) > 0
-        doubt = -pair.log_odds if is_weighed else np.log(np.maximum(pair.costs, LEAST_COST))
+        doubt = (
+            -pair.log_odds
+            if is_weighed
+            else np.log(np.maximum(candidate_costs(pair.energies, pair.mismatches), LEAST_COST))
+        )
         order = np.argsort(doubt, kind="stable")
         order = order[np.isfinite(doubt[order])]
         turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]

@@ -10,9 +10,10 @@ from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.poses import APART_DEG
 
-#: Turns closer than this (squared Frobenius distance, 30 degrees) are one turn.
-SAME_TURN = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
+#: Turns closer than this (squared Frobenius distance of :data:`APART_DEG`) are one turn.
+SAME_TURN = 8.0 * np.sin(np.deg2rad(APART_DEG / 2.0)) ** 2
 
 #: Turns per shape, L, at most, the identity and those of the whole collection among them; the latter, at most.
 MAX_TURNS, MAX_GLOBAL = 6, 3

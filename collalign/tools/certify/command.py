@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from collalign.cli.help import Flag
-from collalign.cli.interruption import resumable
-from collalign.cli.talk import say, say_files, tell
+from collalign.console.help import Flag
+from collalign.console.interruption import resumable
+from collalign.console.talk import say, say_files, tell
 from collalign.engine.run_options import RunOptions
 from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.loading import load

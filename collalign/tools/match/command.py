@@ -10,8 +10,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
-from collalign.cli.help import Flag
-from collalign.cli.talk import say, say_files, tell
+from collalign.console.help import Flag
+from collalign.console.talk import say, say_files, tell
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions

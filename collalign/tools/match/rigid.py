@@ -9,8 +9,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from collalign.matching_input import dense_points, pair_problem
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
-from collalign.products.matching_input import dense_points, pair_problem
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples

@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from collalign.cli.help import Flag
-from collalign.cli.interruption import INCOMPLETE, resumable
-from collalign.cli.talk import say, say_files, tell, warn
+from collalign.console.help import Flag
+from collalign.console.interruption import INCOMPLETE, resumable
+from collalign.console.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
 from collalign.output.evidence.loading import load

@@ -9,9 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.analysis.label_table import read_labels
-from collalign.cli.help import Excluded, Flag
-from collalign.cli.interruption import resumable
-from collalign.cli.talk import say, say_files, tell, warn
+from collalign.console.help import Excluded, Flag
+from collalign.console.interruption import resumable
+from collalign.console.talk import say, say_files, tell, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load

@@ -12,7 +12,7 @@ from joblib._parallel_backends import LokyBackend
 from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import fork_exec
 
-from collalign.cli.interruption import orderly_interrupts
+from collalign.console.interruption import orderly_interrupts
 from collalign.engine.jobs.run import run_jobs
 from tests.faults import is_running
 from tests.job_functions import misbehave, nothing

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.products.pair import candidate_costs
+from collalign.confidence.candidate_model import candidate_costs
 from collalign.stages.local_evidence import NUM_PROPOSED, local_evidence, proposed_rotations
 from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import blob

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.cli.talk import configure_output, end, talking, tell
+from collalign.console.talk import configure_output, end, talking, tell
 from collalign.engine.jobs import progress
 
 TEXTS = (".json", ".csv", ".html")

@@ -1,0 +1,1 @@
+"""What all commands share: how they speak, how they end, and the arguments that several have."""
