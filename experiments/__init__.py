@@ -31,6 +31,7 @@ _FOLDERS = {
     "teeth_jobs": "collections",
     "deformations": "collections",
     "confidence": "confidence",
+    "ablation": "collections",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)
 

@@ -1,0 +1,286 @@
+"""Every mechanism of a run switched off, one at a time: what moves, and what it costs."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.align import matched_samples
+from collalign.engine.session import Session
+from collalign.engine.store.records import Record
+from collalign.output.collection import Collection
+from collalign.products.pair import are_weighed
+from data_tools.datasets.synthetic_shapes import sphere_mesh
+from data_tools.io.objects import list_shapes
+from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
+from experiments.collections.landmarked import CLASSES, MORE_CLASSES, RIGHT_DEG, read_dataset
+from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
+from experiments.collections.switches import ALWAYS, BENT, MAPS, OPEN, PAIRS, RIGID, SHAPES, SWITCHES, switched_off
+from experiments.confidence.families import FAMILIES, NUM_VERTICES, Family, pose_family
+from experiments.datasets import read_canonical_class
+from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.pairs.invariants import without_share
+from experiments.peers.bones import bone
+from experiments.seen import seen_note
+from experiments.tables import Column, Row, Table
+
+CAPOD_FOLDER, CAPOD = "capod7", ("guitar", "spider", "dolphin", "gun", "horse", "piano")
+#: Collections by what they are called: where their shapes come from, and how many are drawn.
+SETS: dict[str, dict[str, Any]] = {
+    **{name: {"source": name, "shapes": 8} for name in (*CLASSES, *MORE_CLASSES, "scape", *CAPOD)},
+    "teeth": {"source": "teeth", "shapes": 12},
+    "teeth, sparse": {"source": "teeth", "shapes": 24, "pairs": "adaptive"},
+    "mouse skulls": {"source": "mouse skulls", "shapes": 10},
+    "few humans": {"source": "human", "shapes": 6},
+    "few planes": {"source": "plane", "shapes": 6},
+    "teeth, two cut": {"source": "teeth", "shapes": 10, "cut": 2},
+    "skulls, two cut": {"source": "mouse skulls", "shapes": 10, "cut": 2},
+    "crowns, mirrored": {"source": "crowns, mirrored", "shapes": 10},
+    "hard chairs": {"source": "hard chairs", "shapes": 10},
+    "bent figures": {"source": "bent figures", "shapes": 9},
+    "chairs, four copies": {"source": "chairs", "shapes": 8, "copies": 4},
+    "long bones": {"source": "long bones", "shapes": 12},
+}
+NUM_DRAWS = 2
+#: Share of a shape that is cut off.
+CUT_SHARE = 0.35
+#: What is stated at this confidence should be right, and what is right should be stated at that.
+SURE, USABLE = 0.95, 0.9
+VERSION = "1"
+
+LONG_BONES = Family(
+    members=lambda num, rng: tuple(bone(*sphere_mesh(NUM_VERTICES), rng, f"bone{i:02d}") for i in range(num))
+)
+
+_ABOUT = f"""
+Every collection in random poses at default options, {NUM_DRAWS} draws; then the same again with one mechanism of a
+run switched off, shapes and pairs from the same store. A row sums all collections, and says what the mechanism moves:
+*gross* are pairs beyond {GROSS_DEG:.0f} deg (mirrored ones among them), *wrong and sure* are shapes beyond
+{RIGHT_DEG:.0f} deg at {SURE} or more, *right and usable* are shapes within, at {USABLE} or more, *median* is the mean
+over collections of the median error of pairs. A mechanism is switched off only where it can do anything; elsewhere
+the figures of the complete run count. Weights are not fitted again.
+
+{seen_note(("teeth", "shrec07", "scape"))}
+"""
+
+
+def measure_collection(cell: Cell) -> Record:
+    """Align a collection with everything, and with each mechanism switched off.
+
+    Settings: those of :data:`SETS`, ``seed``, and ``switches``.
+
+    Returns
+    -------
+    dict
+        By switch, "" for the complete run: ``pairs`` and ``shapes`` (errors in degrees), ``confidence``,
+        ``processor_s`` and ``complete_s``: that of the complete run from the same stored results on.
+    """
+    settings = cell.settings
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        (root / "shapes").mkdir()
+        posed = posed_set(settings, cell.data, root / "shapes")
+        options = AlignOptions(pairs=settings.get("pairs", "auto"))
+        stores = Stores(root, options)
+        complete, after_pairs_s = stores.complete_from(PAIRS)
+        record: Record = {"": facts(complete, posed) | {"processor_s": after_pairs_s}}
+        for name in settings["switches"]:
+            switch = SWITCHES[name]
+            if applies(switch.where, complete):
+                with switched_off(switch):
+                    found, processor_s = stores.run(switch.since)
+                saved_s = stores.complete_from(switch.since)[1] - processor_s
+                record[name] = facts(found, posed) | {"saved_s": saved_s}
+        return record
+
+
+class Stores:
+    """Stores of the shapes of a folder, of their pairs as well, and of maps as well; runs start from copies of them.
+
+    Parameters
+    ----------
+    root : Path
+        Holds the folder ``shapes``, and gets the stores.
+    options : AlignOptions
+    """
+
+    def __init__(self, root: Path, options: AlignOptions) -> None:
+        self._root, self._options = root, options
+        self._complete: dict[str, tuple[Collection, float]] = {}
+        with Session.open(options, RunOptions(jobs=1, store=self._path(SHAPES))) as session:
+            matched_samples(session, list_shapes(root / "shapes"))
+        self._fill(PAIRS, SHAPES, replace(options, maps="never"))
+        self._fill(MAPS, PAIRS, options)
+
+    def run(self, since: str) -> tuple[Collection, float]:
+        """Align from a copy of a store; also return the seconds of processor time."""
+        with tempfile.TemporaryDirectory() as name:
+            store = Path(shutil.copy(self._path(since), name))
+            start_s = time.process_time()
+            found = self._align(self._options, store)
+            return found, time.process_time() - start_s
+
+    def complete_from(self, since: str) -> tuple[Collection, float]:
+        """Return what :meth:`run` does without a switch, once measured."""
+        if since not in self._complete:
+            self._complete[since] = self.run(since)
+        return self._complete[since]
+
+    def _fill(self, kind: str, before: str, options: AlignOptions) -> None:
+        self._align(options, Path(shutil.copy(self._path(before), self._path(kind))))
+
+    def _align(self, options: AlignOptions, store: Path) -> Collection:
+        run = RunOptions(jobs=1, store=store)
+        return align_collection(self._root / "shapes", options=options, run=run, progress=False)
+
+    def _path(self, kind: str) -> Path:
+        return self._root / f"{kind}.sqlite"
+
+
+def applies(where: str, complete: Collection) -> bool:
+    """Whether a mechanism may do anything for a collection, given its complete run."""
+    bends = are_weighed(complete.pairs)
+    is_open = bool(complete.incomplete) or "incomplete shapes" in complete.run.times_s
+    return {ALWAYS: True, BENT: bends, RIGID: not bends, OPEN: is_open}[where]
+
+
+def facts(found: Collection, posed: PosedCollection) -> Record:
+    """Return the errors of pairs and shapes in degrees, 180 where mirrored, and the confidences."""
+    return {
+        "pairs": np.nan_to_num(posed.pair_errors_deg(found.rotations, found.names), nan=MIRRORED_DEG),
+        "shapes": posed.shape_errors_deg(found.rotations, found.names),
+        "confidence": np.array(found.confidence),
+    }
+
+
+def posed_set(settings: dict[str, Any], data: Path, folder: Path) -> PosedCollection:
+    """Write a draw of a collection of :data:`SETS` in random poses."""
+    rng = np.random.default_rng(settings["seed"])
+    source, num = settings["source"], settings["shapes"]
+    family = {"long bones": LONG_BONES, **FAMILIES}.get(source)
+    if family is not None:
+        posed = pose_family(family, num, folder, rng)
+    else:
+        dataset = (
+            read_canonical_class(data / CAPOD_FOLDER / source) if source in CAPOD else read_dataset(source, data)
+        )
+        posed = pose_collection(dataset, rng.permutation(len(dataset))[:num], folder, rng)
+    for name in posed.names[: settings.get("cut", 0)]:
+        file = folder / f"{name}.ply"
+        write_mesh(file, without_share(read_shape(file), rng.standard_normal(3), CUT_SHARE))
+    return with_copies(posed, settings.get("copies", 0), rng)
+
+
+def with_copies(posed: PosedCollection, num: int, rng: np.random.Generator) -> PosedCollection:
+    """Add copies of the first shape in random poses."""
+    turns = [random_rotation(rng) for _ in range(num)]
+    first = read_shape(posed.folder / f"{posed.names[0]}.ply")
+    names = tuple(f"copy{i}" for i in range(num))
+    for name, turn in zip(names, turns, strict=True):
+        write_mesh(posed.folder / f"{name}.ply", Shape.from_arrays(first.vertices @ turn.T, first.faces, name=name))
+    to_first = np.stack([*posed.relative[0], *(turn.T for turn in turns)])  # R_first_i
+    relative = np.swapaxes(to_first, 1, 2)[:, None] @ to_first
+    given = len(posed.names)
+    relative[:given, :given] = posed.relative
+    return replace(posed, names=(*posed.names, *names), relative=relative)
+
+
+def row_of(name: str, records: Sequence[Record]) -> Row:
+    """Return the row of a switch, summed over the draws of all collections; "" is the complete run."""
+    changed = [record for record in records if name in record]
+    rows = [record.get(name, record[""]) for record in records]
+    pairs = np.concatenate([row["pairs"] for row in rows])
+    wrong = np.concatenate([row["shapes"] > RIGHT_DEG for row in rows])
+    confidence = np.concatenate([row["confidence"] for row in rows])
+    others = [(record[name], record[""]) for record in changed] if name else []
+    return {
+        "off": name or "nothing",
+        "runs": len(changed),
+        "differ": sum(not np.allclose(own["pairs"], one["pairs"], atol=0.1) for own, one in others),
+        "gross": 100.0 * float((pairs > GROSS_DEG).mean()),
+        "wrong": int(wrong.sum()),
+        "median": float(np.mean([np.median(row["pairs"]) for row in rows])),
+        "sure": int((confidence >= SURE).sum()),
+        "wrong_sure": int((wrong & (confidence >= SURE)).sum()),
+        "right": int((~wrong).sum()),
+        "usable": int((~wrong & (confidence >= USABLE)).sum()),
+        "saved": float(sum(own["saved_s"] for own, _ in others)),
+    }
+
+
+COLUMNS = (
+    Column(key="off", title="switched off"),
+    Column(key="runs", title="runs"),
+    Column(key="differ", title="of these with other poses"),
+    Column(key="gross", title="gross pairs, %", format=".2f"),
+    Column(key="wrong", title="wrong shapes"),
+    Column(key="median", title="median, deg", format=".2f"),
+    Column(key="sure", title=f"shapes at {SURE}"),
+    Column(key="wrong_sure", title="wrong and sure"),
+    Column(key="right", title="right"),
+    Column(key="usable", title="right and usable"),
+    Column(key="saved", title="processor time saved, s", format=".1f", clock=True),
+)
+
+
+def measure(bench: Bench) -> Outcome:
+    """Measure all collections; with ``--quick`` one draw of two small ones."""
+    sets = {name: SETS[name] for name in (("few planes", "hard chairs") if bench.quick else SETS)}
+    draws = range(1 if bench.quick else NUM_DRAWS)
+    bench.seeds.update(draws)
+    cells = {
+        f"{name}, draw {seed}": {**given, "seed": seed, "switches": tuple(SWITCHES)}
+        for seed in draws
+        for name, given in sets.items()
+    }
+    records = bench.measure(measure_collection, cells, version=VERSION)
+    rows = tuple(row_of(name, list(records.values())) for name in ("", *SWITCHES))
+    sets_rows = tuple(
+        {"set": name, **row_of("", [records[f"{name}, draw {seed}"] for seed in draws])} for name in sets
+    )
+    moved = tuple(
+        {"set": label, **row_of(switch, [record]), "off": switch}
+        for label, record in records.items()
+        for switch in SWITCHES
+        if switch in record and moves(record[switch], record[""])
+    )
+    of_set = (Column(key="set", title="collection"), *COLUMNS)
+    return Outcome(
+        tables=(
+            Table(columns=COLUMNS, rows=rows),
+            Table(name="sets", columns=of_set, rows=sets_rows, caption="The complete runs."),
+            Table(name="moved", columns=of_set, rows=moved, caption="Runs in which a mechanism moves a shape."),
+        )
+    )
+
+
+def moves(own: Record, complete: Record) -> bool:
+    """Whether a switch turns a shape right or wrong, or makes it sure or usable or not so."""
+    return any(
+        not np.array_equal(key(own), key(complete))
+        for key in (
+            lambda one: one["shapes"] > RIGHT_DEG,
+            lambda one: one["confidence"] >= SURE,
+            lambda one: one["confidence"] >= USABLE,
+        )
+    )
+
+
+EXPERIMENT = Experiment(
+    name="ablation",
+    title="Ablation: what each mechanism of a run is worth",
+    about=_ABOUT,
+    measure=measure,
+    collections=("teeth_pnas116", "shrec07_dev", "mouse_skulls62", "scape71", "capod7"),
+    seen=("teeth", "shrec07", "scape"),
+)

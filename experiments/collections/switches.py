@@ -1,0 +1,174 @@
+"""Mechanisms of a run, and what takes the place of each where it is switched off: for the experiment alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from collalign.confidence import pose_model
+from collalign.products.trust import Trust
+from collalign.stages.chirality.pilot import decide_group
+from collalign.stages.pairs.match import MATCHING
+from collalign.stages.trust import rival_poses as rivals
+from collalign.synchronization.problem.priors import PRIORS
+from collalign.synchronization.solvers.search import _starts
+from data_tools.arrays import FloatArray
+
+#: What a switch needs of a collection to change anything, and which of its results are taken from a store.
+ALWAYS, RIGID, BENT, OPEN = "always", "rigid", "bent", "open"
+SHAPES, PAIRS, MAPS = "shapes", "pairs", "maps"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switch:
+    """How one mechanism is switched off.
+
+    Attributes
+    ----------
+    patches : dict of str to object
+        What takes the place of attributes, by their dotted names.
+    where : {"always", "rigid", "bent", "open"}
+        Collections in which the mechanism may do anything: all, those posed without maps, those posed with them, or
+        those with open surfaces.
+    since : {"maps", "pairs", "shapes"}
+        The last results that are taken from the store: those of maps, of pairs, or of shapes alone.
+    """
+
+    patches: dict[str, Any]
+    where: str = ALWAYS
+    since: str = MAPS
+
+
+@contextmanager
+def switched_off(switch: Switch) -> Iterator[None]:
+    """Run the block without a mechanism, in this process alone."""
+    with ExitStack() as stack:
+        for target, replacement in switch.patches.items():
+            stack.enter_context(patch(target, replacement))
+        yield
+
+
+def _given(position: int) -> Callable[..., Any]:
+    """Return a function that returns one of its arguments."""
+    return lambda *arguments, **_: arguments[position]
+
+
+def _always(value: Any) -> Callable[..., Any]:
+    return lambda *_, **__: value
+
+
+def _priors(**changed: Any) -> Any:
+    return PRIORS._replace(**changed)
+
+
+def _without_half_turns(samples: Any, pose: FloatArray, partners: Sequence[Any], **keywords: Any) -> FloatArray:
+    """Return rival poses without those that no pair proposes."""
+    found = rivals.rival_poses(samples, pose, partners, **keywords)
+    proposed = [candidate for partner in partners for candidate in partner.poses]
+    alike = keywords["turns"] @ pose
+    return found[rivals._near(found, np.array([*proposed, *alike, pose])).any(axis=1)]
+
+
+def _without_ties(trust: Trust) -> FloatArray:
+    """Return confidences that do not share what rivals that fit as well have."""
+    alike = np.array([len(turns) for turns in trust.symmetries])
+    single = pose_model.probability(trust.evidence)
+    shared = pose_model.symmetric_confidence(trust) / np.maximum(alike, 1)
+    return np.where(alike > 1, np.minimum(single, shared), single)
+
+
+def _shares(model: Any, squared: FloatArray, choice: Any) -> FloatArray:
+    """Return as weights how probably each chosen candidate is right."""
+    return np.maximum(model.responsibilities(squared)[np.arange(len(choice)), choice], 1e-9)
+
+
+def _no_limits(*arguments: Any, **keywords: Any) -> Any:
+    group, note, _ = decide_group(*arguments, **keywords)
+    return group, note, {}
+
+
+def _first_start(*arguments: Any) -> Iterator[FloatArray]:
+    yield next(iter(_starts(*arguments)))
+
+
+def _no_turns(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> FloatArray:
+    return start
+
+
+_SYNC = "collalign.synchronization.solvers"
+_TRUST = "collalign.stages.trust.assess"
+_MODEL = "collalign.confidence.pose_model"
+_STEPS = "collalign.stages.steps"
+_ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6, 1.0])
+
+SWITCHES: dict[str, Switch] = {
+    # pairs
+    "neighbourhoods in the costs of candidates": Switch(
+        patches={"collalign.products.pair.MISMATCH_POWER": 0.0, "collalign.products.pair.ENERGY_POWER": 1.0}
+    ),
+    "rotations that neighbourhoods propose": Switch(
+        patches={
+            "collalign.stages.pairs.match.CONVINCING": 0.0,
+            "collalign.stages.pairs.match.MATCHING": replace(MATCHING, version="pair without proposals"),
+        },
+        since=SHAPES,
+    ),
+    "sides found by a pilot": Switch(patches={f"{_STEPS}.decide_group": _always(("SO", "", {}))}),
+    "limits of shapes whose side is open": Switch(patches={f"{_STEPS}.decide_group": _no_limits}),
+    "growing the graph of pairs": Switch(patches={"collalign.stages.pairs.choose.MAX_ROUNDS": 0}),
+    # maps
+    "maps": Switch(patches={f"{_STEPS}.wants_maps": _always(False)}, where=BENT, since=PAIRS),
+    "searching every pair of few shapes": Switch(patches={f"{_STEPS}.MOST_SEARCHED": 0}, where=BENT, since=PAIRS),
+    "settling doubts by maps": Switch(patches={f"{_STEPS}.settle": _given(2)}, where=BENT, since=PAIRS),
+    "averaging over seven ways": Switch(
+        patches={"collalign.stages.poses.refinement.bent_poses": lambda *arguments, fixed: arguments[3].rotations},
+        where=BENT,
+    ),
+    "witnesses": Switch(patches={f"{_TRUST}.hear_witnesses": _always([])}, where=BENT),
+    # synchronization
+    "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_turns}),
+    "starts from random poses": Switch(patches={f"{_SYNC}.search.PRIORS": _priors(random_starts=0)}),
+    "all starts but the first": Switch(patches={f"{_SYNC}.search._starts": _first_start}),
+    "turns common to wrong pairs": Switch(patches={f"{_SYNC}.turns.PRIORS": _priors(rare_flip=9.0)}),
+    "blurred noise where turns are chosen": Switch(
+        patches={f"{_SYNC}.search.PRIORS": _priors(label_noise_factors=(1.0, 1.0))}
+    ),
+    "last weights": Switch(patches={f"{_SYNC}.blockwise.refinement_weights": _shares}),
+    "last least squares": Switch(patches={f"{_SYNC}.blockwise.polish": _given(0)}),
+    # refinement
+    "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
+    "first round of refinement": Switch(
+        patches={"collalign.stages.poses.refinement.MOST_STEPS": (16, 30)}, where=RIGID
+    ),
+    "second round of refinement": Switch(
+        patches={"collalign.stages.poses.refinement.MOST_STEPS": (4, 30)}, where=RIGID
+    ),
+    "weights of near pairs in refinement": Switch(
+        patches={"collalign.stages.poses.refinement._weights": np.ones_like}, where=RIGID
+    ),
+    # confidence
+    "poses that dense points prefer": Switch(patches={f"{_STEPS}.preferred_poses": _given(4)}, where=RIGID),
+    "own turns": Switch(patches={f"{_TRUST}.near_symmetries": _always(np.zeros((0, 3, 3)))}),
+    "half turns among rivals": Switch(patches={f"{_TRUST}.rival_poses": _without_half_turns}),
+    "copies": Switch(
+        patches={f"{_TRUST}.are_copies": _always(False), f"{rivals.__name__}.are_copies": _always(False)}
+    ),
+    "ties": Switch(patches={f"{_TRUST}.pose_confidence": _without_ties}),
+    "cap of misfits": Switch(patches={f"{_MODEL}.UNCERTAIN": pose_model.MOST_CONFIDENT}),
+    "cap of few partners": Switch(patches={f"{_MODEL}.FEW_PARTNERS": -1}),
+    "shapes that resemble no other": Switch(patches={f"{_MODEL}.STRANGE": np.inf}),
+    "dense margin beside the local one": Switch(patches={f"{_MODEL}.WEIGHTS": _ONE_WAY}),
+    # incomplete shapes
+    "looking for incomplete shapes": Switch(
+        patches={"collalign.stages.posing.find_incomplete": _always({})}, where=OPEN
+    ),
+    "broken shapes by their open surface": Switch(
+        patches={"collalign.align.open_among_closed": _always({})}, where=OPEN
+    ),
+    "trying scans": Switch(patches={"collalign.stages.posing.may_be_scans": _always(False)}, where=OPEN),
+}
