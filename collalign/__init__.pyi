@@ -32,7 +32,6 @@ from .products.run_record import Made as Made
 from .products.run_record import RunRecord as RunRecord
 from .products.shapes import Excluded as Excluded
 from .products.trust import Trust as Trust
-from .products.trust import Witness as Witness
 from .reexported import Candidate as Candidate
 from .reexported import Certificate as Certificate
 from .reexported import CleaningKeywords as CleaningKeywords

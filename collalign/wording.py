@@ -59,8 +59,6 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
     "part. How the parts are rotated against each other is uncertain.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",
-    "evidence-disagrees": "The {family} alone suggest other poses of {shapes}, rotated by up to {most_deg:.0f} deg. "
-    "Compare both in the report.",
     "few-for-sides": lambda of: (
         "So few shapes do not tell left from right surely: confidences are at most "
         f"{percent(of.values['most'])}. Check one shape of each side."

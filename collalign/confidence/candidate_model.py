@@ -8,8 +8,6 @@ a conditional logit over the poses of a pair.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from collalign.confidence.map_model import FLOOR
@@ -62,33 +60,29 @@ LEAST_COST = float(np.finfo(float).tiny)
 COST_TRUST, NONE_RIGHT = 24.0, -2.35
 
 
-def excess_logs(evidence: FloatArray, kinds: Collection[str] = WEIGHTS) -> FloatArray:
+def excess_logs(evidence: FloatArray) -> FloatArray:
     """Return by how much each disagreement is worse than the smallest of its kind, in logarithms, shape (m, kinds).
 
-    At most :data:`MOST_EXCESS`, and 0 where unknown.
+    At most :data:`MOST_EXCESS`, and 0 where unknown; columns are those of :data:`WEIGHTS`.
 
     Parameters
     ----------
     evidence : ndarray, shape (m, len(EVIDENCE))
         Of the poses of one pair, columns as :data:`EVIDENCE` names them; NaN where unknown, which says nothing.
-    kinds : collection of str
-        The columns, in this order; all that have a weight by default.
     """
-    logs = np.log(np.maximum(evidence[:, [EVIDENCE.index(kind) for kind in kinds]], FLOOR))
+    logs = np.log(np.maximum(evidence[:, [EVIDENCE.index(kind) for kind in WEIGHTS]], FLOOR))
     least = np.min(logs, axis=0, initial=np.inf, where=~np.isnan(logs))
     return np.nan_to_num(np.minimum(logs - least, MOST_EXCESS))
 
 
-def evidence_score(evidence: FloatArray, kinds: Collection[str] = WEIGHTS) -> FloatArray:
+def evidence_score(evidence: FloatArray) -> FloatArray:
     """Return the log-odds of poses of one pair up to a constant, shape (m,).
 
     Parameters
     ----------
     evidence : ndarray, shape (m, len(EVIDENCE))
-    kinds : collection of str
-        As for :func:`excess_logs`.
     """
-    return np.asarray(-excess_logs(evidence, kinds) @ np.array([WEIGHTS[kind] for kind in kinds]))
+    return np.asarray(-excess_logs(evidence) @ np.array([*WEIGHTS.values()]))
 
 
 def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:

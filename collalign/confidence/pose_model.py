@@ -1,11 +1,11 @@
 """From evidence to the probability that a pose is right: a logistic model, small enough to read.
 
-It weighs five things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
+It weighs four things. *Agreement* is the geometric mean of a shape's own votes and those of its collection: a shape
 that its own pairs contradict is wrong in the best of collections, and votes mean little where all pairs contradict
 each other. *Margin* is what the cheapest other pose costs more on dense points, *local margin* the same by the
 descriptors of neighbourhoods. *Lead* is how much less plausible the pairs themselves find the strongest rival: where
-votes are split among many poses, the first of them may still be far ahead. *Contradictions* are the witnesses that
-ask for another pose. *Misfit*, *mismatch* and few *partners* limit what is stated.
+votes are split among many poses, the first of them may still be far ahead. *Misfit*, *mismatch* and few *partners*
+limit what is stated.
 """
 
 from __future__ import annotations
@@ -15,23 +15,22 @@ import numpy as np
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from data_tools.arrays import BoolArray, FloatArray
 
-#: Limits of agreement, margin, local margin, lead and contradictions: beyond them nothing was seen when the weights
-#: were fitted.
-LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0), (-2.0, 0.0)])
+#: Limits of agreement, margin, local margin and lead: beyond them nothing was seen when the weights were fitted.
+LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: Their weights, and the constant: fitted on 1643 shapes of 151 runs over eleven real and nine generated collections,
 #: those whose mirror image was asked for left out, as ``python -m experiments calibrate confidence`` does again.
 #: Judged by weights fitted without each collection, 97 % of the shapes at .95 or more were right (crowns of both
 #: sides 84, strongly deformed ones 72 %), the calibration error was .03. Neither votes of the strongest rival, nor
 #: probabilities instead of votes, nor the number of shapes, nor whether maps were asked for, nor margins of inner and
-#: outer points help. Fitted anew with planes and birds they are no better, and contradictions get none: that these
-#: cost 1 is a choice.
+#: outer points help, nor what points and maps ask for by themselves. Fitted anew with planes and birds they are no
+#: better.
 #:
 #: That fit knew no neighbourhoods, and gave the margin 3. Local margin and margin share these 3: a logistic model of
 #: which of two poses is right, truth or rival, gives a margin alone 19.1, and both 10.0 and 8.8 (shapes in fours: 33
 #: draws of 13 generated families and of SHREC07, CAPOD, teeth, skulls and SCAPE; equal weight a draw). With each draw
 #: left out in turn the log-loss is .018 with both, .031 with dense points, .031 with neighbourhoods alone.
-AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, WITNESS_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, 1.0, -5.85
-WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, WITNESS_WEIGHT])
+AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
+WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: Shapes with so few partners may all agree on a wrong pose: in sixes and threes of figures, each in a posture of its
 #: own, some were front to back at .958 to .995, where the sum of both margins was up to .68. Unless it exceeds
 #: the second, as for chairs and teeth in threes (in sixes .56 to .73), no more than the third is stated.
@@ -61,7 +60,7 @@ MOST_CONFIDENT = 0.995
 
 
 def terms(evidence: FloatArray) -> FloatArray:
-    """Return what the model weighs, shape (N, 5); NaN where nothing is known.
+    """Return what the model weighs, shape (N, 4); NaN where nothing is known.
 
     Where neighbourhoods are not known, dense points stand for them.
 
@@ -70,12 +69,11 @@ def terms(evidence: FloatArray) -> FloatArray:
     evidence : ndarray, shape (N, len(KINDS))
         As :class:`collalign.products.trust.Trust` holds it.
     """
-    votes, margin, collection, lead, against, local = (
-        evidence[:, KINDS.index(kind)]
-        for kind in ("votes", "margin", "collection votes", "lead", "contradictions", "local margin")
+    votes, margin, collection, lead, local = (
+        evidence[:, KINDS.index(kind)] for kind in ("votes", "margin", "collection votes", "lead", "local margin")
     )
     local = np.where(np.isnan(local), margin, local)
-    seen = np.column_stack([np.sqrt(votes * collection), margin, local, lead, -against])
+    seen = np.column_stack([np.sqrt(votes * collection), margin, local, lead])
     return np.clip(seen, LIMITS[:, 0], LIMITS[:, 1])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from data_tools.arrays import BoolArray, FloatArray
+from data_tools.arrays import FloatArray
 
 #: Poses below this confidence are called doubtful, on the command line, in the contact sheet and in the report.
 DOUBT = 0.95
@@ -13,28 +13,9 @@ DOUBT = 0.95
 UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = (
-    *("votes", "margin", "collection votes", "lead", "contradictions", "misfit"),
+    *("votes", "margin", "collection votes", "lead", "misfit"),
     *("local margin", "mismatch", "local misfit", "partners"),
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Witness:
-    """What one family of evidence says of all poses, taken by itself.
-
-    Attributes
-    ----------
-    family : str
-        What it is called in sentences.
-    poses : ndarray, shape (N, 3, 3)
-        The ``R_common_shape`` it asks for, in the reported common frame.
-    contradicts : ndarray of bool, shape (N,)
-        Whether that pose is another than the reported one.
-    """
-
-    family: str
-    poses: FloatArray
-    contradicts: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +34,6 @@ class Trust:
         * collection votes: mean of the votes over the shapes that it can be compared with;
         * lead: how much more plausible its pairs, as first matched, find the pose than its strongest rival, in
           log-odds, mean over all pairs;
-        * contradictions: the number of witnesses that ask for another pose, 0 where none was heard;
         * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with;
         * local margin: as the margin, of the mismatch of neighbourhoods in place of dense points, .05 added to each;
         * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
@@ -74,7 +54,6 @@ class Trust:
         Turns of the common frame after which the shapes of its part look alike, the identity first; for each shape.
     up_to_symmetry : ndarray, shape (N, len(KINDS))
         The evidence where poses that differ by such a turn count as one.
-    witnesses : tuple of Witness
     """
 
     evidence: FloatArray
@@ -84,4 +63,3 @@ class Trust:
     leads: tuple[FloatArray, ...]
     symmetries: tuple[FloatArray, ...]
     up_to_symmetry: FloatArray
-    witnesses: tuple[Witness, ...] = ()

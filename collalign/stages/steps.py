@@ -38,7 +38,6 @@ from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trust.assess import gather_trust, with_trust
 from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.remedies import remedies
-from collalign.stages.trust.witnesses import witness_notes
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -223,7 +222,7 @@ def state_trust(run: Run, posed: Posed) -> Posed:
         posed = replace(posed, solution=solution, trust=trust)
         strange = resembles_none(trust.evidence)
         helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange)
-    return replace(posed, notes=(*posed.notes, *notes, *witness_notes(names, trust.witnesses, rotations), *helps))
+    return replace(posed, notes=(*posed.notes, *notes, *helps))
 
 
 def settle(run: Run, matched: Matched, posed: Posed) -> Posed:

@@ -16,7 +16,7 @@ from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, left_out, training_rows
 from experiments.experiment import Cell
 
-NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LOCAL_WEIGHT", "LEAD_WEIGHT", "WITNESS_WEIGHT", "CONSTANT")
+NAMES = ("AGREEMENT_WEIGHT", "MARGIN_WEIGHT", "LOCAL_WEIGHT", "LEAD_WEIGHT", "CONSTANT")
 #: Runs of each collection, and their seed: another one than that of the experiment.
 NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 

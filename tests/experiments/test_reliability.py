@@ -53,7 +53,6 @@ def record_of(slope, num=400):
     rng = np.random.default_rng(5)
     evidence = np.full((num, len(KINDS)), 0.5)
     evidence[:, KINDS.index("votes")] = evidence[:, KINDS.index("collection votes")] = rng.random(num)
-    evidence[:, KINDS.index("contradictions")] = 0.0
     right = rng.random(num) < 1.0 / (1.0 + np.exp(-slope * (evidence[:, 0] - 0.5)))
     return {
         "evidence": evidence,

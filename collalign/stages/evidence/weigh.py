@@ -6,13 +6,13 @@ more than they mislead maps. Each candidate keeps what every kind of evidence sa
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 
-from collalign.confidence.candidate_model import EVIDENCE, WEIGHTS, cost_log_odds, evidence_score
+from collalign.confidence.candidate_model import EVIDENCE, cost_log_odds, evidence_score
 from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
@@ -158,20 +158,11 @@ def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
     rotations[:, :3, :3] = found.rotations
     energies = found.evidence[:, EVIDENCE.index("energy")]
     own, num = by_energy(pair), len(pair.energies)
-    grown = replace(
+    return replace(
         pair,
         rotations=read_only(np.concatenate([pair.rotations, rotations])),
         maps=read_only(np.concatenate([pair.maps, found.maps])),
         energies=read_only(np.concatenate([pair.energies, energies])),
-        log_odds=read_only(np.repeat([-np.inf, 0.0], [num, len(energies)])),
+        log_odds=read_only(np.concatenate([np.full(num, -np.inf), evidence_score(found.evidence)])),
         evidence=read_only(np.concatenate([own.evidence, found.evidence])),
     )
-    return judged_by(grown, WEIGHTS)
-
-
-def judged_by(pair: Pair, kinds: Collection[str]) -> Pair:
-    """Return a weighed pair with the log-odds that some kinds of evidence give the candidates that take part."""
-    able = np.isfinite(pair.log_odds)
-    odds = np.full(len(able), -np.inf)
-    odds[able] = evidence_score(pair.evidence[able], kinds)
-    return replace(pair, log_odds=read_only(odds))

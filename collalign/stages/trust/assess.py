@@ -16,13 +16,12 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.trust.own_turns import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
-from collalign.stages.trust.witnesses import hear_witnesses
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD, CONTRADICTIONS, MISFIT, *_ = range(len(KINDS))
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
 LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
@@ -81,7 +80,6 @@ def gather_trust(
         excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)),
         local_excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(local_excess, rivals, strict=True)),
         leads=tuple(read_only(over) for over in leads),
-        witnesses=tuple(hear_witnesses(session.options, pairs, rotations, components)),
         symmetries=_symmetries(samples, rotations, turns, costs, partners, components),
         up_to_symmetry=unknown,
     )
@@ -154,8 +152,6 @@ def _evidence(
             )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
-        heard = [witness.poses[i] for witness in trust.witnesses]
-        evidence[i, CONTRADICTIONS] = sum((turn_deg(pose, poses) > APART_DEG).all() for pose in heard)
     strange = resembles_none(evidence)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
@@ -292,21 +288,18 @@ def with_trust(
 ) -> SynchronizationResult:
     """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
 
-    The odds of the rivals share what the reported pose leaves, by what they cost on dense points; poses that
-    witnesses ask for have half of it. ``side_limits`` are the most that may be stated of shapes whose side is in
-    doubt.
+    The odds of the rivals share what the reported pose leaves, by what they cost on dense points. ``side_limits`` are
+    the most that may be stated of shapes whose side is in doubt.
     """
     confidence = pose_confidence(trust)
     for i, limit in (side_limits or {}).items():
         confidence[i] = min(confidence[i], limit)
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
-        heard = [witness.poses[i] for witness in trust.witnesses if witness.contradicts[i]]
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
-        share = share / max(share.sum(), LEAST_COST) * (0.5 if heard else 1.0)
-        chances = (1.0 - confidence[i]) * np.concatenate([np.full(len(heard), 0.5 / max(len(heard), 1)), share])
+        chances = (1.0 - confidence[i]) * share / max(share.sum(), LEAST_COST)
         order = [r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0]
-        poses = np.array([*heard, *rivals])[order]
+        poses = rivals[order]
         chosen = tuple(
             Alternative(rotation=read_only(poses[r]), log_odds=float(np.log(confidence[i] / chances[order[r]])))
             for r in keep_apart(poses, APART_DEG, num=MAX_ALTERNATIVES)
