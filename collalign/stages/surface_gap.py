@@ -29,15 +29,18 @@ def surface_gap(
 def point_gaps(
     target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield |t|^2 - 2 ts + |s|^2 of all points of two surfaces at each rotation, with normals where both have any."""
+    """Yield |t|^2 - 2 ts + |s|^2 of all points of two surfaces at each rotation, with normals where both have any.
+
+    Each is written over the one before.
+    """
     num = 2 if len(target[1]) > 0 < len(source[1]) else 1
     to, of = (np.hstack([p, NORMAL_WEIGHT * n][:num]) for p, n in (target, source))
     left = np.column_stack([-2.0 * to, (to**2).sum(axis=1), np.ones(len(to))])
     right = np.vstack([of.T, np.ones(len(of)), (of**2).sum(axis=1)])
-    columns = of.T.reshape(num, 3, -1)
+    columns, gaps = of.T.reshape(num, 3, -1), np.empty((len(to), len(of)))
     for rotation in rotations:
         right[:-2] = (rotation @ columns).reshape(3 * num, -1)
-        yield left @ right
+        yield np.matmul(left, right, out=gaps)
 
 
 def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[FloatArray, FloatArray]:
