@@ -259,20 +259,22 @@ def _costs(
     Against its partners and last against itself as it lies; (2, 0, 0) where there are no partners.
     :data:`RESOLUTION` and :data:`LEAST_MISMATCH` are added.
     """
-    tasks, shared = {}, [Shared(key=str(i), reader=Samples) for i in range(len(samples))]
+    shared = [Shared(key=str(i), reader=Samples) for i in range(len(samples))]
+    tasks, places = {}, {}
     for i, own in enumerate(partners):
         chosen = [*(partner.shape for partner in own[:MAX_PARTNERS]), i]
         if own:
+            distinct, places[i] = np.unique(poses[i].reshape(-1, 9), axis=0, return_inverse=True)
             tasks[i] = {
                 "shape": shared[i],
-                "poses": poses[i],
+                "poses": distinct.reshape(-1, 3, 3),
                 "partners": tuple(shared[partner] for partner in chosen),
                 "partner_poses": rotations[chosen],
             }
     with table_of_values(samples) as table:
         found = session.map_parallel("poses tried", pose_costs, tasks, shared=table)
     least = np.array([RESOLUTION, LEAST_MISMATCH])[:, None, None]
-    return [found[i] + least if i in found else np.zeros((2, 0, 0)) for i in range(len(samples))]
+    return [found[i][:, places[i]] + least if i in found else np.zeros((2, 0, 0)) for i in range(len(samples))]
 
 
 def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:
