@@ -37,10 +37,6 @@ class Priors(NamedTuple):
     """Most of the right candidates that the frames may use up, when degrees of freedom are counted."""
     first_scale: float = 2.0
     """Where reweighting starts: squared distances of this size count half."""
-    most_variance: float = 10.0
-    """How many times the variance of lowest candidates that of others is at most ..."""
-    fewest_pairs: float = 10.0
-    """... where there are this many of each."""
     label_noise_factors: tuple[float, float] = (2.0, 3.0)
     """Noise is this many times larger where turns are chosen, with one candidate per pair and with several: frames
     fitted to one choice of candidates fit their noise too, which would count as evidence for the choice."""

@@ -12,16 +12,8 @@ from collalign.synchronization.doubt.confidence import assess
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.frames import transposed
 from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.problem.model import (
-    FIXED_WEIGHT,
-    LEAST_WEIGHT,
-    EdgeModel,
-    best_candidates,
-    squared_distances,
-)
-from collalign.synchronization.problem.priors import PRIORS
+from collalign.synchronization.problem.model import best_candidates, squared_distances
 from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solvers.least_squares import polish
 from collalign.synchronization.solvers.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.notes import Note
@@ -34,7 +26,7 @@ INLIER_PROBABILITY = 0.5
 def solve_block(
     graph: PairGraph, fixed: Mapping[int, FloatArray]
 ) -> tuple[FloatArray, IntArray, BoolArray, list[State]]:
-    """Find the poses of a connected group and bring them to a stationary point of the weighted least squares.
+    """Find the poses of a connected group.
 
     Returns
     -------
@@ -47,37 +39,8 @@ def solve_block(
     states = find_poses(graph, fixed)
     best = states[0]
     squared = squared_distances(graph, best.frames)
-    choice = best_candidates(squared, best.model)
-    weights = refinement_weights(best.model, squared, choice)
-    free = np.ones(graph.num_shapes, dtype=bool)
-    free[list(fixed) or [0]] = False
-    frames = polish(best.frames, graph.edges, graph.chosen(choice), weights, free)
-    right = best.model.responsibilities(squared_distances(graph, frames)).sum(axis=1)
-    return frames, choice, right >= INLIER_PROBABILITY, states
-
-
-def refinement_weights(model: EdgeModel, squared: FloatArray, choice: IntArray) -> FloatArray:
-    """Return the weights of the last least squares, shape (E,), largest 1.
-
-    The probability that the chosen candidate is right, over the square of its relative variance: by the pair's energy
-    as the model has it, and by how much farther from the answer candidates are that are not their pair's lowest.
-    The variance counts twice because it shows only half of the trouble: pairs of unlike shapes are also biased, in
-    ways that agree with each other and so leave no residuals.
-    """
-    graph = model.graph
-    rows = np.arange(graph.num_edges)
-    share = model.responsibilities(squared)[rows, choice]
-    apart = squared[rows, choice]
-    lowest = choice == graph.best_choice
-    variance = model.variances / model.noise_rad**2
-    if min(share[lowest].sum(), share[~lowest].sum()) >= PRIORS.fewest_pairs:
-        spread = [float(share[part] @ apart[part] / share[part].sum()) for part in (~lowest, lowest)]
-        variance = (
-            np.where(lowest, 1.0, np.clip(spread[0] / max(spread[1], 1e-12), 1.0, PRIORS.most_variance)) * variance
-        )
-    weights = share / variance**2
-    weights[graph.fixed] = FIXED_WEIGHT * weights[~graph.fixed].max(initial=1.0)
-    return np.maximum(weights / weights.max(), LEAST_WEIGHT)
+    right = best.model.responsibilities(squared).sum(axis=1)
+    return best.frames, best_candidates(squared, best.model), right >= INLIER_PROBABILITY, states
 
 
 def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:

@@ -17,9 +17,6 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 #: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
 MAX_STEP_RAD = 0.7
 
-#: The last least squares takes so many steps at most, and ends with one shorter than this, radians.
-MAX_STEPS, SETTLED_RAD = 50, 1e-11
-
 #: Conjugate gradients take so many steps at most, to this residual relative to the first.
 MAX_CG_STEPS, CG_TOL = 200, 1e-3
 
@@ -72,37 +69,6 @@ def gauss_newton_step(
     skew = np.zeros((count, dim, dim))
     skew[:, rows, cols], skew[:, cols, rows] = moves, -moves
     return frames @ cayley(skew), largest
-
-
-def polish(
-    frames: FloatArray,
-    edges: IntArray,
-    rotations: FloatArray,
-    weights: FloatArray,
-    free: BoolArray,
-) -> FloatArray:
-    """Return a stationary point of ``sum_e w_e |R_e - P_i P_j^T|_F^2`` near the given frames.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (N, d, d)
-        P_i, where to start.
-    edges : ndarray of int, shape (E, 2)
-    rotations : ndarray, shape (E, d, d)
-    weights : ndarray, shape (E,)
-    free : ndarray of bool, shape (N,)
-        Which frames may move.
-
-    Returns
-    -------
-    ndarray, shape (N, d, d)
-    """
-    targets = rotations * weights[:, None, None]
-    for _ in range(MAX_STEPS):
-        frames, step = gauss_newton_step(frames, edges, targets, weights, free)
-        if step <= SETTLED_RAD:
-            break
-    return frames
 
 
 def _solve_laplacian(

@@ -22,7 +22,7 @@ from collalign.synchronization.problem.model import (
     squared_distances,
 )
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.blockwise import connectivity_warnings, refinement_weights, restricted
+from collalign.synchronization.solvers.blockwise import connectivity_warnings, restricted
 from collalign.synchronization.solvers.search import State, common_costs, ranked
 from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
@@ -270,24 +270,6 @@ def test_parts_are_turned_to_each_other_and_some_stay():
         turns = part_turns(graph, labels, own @ truth, {stay})
         np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (3, 1, 1)))
         np.testing.assert_allclose(exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8)
-
-
-def test_last_weights_fall_with_the_square_of_the_relative_variance():
-    edges = complete_edges(6)
-    energies = np.geomspace(0.25, 4.0, len(edges))
-    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)), energies=energies)
-    model = EdgeModel(graph=graph, noise_power=0.5)
-    squared = np.zeros((len(edges), 1))
-    weights = refinement_weights(model, squared, np.zeros(len(edges), dtype=np.int64))
-    variance = model.variances / model.noise_rad**2
-    np.testing.assert_allclose(variance, energies / np.median(energies))
-    share = model.responsibilities(squared)[:, 0]
-    expected = share / variance**2
-    np.testing.assert_allclose(weights, expected / expected.max(), rtol=1e-12)
-    fixed = replace(graph, fixed=np.arange(len(edges)) == 3)
-    assert (
-        refinement_weights(replace(model, graph=fixed), squared, np.zeros(len(edges), dtype=np.int64)).argmax() == 3
-    )
 
 
 def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity():
