@@ -243,7 +243,7 @@ def closeness(
 def _partners(
     others: LocalSurface, points: FloatArray, normals: FloatArray, rotations: FloatArray, shifts: FloatArray
 ) -> Iterator[tuple[NDArray[np.float32], IntArray]]:
-    """Yield squared distance and index of each point's nearest other one whose normal agrees, at each pose, each (l,).
+    """Yield squared distance and index (l,) of each point's nearest other one whose normal agrees, pose by pose.
 
     Of a thin wall both sides are near: the nearest point alone would be of the wrong one. Distances and cosines are
     made in place: fresh arrays and masks take ten times as long.
