@@ -59,11 +59,9 @@ def gather_trust(
         Shapes whose poses can be compared.
     """
     partners = partners_of(pairs, rotations)
-    mirrored = session.options.group == "O"
     turns = _turns_of_parts(samples, partners, rotations, components)
     rivals = tuple(
-        read_only(rival_poses(samples[i], rotations[i], partners[i], turns=turns[i], mirrored=mirrored))
-        for i in range(len(samples))
+        read_only(rival_poses(pose, own, turn)) for pose, own, turn in zip(rotations, partners, turns, strict=True)
     )
     poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
     costs = _costs(session, samples, rotations, partners, poses)

@@ -23,8 +23,6 @@ NUM_COMPARED = 100
 SUPPORT_POWER = 4.0
 #: No pose of a pair is less plausible than by these log-odds; one that it did not find is as plausible as its last.
 LEAST_LOG_ODDS = -8.0
-#: Excess energy at which a half turn that no pair proposed is counted.
-HALF_TURN_EXCESS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,35 +49,25 @@ class Partner:
     energy: float
 
 
-def rival_poses(
-    samples: Samples, pose: FloatArray, partners: Sequence[Partner], *, turns: FloatArray, mirrored: bool
-) -> FloatArray:
+def rival_poses(pose: FloatArray, partners: Sequence[Partner], turns: FloatArray) -> FloatArray:
     """Return the poses that a shape could have instead, the most supported first.
 
-    They are the candidates of its pairs, and the half turns about its principal axes, which wrong pairs mostly are;
-    where shapes may be mirrored, the mirror images in the planes of these axes as well. Turns after which such
-    shapes look alike come on top.
+    They are the candidates of its pairs, and the poses that turns lead to after which such shapes look alike.
 
     Parameters
     ----------
-    samples : Samples
     pose : ndarray, shape (3, 3)
         The reported one.
     partners : sequence of Partner
     turns : ndarray, shape (t, 3, 3)
         Of the common frame.
-    mirrored : bool
 
     Returns
     -------
     ndarray, shape (r, 3, 3)
     """
-    axes = np.linalg.svd(samples.positions, full_matrices=False)[2]
-    halves = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes]
-    halves += [-half for half in halves] if mirrored else []
-    offered = [candidate for partner in partners for candidate in partner.poses]
-    poses = np.array([*offered, *(pose @ half for half in halves)])
-    excess = np.concatenate([*(partner.excess for partner in partners), np.full(len(halves), HALF_TURN_EXCESS)])
+    poses = np.concatenate([np.empty((0, 3, 3)), *(partner.poses for partner in partners)])
+    excess = np.concatenate([np.empty(0), *(partner.excess for partner in partners)])
     apart = ~_near(poses, pose[None])[:, 0]
     found = _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart])).reshape(-1, 3, 3)
     alike = turns @ pose

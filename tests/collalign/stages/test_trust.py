@@ -154,16 +154,14 @@ def test_poses_of_a_sphere_are_all_in_doubt(rng):
 
 
 def test_rivals_are_apart_from_the_pose_and_from_each_other(rng):
-    samples, truth = crowns(rng)
+    _, truth = crowns(rng)
     partners = partners_of(pairs_at(truth), truth)
-    rivals = rival_poses(samples[0], truth[0], partners[0], turns=NO_TURNS, mirrored=True)
-    assert (np.linalg.det(rivals) < 0).any()
+    rivals = rival_poses(truth[0], partners[0], np.stack([HALF_TURN, np.diag([1.0, -1.0, -1.0])]))
+    assert len(rivals) == 2  # a candidate of all pairs is one of the turns
     poses = [truth[0], *rivals]
     angles = [rotation_angle_deg(a, b) for a, b in itertools.combinations(poses, 2)]
     assert np.nanmin(angles) >= 30.0
-    assert not (
-        np.linalg.det(rival_poses(samples[0], truth[0], partners[0], turns=NO_TURNS, mirrored=False)) < 0
-    ).any()
+    assert rival_poses(truth[0], [], NO_TURNS).shape == (0, 3, 3)
 
 
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
@@ -260,14 +258,14 @@ def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_fi
 
 
 def test_the_most_supported_rival_comes_first(rng):
-    samples, truth = crowns(rng)
+    _, truth = crowns(rng)
     same, likely, far = (
         Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
         for axis, angle in (("y", 25), ("x", 70), ("z", 70))
     )
     excess = np.array([0.0, 2.0, 0.2])
     partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=excess, log_odds=-8.0 * excess, energy=1.0)
-    rivals = rival_poses(samples[0], truth[0], [partner], turns=NO_TURNS, mirrored=False)
+    rivals = rival_poses(truth[0], [partner], NO_TURNS)
     assert rotation_angle_deg(rivals[0], likely) < 1e-4
     assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
 
