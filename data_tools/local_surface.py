@@ -25,6 +25,11 @@ NUM_BINS = 11
 MOST_COMPARED = 600
 #: A surface needs so many points for its neighbourhoods to say anything.
 FEWEST_POINTS = 30
+#: Directions of a half sphere that a surface may have been seen from, and points around one that say where it ends.
+NUM_SIGHTS, NUM_AROUND = 500, 20
+#: A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, and at most this
+#: share of its points lie behind others; such a share weighs so much against cosines where a direction is chosen.
+STEEPEST_SEEN, MOST_HIDDEN, HIDDEN_WEIGHT = 0.15, 0.1, 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,6 +99,12 @@ class LocalSurface:
         """An even choice of at most :data:`MOST_COMPARED` points."""
         return slice(None, None, -(-len(self.points) // MOST_COMPARED))
 
+    @cached_property
+    def sight(self) -> FloatArray | None:
+        """The unit direction (3,) towards what saw all of the surface, None where no single direction did."""
+        sight = line_of_sight(self.points, self.normals, self.cell)
+        return sight if sight is None or (self.normals @ sight).mean() > 0 else -sight
+
     def thinned(self, num: int) -> LocalSurface:
         """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
         step = slice(None, None, -(-len(self.points) // num))
@@ -118,6 +129,50 @@ class LocalSurface:
             normals=read_only(self.normals * flip),
             histograms=read_only(histograms),
         )
+
+
+def line_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray | None:
+    """Return the unit direction (3,) from which all of a surface is seen, as in a depth image, None if there is none.
+
+    It is a direction that the steepest normals are not steep to, and from which hardly a point is behind others. Of
+    it and its opposite it is the one from which the surface slopes down where it ends.
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (l, 3)
+        Unit normals; their signs do not matter.
+    spacing : float
+        Distance of the points.
+    """
+    numbers = np.arange(NUM_SIGHTS) + 0.5
+    heights = 1.0 - numbers / NUM_SIGHTS
+    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
+    directions = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
+    cosines = np.quantile(np.abs(normals @ directions.T), 0.03, axis=0)
+    possible = np.flatnonzero(cosines >= STEEPEST_SEEN)
+    if not len(possible):
+        return None
+    hidden = np.array([_share_hidden(points, normals, directions[one], spacing) for one in possible])
+    best = int(np.argmax(cosines[possible] - HIDDEN_WEIGHT * hidden))
+    if hidden[best] > MOST_HIDDEN:
+        return None
+    sight = directions[possible[best]]
+    near = cKDTree(points).query(points, k=min(NUM_AROUND, len(points)))[1]
+    outwards = points - points[near].mean(axis=1)
+    slopes = normals * np.sign(normals @ sight)[:, None]
+    falling = np.vdot(slopes, outwards) - (slopes @ sight) @ (outwards @ sight)
+    return sight if falling >= 0 else -sight
+
+
+def _share_hidden(points: FloatArray, normals: FloatArray, sight: FloatArray, spacing: float) -> float:
+    """Return the share of points farther behind the foremost one of a pixel than their slope explains."""
+    along = points @ np.linalg.svd(sight[None])[2].T
+    pixels = np.floor((along[:, 1:] - along[:, 1:].min(axis=0)) / spacing).astype(np.int64)
+    keys = pixels[:, 0] * (pixels[:, 1].max() + 1) + pixels[:, 1]
+    depth = points @ sight
+    front = np.full(keys.max() + 1, -np.inf)
+    np.maximum.at(front, keys, depth)
+    return float((front[keys] - depth > 2.0 * spacing / np.maximum(np.abs(normals @ sight), 0.1)).mean())
 
 
 def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import MAX_DEFECTS, plane_normals
-from data_tools.local_surface import FEWEST_POINTS, LocalSurface
+from data_tools.local_surface import FEWEST_POINTS, LocalSurface, line_of_sight
 from data_tools.surface.normals import orientation_defects
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_crosses
@@ -32,7 +32,8 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
 
     Points are spread over triangles by area; each cell of a grid along the principal axes keeps the mean of its
     points and of its normals. Where there are no triangles, or they disagree on a side, normals are those of local
-    planes; the side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992), and bulges point outwards.
+    planes, and bulges point outwards: all normals point towards what saw the surface if one direction did (a depth
+    image); else the side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
 
     Parameters
     ----------
@@ -47,7 +48,12 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
         points, _ = _cell_means(spread, None, 0.5 * cell)
         if len(points) < FEWEST_POINTS:
             return None
-        normals = _oriented(points, plane_normals(points, points))
+        planes = plane_normals(points, points)
+        sight = line_of_sight(points, planes, 0.5 * cell)
+        if sight is None:
+            normals = _oriented(points, planes)
+        else:
+            normals = planes * np.where(planes @ sight < 0.0, -1.0, 1.0)[:, None]
     points, normals = _cell_means(points, normals, cell)
     return LocalSurface.from_user(points, normals, cell) if len(points) >= FEWEST_POINTS else None
 

@@ -21,6 +21,7 @@ from pairwise.features.poses import (
     poses_apart,
     refine_on_planes,
 )
+from pairwise.features.visibility import shares_in_front
 
 #: A point has a partner if a point of the other surface is within so many cells, ...
 PARTNER_CELLS = 1.2
@@ -33,6 +34,8 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Added to the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = np.float32(1e30)
+#: Such a share of points in front of what was seen halves the score by which a search chooses poses.
+TOLERATED = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +56,9 @@ class LocalPoses:
         without a closest point count as 1.
     consensus : ndarray, shape (p,)
         Share of the matched descriptors that lie within 1.5 cells of each other.
+    in_front : ndarray, shape (p, 2)
+        Share of the target's and of the source's points that lie in front of the other surface, where what saw that
+        one would have seen them instead; NaN where no single direction saw all of the other surface.
     """
 
     rotations: Annotated[FloatArray, Holds(shape="p 3 3", rotations=True)]
@@ -60,6 +66,7 @@ class LocalPoses:
     overlaps: Annotated[FloatArray, Holds(shape="p 2")]
     mismatch: Annotated[FloatArray, Holds(shape="p")]
     consensus: Annotated[FloatArray, Holds(shape="p")]
+    in_front: Annotated[FloatArray, Holds(shape="p 2", nan=True)]
 
     @property
     def overlap(self) -> FloatArray:
@@ -77,6 +84,7 @@ class LocalPoses:
             overlaps=self.overlaps[which],
             mismatch=self.mismatch[which],
             consensus=self.consensus[which],
+            in_front=self.in_front[which],
         )
 
 
@@ -106,24 +114,15 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
     >>> float(judged.overlap[0])
     1.0
     """
-    distances = feature_distances(target.features, source.features)
     proper = np.linalg.det(rotations) > 0
-    evidence = np.empty((len(rotations), 4))
-    for is_proper in (True, False):
-        chosen = np.flatnonzero(proper == is_proper)
+    evidence = np.empty((len(rotations), _COLUMNS))
+    for flip in (1.0, -1.0):
+        chosen = np.flatnonzero(proper == (flip > 0))
         if len(chosen):
-            flip = np.eye(3) if is_proper else np.diag([-1.0, 1.0, 1.0])
-            other = source if is_proper else source.mirrored()
-            if not is_proper:
-                distances = feature_distances(target.features, other.features)
-            evidence[chosen] = _evidence(target, other, rotations[chosen] @ flip, shifts[chosen], distances)
-    return LocalPoses(
-        rotations=read_only(rotations),
-        shifts=read_only(shifts),
-        overlaps=read_only(evidence[:, :2]),
-        mismatch=read_only(evidence[:, 2]),
-        consensus=read_only(evidence[:, 3]),
-    )
+            other = source if flip > 0 else source.mirrored()
+            matches = match_features(feature_distances(target.features, other.features))
+            evidence[chosen] = _evidence(target, other, rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen], matches)
+    return _local_poses(rotations, shifts, evidence)
 
 
 @one_blas_thread()
@@ -171,15 +170,17 @@ def match_overlapping(
     """
     check_choice("group", group, ("SO", "O"))
     cell = max(target.cell, source.cell)
-    rotations, shifts = [], []
+    rotations, shifts, evidence = [], [], []
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
         other = source if flip > 0 else source.mirrored()
         matches = match_features(feature_distances(target.features, other.features))
         poses = refine_on_planes(target, other, *consensus_poses(target, other, matches, num_candidates))
         rotations.append(poses[0] * [flip, 1.0, 1.0])
         shifts.append(poses[1])
-    found = judge_poses(target, source, np.concatenate(rotations), np.concatenate(shifts))
-    score = found.overlap * found.consensus
+        evidence.append(_evidence(target, other, *poses, matches))
+    found = _local_poses(np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence))
+    contradicted = np.nan_to_num(found.in_front.max(axis=1, initial=0.0))
+    score = found.overlap * found.consensus / (1.0 + contradicted / TOLERATED)
     return found[poses_apart(found.rotations, found.shifts, score, source, cell, num_candidates)]
 
 
@@ -188,15 +189,27 @@ def _evidence(
     source: LocalSurface,
     rotations: FloatArray,
     shifts: FloatArray,
-    distances: NDArray[np.float32],
+    matches: tuple[IntArray, IntArray],
 ) -> FloatArray:
-    """Return both overlaps, mismatch and consensus of rotations of determinant 1, shape (p, 4)."""
+    """Return the columns of :func:`_local_poses` of rotations of determinant 1, shape (p, 6)."""
     cell = max(target.cell, source.cell)
-    to, of = match_features(distances)
+    to, of = matches
     overlaps, mismatch = closeness(target, source, rotations, shifts)
     gaps = source.points[of] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target.points[to]
     consensus = ((gaps * gaps).sum(axis=2) < (SAME_CELLS * cell) ** 2).mean(axis=1)
-    return np.column_stack([overlaps, mismatch, consensus])
+    return np.column_stack([overlaps, mismatch, consensus, shares_in_front(target, source, rotations, shifts)])
+
+
+def _local_poses(rotations: FloatArray, shifts: FloatArray, evidence: FloatArray) -> LocalPoses:
+    """Return poses with both overlaps, mismatch, consensus and both shares in front, shape (p, 6)."""
+    return LocalPoses(
+        rotations=read_only(rotations),
+        shifts=read_only(shifts),
+        overlaps=read_only(evidence[:, :2]),
+        mismatch=read_only(evidence[:, 2]),
+        consensus=read_only(evidence[:, 3]),
+        in_front=read_only(evidence[:, 4:]),
+    )
 
 
 @one_blas_thread()

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from collalign.confidence.overlap_model import MOST_CERTAIN, NONE_RIGHT, overlap_chances, overlap_log_odds
+from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances, overlap_log_odds
 from pairwise.features.overlap import LocalPoses
 
 
-def poses_of(*shares):
-    """Poses of these overlaps and shares of consistent matches."""
+def poses_of(*shares, in_front=np.nan):
+    """Poses of these overlaps and shares of consistent matches, with a share of points in front of what was seen."""
     overlaps, consensus = np.array(shares, dtype=float).reshape(-1, 2).T
     return LocalPoses(
         rotations=np.tile(np.eye(3), (len(shares), 1, 1)),
@@ -16,6 +16,7 @@ def poses_of(*shares):
         overlaps=np.stack([overlaps, overlaps], axis=1),
         mismatch=np.zeros(len(shares)),
         consensus=consensus,
+        in_front=np.full((len(shares), 2), in_front),
     )
 
 
@@ -23,7 +24,7 @@ def poses_of(*shares):
 def test_chances_with_none_sum_to_one(shares):
     poses = poses_of(*shares)
     chances, odds = overlap_chances(poses), overlap_log_odds(poses)
-    none = np.exp(NONE_RIGHT) / (np.exp(NONE_RIGHT) + np.exp(odds).sum())
+    none = 1.0 / (1.0 + np.exp(odds).sum())
     assert chances.sum() + none == pytest.approx(1.0)
     assert (chances > 0).all()
 
@@ -35,6 +36,18 @@ def test_more_overlap_and_more_matches_make_a_pose_more_probable():
     assert first > second
     alone, with_rival = (overlap_chances(poses_of(*given))[0] for given in ([(0.6, 0.1)], [(0.6, 0.1)] * 2))
     assert with_rival < 0.6 * alone + 0.1
+
+
+def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
+    unknown, clear, little, much = (
+        overlap_chances(poses_of((0.6, 0.1), in_front=share))[0] for share in (np.nan, 0.0, 0.01, 0.1)
+    )
+    assert clear > 0.95 > unknown > 0.5
+    assert clear > little > much
+    assert much < 0.05
+    one_sided = poses_of((0.6, 0.1), in_front=0.1)
+    one_sided.in_front[0, 0] = np.nan
+    assert overlap_chances(one_sided)[0] == unknown
 
 
 def test_no_pose_is_certain_and_no_poses_have_no_chances():

@@ -49,6 +49,7 @@ def link(poses, i, j, *consensus, wrong=None):
         overlaps=np.full((num, 2), 0.7),
         mismatch=np.zeros(num),
         consensus=np.array(consensus),
+        in_front=np.full((num, 2), np.nan),
     )
 
 

@@ -1,0 +1,72 @@
+"""What one direction saw: the line of sight of a depth image, and what lies in front of it at a pose."""
+
+import numpy as np
+import pytest
+
+from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
+from data_tools.surface.shape import Shape
+from pairwise.features.overlap import judge_poses
+from pairwise.features.visibility import DepthImage, shares_in_front
+
+SIGHTS = (
+    np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]]) / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
+)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return blob(np.random.default_rng(1), num_vertices=1500)
+
+
+@pytest.fixture(scope="module")
+def views(whole):
+    """Two depth images of a blob, some 45 degrees apart, as surfaces in its own coordinates."""
+    cell = 0.1 * centre_and_radius(whole)[1]
+    rng = np.random.default_rng(0)
+    clouds = [range_view(whole, sight, noise=0.003, rng=rng) for sight in SIGHTS]
+    return [surface_cells(Shape.from_arrays(cloud, name="view"), cell) for cloud in clouds]
+
+
+def test_a_depth_image_tells_where_it_was_seen_from_and_a_whole_shape_does_not(whole, views):
+    for view, sight in zip(views, SIGHTS, strict=True):
+        assert view.sight @ sight > 0.97
+        assert (view.normals @ sight > 0).mean() > 0.99
+    cell = views[0].cell
+    assert surface_cells(whole, cell).sight is None
+    cloud = Shape.from_arrays(whole.vertices, name="cloud")
+    assert surface_cells(cloud, cell).sight is None
+    assert DepthImage.of(surface_cells(whole, cell)) is None
+
+
+def test_normals_of_a_depth_image_of_separate_pieces_point_to_what_saw_it():
+    x, y = (grid.ravel() for grid in np.mgrid[-1:1:60j, -1:1:60j])
+    domes = [np.stack([x + 3.0 * k, y, 0.4 * k - 0.4 * (x**2 + y**2)], axis=1) for k in range(3)]
+    surface = surface_cells(Shape.from_arrays(np.concatenate(domes), name="domes"), 0.12)
+    assert surface.sight[2] > 0.97
+    assert (surface.normals[:, 2] > 0).all()
+
+
+def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
+    target, source = views
+    still, moved = np.zeros(3), 0.5 * target.cell / 0.1 * SIGHTS[0]
+    shares = shares_in_front(target, source, np.tile(np.eye(3), (3, 1, 1)), np.stack([still, moved, -moved]))
+    assert shares[0].max() < 0.01
+    assert shares[1, 1] > 0.3  # the source is in front of the target,
+    assert shares[2, 0] > 0.2  # or the target in front of the source
+    far = shares_in_front(target, source, np.eye(3)[None], np.full((1, 3), 50.0))
+    assert far.max() == 0.0
+
+
+def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
+    surface = surface_cells(whole, views[0].cell)
+    rotations, shifts = np.eye(3)[None], np.zeros((1, 3))
+    shares = shares_in_front(surface, views[0], rotations, shifts)
+    assert not np.isnan(shares[0, 0])
+    assert np.isnan(shares[0, 1])
+    mirror = np.diag([-1.0, 1.0, 1.0])[None]
+    image = views[0].mirrored()
+    judged = judge_poses(image, views[0], mirror, shifts)
+    assert judged.in_front.max() < 0.01
+    assert judged.overlap[0] > 0.99
