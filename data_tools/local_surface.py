@@ -26,10 +26,12 @@ MOST_COMPARED = 600
 #: A surface needs so many points for its neighbourhoods to say anything.
 FEWEST_POINTS = 30
 #: Directions of a half sphere that a surface may have been seen from, and points around one that say where it ends.
-NUM_SIGHTS, NUM_AROUND = 500, 20
+NUM_DIRECTIONS, NUM_AROUND = 500, 20
 #: A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, and at most this
 #: share of its points lie behind others; such a share weighs so much against cosines where a direction is chosen.
 STEEPEST_SEEN, MOST_HIDDEN, HIDDEN_WEIGHT = 0.15, 0.1, 3.0
+#: Directions that are no worse than the best one by this are possible, too: at most so many, this cosine apart.
+SIGHT_SLACK, MOST_SIGHTS, SIGHT_COSINE = 0.05, 4, 0.98
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,10 +102,10 @@ class LocalSurface:
         return slice(None, None, -(-len(self.points) // MOST_COMPARED))
 
     @cached_property
-    def sight(self) -> FloatArray | None:
-        """The unit direction (3,) towards what saw all of the surface, None where no single direction did."""
-        sight = line_of_sight(self.points, self.normals, self.cell)
-        return sight if sight is None or (self.normals @ sight).mean() > 0 else -sight
+    def sights(self) -> FloatArray:
+        """Unit directions (s, 3) from one of which all of the surface was seen, the likeliest first; mostly none."""
+        sights = lines_of_sight(self.points, self.normals, self.cell)
+        return sights * np.where((self.normals @ sights.T).mean(axis=0) < 0.0, -1.0, 1.0)[:, None]
 
     def thinned(self, num: int) -> LocalSurface:
         """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
@@ -131,11 +133,11 @@ class LocalSurface:
         )
 
 
-def line_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray | None:
-    """Return the unit direction (3,) from which all of a surface is seen, as in a depth image, None if there is none.
+def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
+    """Return unit directions (s, 3) from which all of a surface is seen, as in a depth image, the likeliest first.
 
-    It is a direction that the steepest normals are not steep to, and from which hardly a point is behind others. Of
-    it and its opposite it is the one from which the surface slopes down where it ends.
+    Those that the steepest normals are not steep to, and from which hardly a point is behind others. Of a direction
+    and its opposite it is the one from which the surface slopes down where it ends.
 
     Parameters
     ----------
@@ -144,24 +146,31 @@ def line_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> Fl
     spacing : float
         Distance of the points.
     """
-    numbers = np.arange(NUM_SIGHTS) + 0.5
-    heights = 1.0 - numbers / NUM_SIGHTS
+    numbers = np.arange(NUM_DIRECTIONS) + 0.5
+    heights = 1.0 - numbers / NUM_DIRECTIONS
     angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
     directions = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
     cosines = np.quantile(np.abs(normals @ directions.T), 0.03, axis=0)
     possible = np.flatnonzero(cosines >= STEEPEST_SEEN)
     if not len(possible):
-        return None
-    hidden = np.array([_share_hidden(points, normals, directions[one], spacing) for one in possible])
-    best = int(np.argmax(cosines[possible] - HIDDEN_WEIGHT * hidden))
+        return np.empty((0, 3))
+    directions = directions[possible]
+    hidden = np.array([_share_hidden(points, normals, direction, spacing) for direction in directions])
+    scores = cosines[possible] - HIDDEN_WEIGHT * hidden
+    best = int(np.argmax(scores))
     if hidden[best] > MOST_HIDDEN:
-        return None
-    sight = directions[possible[best]]
-    near = cKDTree(points).query(points, k=min(NUM_AROUND, len(points)))[1]
-    outwards = points - points[near].mean(axis=1)
-    slopes = normals * np.sign(normals @ sight)[:, None]
-    falling = np.vdot(slopes, outwards) - (slopes @ sight) @ (outwards @ sight)
-    return sight if falling >= 0 else -sight
+        return np.empty((0, 3))
+    near = directions[scores >= scores[best] - SIGHT_SLACK]
+    sights = directions[[best]]
+    while len(sights) < MOST_SIGHTS:
+        cosines = np.abs(near @ sights.T).max(axis=1)
+        if cosines.min() > SIGHT_COSINE:
+            break
+        sights = np.concatenate([sights, near[[int(cosines.argmin())]]])
+    arms = points - points[cKDTree(points).query(points, k=min(NUM_AROUND, len(points)))[1]].mean(axis=1)
+    slopes = normals * np.sign(normals @ sights[0])[:, None]
+    falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
+    return sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None] * (1.0 if falling >= 0 else -1.0)
 
 
 def _share_hidden(points: FloatArray, normals: FloatArray, sight: FloatArray, spacing: float) -> float:

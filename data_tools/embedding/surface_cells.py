@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import MAX_DEFECTS, plane_normals
-from data_tools.local_surface import FEWEST_POINTS, LocalSurface, line_of_sight
+from data_tools.local_surface import FEWEST_POINTS, LocalSurface, lines_of_sight
 from data_tools.surface.normals import orientation_defects
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_crosses
@@ -49,11 +49,11 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
         if len(points) < FEWEST_POINTS:
             return None
         planes = plane_normals(points, points)
-        sight = line_of_sight(points, planes, 0.5 * cell)
-        if sight is None:
-            normals = _oriented(points, planes)
+        sights = lines_of_sight(points, planes, 0.5 * cell)
+        if len(sights):
+            normals = planes * np.where(planes @ sights[0] < 0.0, -1.0, 1.0)[:, None]
         else:
-            normals = planes * np.where(planes @ sight < 0.0, -1.0, 1.0)[:, None]
+            normals = _oriented(points, planes)
     points, normals = _cell_means(points, normals, cell)
     return LocalSurface.from_user(points, normals, cell) if len(points) >= FEWEST_POINTS else None
 

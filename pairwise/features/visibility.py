@@ -39,11 +39,9 @@ class DepthImage:
     cell: float
 
     @classmethod
-    def of(cls, surface: LocalSurface) -> DepthImage | None:
-        """Return the depth image of a surface, None if no single direction saw all of it."""
-        if surface.sight is None:
-            return None
-        axes = np.concatenate([np.linalg.svd(surface.sight[None])[2][1:], surface.sight[None]])
+    def along(cls, surface: LocalSurface, sight: FloatArray) -> DepthImage:
+        """Return the depth image of a surface along a line of sight, a unit direction (3,) towards what saw it."""
+        axes = np.concatenate([np.linalg.svd(sight[None])[2][1:], sight[None]])
         along = surface.points @ axes.T
         corner = along[:, :2].min(axis=0) - surface.cell
         pixels = np.floor((along[:, :2] - corner) / surface.cell).astype(np.int64)
@@ -68,7 +66,8 @@ def shares_in_front(
 ) -> FloatArray:
     """Return the share of either surface's points that lie in front of what was seen of the other, shape (p, 2).
 
-    The target's come first. NaN where no single direction saw all of the other surface.
+    The target's come first; the least share of all possible lines of sight. NaN where no single direction saw all of
+    the other surface.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ def shares_in_front(
         (0, source, (target.points[target.compared] - shifts[:, None]) @ rotations),
         (1, target, source.points[source.compared] @ turned + shifts[:, None]),
     ):
-        image = DepthImage.of(seen)
-        if image is not None:
-            shares[:, side] = image.share_in_front(points)
+        if len(seen.sights):
+            each = [DepthImage.along(seen, sight).share_in_front(points) for sight in seen.sights]
+            shares[:, side] = np.min(each, axis=0)
     return shares

@@ -8,7 +8,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape
 from pairwise.features.overlap import judge_poses
-from pairwise.features.visibility import DepthImage, shares_in_front
+from pairwise.features.visibility import shares_in_front
 
 SIGHTS = (
     np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]]) / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
@@ -31,20 +31,19 @@ def views(whole):
 
 def test_a_depth_image_tells_where_it_was_seen_from_and_a_whole_shape_does_not(whole, views):
     for view, sight in zip(views, SIGHTS, strict=True):
-        assert view.sight @ sight > 0.97
+        assert view.sights[0] @ sight > 0.97
         assert (view.normals @ sight > 0).mean() > 0.99
     cell = views[0].cell
-    assert surface_cells(whole, cell).sight is None
+    assert not len(surface_cells(whole, cell).sights)
     cloud = Shape.from_arrays(whole.vertices, name="cloud")
-    assert surface_cells(cloud, cell).sight is None
-    assert DepthImage.of(surface_cells(whole, cell)) is None
+    assert not len(surface_cells(cloud, cell).sights)
 
 
 def test_normals_of_a_depth_image_of_separate_pieces_point_to_what_saw_it():
     x, y = (grid.ravel() for grid in np.mgrid[-1:1:60j, -1:1:60j])
     domes = [np.stack([x + 3.0 * k, y, 0.4 * k - 0.4 * (x**2 + y**2)], axis=1) for k in range(3)]
     surface = surface_cells(Shape.from_arrays(np.concatenate(domes), name="domes"), 0.12)
-    assert surface.sight[2] > 0.97
+    assert surface.sights[0, 2] > 0.97
     assert (surface.normals[:, 2] > 0).all()
 
 
