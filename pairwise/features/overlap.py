@@ -36,6 +36,8 @@ LEAST_USUAL = 0.02
 _FAR = np.float32(1e30)
 #: Such a share of points in front of what was seen halves the score by which a search chooses poses.
 TOLERATED = 0.01
+#: Columns of evidence of a pose: two overlaps, mismatch, consensus, two shares in front.
+_COLUMNS = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
