@@ -26,8 +26,8 @@ def settled_pair_of(rotations, energies, **fields):
         "choice": 0,
         "inlier": True,
         "disagreement_deg": 0.0,
-        "map_target_source": own.maps[0],
-        "energy": energies[0],
+        "map_target_source": own.maps[0] if len(own.maps) else np.full(8, -1),
+        "energy": energies[0] if len(energies) else np.nan,
     }
     return SettledPair(**vars(own) | settled | fields)
 
