@@ -36,7 +36,7 @@ class Note:
         return f"{self.code}: {', '.join(words)}" if words else self.code
 
     def record(self) -> dict[str, Any]:
-        """The note in JSON types."""
+        """Return the note in JSON types."""
         values = {name: list(value) if isinstance(value, tuple) else value for name, value in self.values.items()}
         return {"code": self.code, "shapes": list(self.shapes), "values": values}
 

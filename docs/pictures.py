@@ -27,14 +27,14 @@ _THREE_QUARTER = 6 * ("ArrowLeft",) + 3 * ("ArrowDown",)
 
 
 def contact_sheet() -> None:
-    """The demonstration's shapes before and after alignment."""
+    """Draw the demonstration's shapes before and after alignment."""
     with tempfile.TemporaryDirectory() as folder:
         collalign_command(["demo", "--out", folder])
         shutil.copy(Path(folder) / "aligned" / "contact_sheet.png", HERE / "contact_sheet.png")
 
 
 def report(folder: Path = HERE) -> None:
-    """The gallery of a report, two rows: generated skulls in random poses, one of which is a braincase only."""
+    """Draw the gallery of a report, two rows: generated skulls in random poses, one of which is a braincase only."""
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory() as made, sync_playwright() as driver:
@@ -83,7 +83,7 @@ _VOXEL = 1 / 30
 
 
 def _skull() -> Shape:
-    """A skull with orbits, cheekbones, crest, canines and a hollow palate, forward along x and up along z."""
+    """Return a skull with orbits, cheekbones, crest, canines and a hollow palate, forward along x and up along z."""
     lowest, size = np.array([-1.6, -1.0, -0.9]), (108, 61, 54)
     points = lowest + _VOXEL * np.moveaxis(np.indices(size), 0, -1)
     solid = np.zeros(points.shape[:3], dtype=bool)
@@ -96,14 +96,14 @@ def _skull() -> Shape:
 
 
 def _braincase(skull: Shape) -> Shape:
-    """What is left of a skull whose face is broken off."""
+    """Return what is left of a skull whose face is broken off."""
     faces = skull.faces[(skull.vertices[skull.faces][:, :, 0] < 0.1).all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     return Shape.from_arrays(skull.vertices[used], faces.reshape(-1, 3), name=skull.name)
 
 
 def correction() -> None:
-    """A pose replaced by hand in the report of the demonstration: gallery, poses of one shape, decisions."""
+    """Draw a pose replaced by hand in the report of the demonstration: gallery, poses of one shape, decisions."""
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
@@ -130,7 +130,7 @@ def correction() -> None:
 
 
 def two_shapes() -> None:
-    """The picture that ``collalign match`` writes of the two chairs of the tutorial."""
+    """Draw the picture that ``collalign match`` writes of the two chairs of the tutorial."""
     page = (HERE / "tutorials" / "two-shapes.md").read_text("utf-8")
     code = page.partition("```python\n")[2].partition("```")[0]
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

@@ -26,7 +26,7 @@ from pairwise.results import Candidate, RelaxationResult
 
 
 def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMinima | None = None) -> bool:
-    """Whether the relaxation is solved, by the rule above.
+    """Return whether the relaxation is solved, by the rule above.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Labels:
     rows: tuple[tuple[str, ...], ...]
 
     def column(self, by: str, names: Sequence[str]) -> tuple[str, ...]:
-        """Values of one column for the named shapes, ``""`` where the table has no row for a shape.
+        """Return values of one column for the named shapes, ``""`` where the table has no row for a shape.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class Labels:
         return values
 
     def columns_for(self, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """All columns that say something about the named shapes."""
+        """Return all columns that say something about the named shapes."""
         found = {by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()}
         return {by: values for by, values in found.items() if any(values)}
 

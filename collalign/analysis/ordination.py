@@ -14,7 +14,7 @@ NUM_DIMENSIONS = 2
 
 @one_blas_thread()
 def classical_mds(distances: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Classical multidimensional scaling (principal coordinates) of a complete distance matrix.
+    """Return principal coordinates (classical multidimensional scaling) of a complete distance matrix.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class PrincipalComponents:
 
 
 def common_labels(samples: ArrayLike) -> BoolArray:
-    """Labels that every shape has, shape (k,): those without NaN in any shape."""
+    """Return labels that every shape has, shape (k,): those without NaN in any shape."""
     points = np.asarray(samples, dtype=np.float64)
     return np.asarray(~np.isnan(points).any(axis=(0, 2)))
 
@@ -96,7 +96,7 @@ def generalized_procrustes(samples: ArrayLike) -> FloatArray:
 
 
 def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
-    """Rotations that bring sources closest to targets, shape (..., 3, 3); both centred, determinant +1.
+    """Return rotations that bring sources closest to targets, shape (..., 3, 3); both centred, determinant +1.
 
     Kabsch's solution; ``targets`` and ``sources`` broadcast against each other.
     """
@@ -105,7 +105,7 @@ def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
 
 @one_blas_thread()
 def principal_components(aligned: ArrayLike) -> PrincipalComponents:
-    """Principal components of superimposed shapes, shape (N, k, 3), at least two of them.
+    """Return principal components of superimposed shapes, shape (N, k, 3), at least two of them.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def principal_components(aligned: ArrayLike) -> PrincipalComponents:
 
 @one_blas_thread()
 def procrustes_distances(samples: ArrayLike) -> FloatArray:
-    """Partial Procrustes distances of all pairs, each pair superimposed by itself on the labels that both have.
+    """Return partial Procrustes distances of all pairs, each superimposed on the labels that both shapes have.
 
     ``2 sin(rho / 2)``, rho the arccos of the summed singular values of the two unit-size configurations (Dryden and
     Mardia, Statistical Shape Analysis, chapter 4).
@@ -193,7 +193,7 @@ def centroid_sizes(points: FloatArray) -> FloatArray:
 
 
 def _cosines(one: FloatArray, others: FloatArray, common: BoolArray) -> FloatArray:
-    """Summed signed singular values of ``one`` against each of ``others`` on common labels, NaN where too few."""
+    """Return sums of signed singular values of ``one`` against each of ``others``, NaN if few labels are common."""
     counts = common.sum(axis=1)
     mask = common[:, :, None].astype(np.float64)
     num = np.maximum(counts, 1)[:, None, None]

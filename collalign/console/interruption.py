@@ -50,7 +50,7 @@ def orderly_interrupts(*, until_exit: bool) -> Iterator[None]:
 
 
 def was_interrupted() -> bool:
-    """Whether a SIGINT has come since handlers were set."""
+    """Return whether a SIGINT has come since handlers were set."""
     return signal.getsignal(signal.SIGINT) in (_second, _third)
 
 

@@ -49,7 +49,7 @@ def template_distance(templates: Sequence[Template], specimen: int, vertices: Fl
 
 
 def _squared_distances(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> FloatArray:
-    """Mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
+    """Return the mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
     squares = [((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1) for item in templates]
     return np.array([one[np.isfinite(one)].mean() for one in squares])
 

@@ -206,7 +206,7 @@ def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_norm
 
 
 def has_normals(target: SpectralShape, source: SpectralShape) -> bool:
-    """Whether both shapes have normals, so that maps have an orientation."""
+    """Return whether both shapes have normals, so that maps have an orientation."""
     return bool(np.isfinite(target.orientation).all() and np.isfinite(source.orientation).all())
 
 
@@ -252,7 +252,7 @@ def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
 
 
 def is_same_map(first: FloatArray, second: FloatArray) -> bool:
-    """Whether two functional maps (q, q) agree in the lowest functions."""
+    """Return whether two functional maps (q, q) agree in the lowest functions."""
     size = TUNED.num_compared + 1
     return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < TUNED.same_map
 

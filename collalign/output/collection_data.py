@@ -138,7 +138,7 @@ class CollectionData:
         return self.transforms.astype(wanted, copy=bool(copy))
 
     def __contains__(self, shape: object) -> bool:
-        """Whether there is a shape of this name."""
+        """Return whether there is a shape of this name."""
         name = shape.name if isinstance(shape, AlignedShape) else shape
         return (composed(name) if isinstance(name, str) else name) in self.names
 

@@ -13,7 +13,7 @@ from data_tools.percent import listed
 
 
 def is_there(file: str) -> bool:
-    """Whether a shape's file, or the files of its parts, can be found; not so for a shape from memory."""
+    """Return whether a shape's file, or the files of its parts, can be found; not so for a shape from memory."""
     try:
         return bool(file) and (Path(file).is_file() or bool(parts_of(file)))
     except InputError:

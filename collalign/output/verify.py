@@ -75,7 +75,7 @@ class _Result:
         )
 
     def exceeds(self, bound: float, energy: float, target: int, source: int) -> bool:
-        """Whether a bound is above a pair's energy, or that is not known: it is that of the samples in space."""
+        """Return whether a bound is above the pair's energy, that of the samples in space, or this is not known."""
         with np.errstate(over="ignore"):
             squares = float((self.coordinates[[target, source]] ** 2).sum())
         limit = energy + _ENERGY_TOL * abs(energy) + _SQUARES_TOL * squares

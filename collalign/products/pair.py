@@ -114,7 +114,7 @@ class SettledPair(Pair):
 
 
 def are_weighed(pairs: Iterable[Pair]) -> bool:
-    """Whether maps were asked: pairs then have log-odds."""
+    """Return whether maps were asked: pairs then have log-odds."""
     return any(len(pair.log_odds) for pair in pairs)
 
 
@@ -141,7 +141,7 @@ class Pairs(tuple[SettledPair, ...]):
         return super().__getitem__(self._places[frozenset(which)])
 
     def __contains__(self, which: object) -> bool:
-        """Whether a pair, or two shapes given by their names, are among them."""
+        """Return whether a pair, or two shapes given by their names, are among them."""
         return frozenset(which) in self._places if isinstance(which, tuple) else tuple.__contains__(self, which)
 
     def __reduce__(self) -> Any:

@@ -69,7 +69,7 @@ class ArapSolver:
         return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", turns, now)))
 
     def _edges(self, moved: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
+        """Return edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
         rest = self._rest[self._at] - self._rest[self._to]
         now = moved[self._at] - moved[self._to]
         products = self._sum @ (self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]).reshape(-1, 9)

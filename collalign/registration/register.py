@@ -187,7 +187,7 @@ class _Search:
         return at, offsets, weights[kept]
 
     def fit(self, moved: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
-        """Distance of every moved vertex to the target's surface, and how well it corresponds to anything there."""
+        """Return the distance of every moved vertex to the target, and how well it corresponds to anything there."""
         target, normals = self._target, self._source.normals(moved)
         places = target.locator.closest(moved).on(target.vertices)
         ours, theirs = (
@@ -199,7 +199,7 @@ class _Search:
         return np.asarray(np.linalg.norm(places - moved, axis=1)), np.asarray(quality)
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
-        """Positions beside scaled normals: their Euclidean distance is what "closest" means."""
+        """Return positions beside scaled normals: their Euclidean distance is what "closest" means."""
         scale = self._target.radius * noise / TUNED.normal_noise if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 

@@ -21,7 +21,7 @@ _Answer: TypeAlias = tuple[Run, Matched, Posed]
 
 
 def looks_for_incomplete(options: AlignOptions) -> bool:
-    """Whether nobody said which shapes are incomplete, and all are of one kind."""
+    """Return whether nobody said which shapes are incomplete, and all are of one kind."""
     return options.incomplete == AUTO and options.clusters == 1
 
 
@@ -42,7 +42,7 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
 
 
 def _tries_scans(run: Run, missing: Mapping[int, str]) -> bool:
-    """Whether shapes may be scans of which none is complete: nobody said otherwise, and options allow it."""
+    """Return whether shapes may be scans of which none is complete: nobody said otherwise, and options allow it."""
     options = run.session.options
     return (
         not missing

@@ -44,7 +44,7 @@ def _cell(value: object) -> object:
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell is a number as tables have it; Python's underscores between digits are not."""
+    """Return whether a cell is a number as tables have it; Python's underscores between digits are not."""
     try:
         float(text)
     except ValueError:

@@ -245,7 +245,7 @@ def file_stem(name: str) -> str:
 
 
 def file_stems(names: Iterable[str]) -> list[str]:
-    """File stems of several shapes, made distinct (also where case does not count) by a number at the end."""
+    """Return file stems of several shapes, made distinct (also where case does not count) by a number at the end."""
     taken: set[str] = set()
     stems = []
     for name in names:

@@ -50,7 +50,7 @@ def read_off(source: Source) -> RawShape:
 
 
 def _has_colour(rows: list[str]) -> bool:
-    """Whether numbers stand behind the corners of the first face."""
+    """Return whether numbers stand behind the corners of the first face."""
     return bool(rows) and len(rows[0].split()) > 1 + int(rows[0].split()[0])
 
 

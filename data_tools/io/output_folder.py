@@ -247,7 +247,7 @@ class OutputFolder:
                     path.parent.rmdir()
 
     def _is_ours(self, name: str, entries: Entries) -> bool:
-        """Whether a regular file lies there with a content that was written here."""
+        """Return whether a regular file lies there with a content that was written here."""
         path = output_path(self.folder, *PurePosixPath(name).parts)
         if name not in entries or path.is_symlink() or not path.is_file():
             return False

@@ -145,7 +145,7 @@ def _read(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 
 
 def _has_companions(path: Path) -> bool:
-    """Whether files of this kind name others that hold their data."""
+    """Return whether files of this kind name others that hold their data."""
     return path.suffix.lower() == ".gltf"
 
 

@@ -81,7 +81,7 @@ def read_pts(source: Source) -> RawShape:
 
 
 def is_landmark_pts(path: Path) -> bool:
-    """Whether a file is a PTS file of landmarks, which begins with a version; False where it cannot be read."""
+    """Return whether a file is a PTS file of landmarks, which begins with a version; False if unreadable."""
     if path.suffix.lower() != ".pts":
         return False
     with suppress(InputError), open_regular(path, sys.maxsize) as stream:
@@ -190,7 +190,7 @@ def _with_decimal_points(lines: list[str], delimiter: str) -> list[str]:
 
 
 def _has_words(line: str) -> bool:
-    """Whether a cell of a comma-separated line is text, in which blanks mean nothing."""
+    """Return whether a cell of a comma-separated line is text, in which blanks mean nothing."""
     return any(_WORD.search(cell) is not None for cell in line.split(","))
 
 
@@ -209,7 +209,7 @@ def _cells(lines: list[str], delimiter: str | None) -> tuple[list[str] | None, l
 
 
 def _is_data(row: list[str]) -> bool:
-    """Whether a first row with an empty or unreadable first cell holds numbers all the same."""
+    """Return whether a first row with an empty or unreadable first cell holds numbers all the same."""
     return any(is_number(cell.replace(",", ".")) for cell in row)
 
 

@@ -140,7 +140,7 @@ def _split(lines: list[str]) -> list[list[str]]:
 
 
 def _is_heading(row: list[str]) -> bool:
-    """Whether a first row names columns: three words at least and no number, or the numbers 0, 1, 2 of columns."""
+    """Return whether a first row names columns: at least three words and no number, or the numbers 0, 1, 2."""
     if row[1:] in (["0", "1", "2"], ["1", "2", "3"]) and row[0].lower() in _LABEL:
         return True
     return sum(not _MISSING.fullmatch(cell) for cell in row) >= 3 and not any(map(_is_number, row))
@@ -258,6 +258,6 @@ def _is_number_or_missing(cell: str) -> bool:
 
 
 def _counts(cells: list[str]) -> bool:
-    """Whether a column counts the rows."""
+    """Return whether a column counts the rows."""
     numbers = np.array([number(cell) for cell in cells])
     return bool((np.diff(numbers) == 1).all())

@@ -70,7 +70,7 @@ def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int
 
 
 def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
-    """Whether a mesh of triangles (t, 3) has a rim: a boundary long compared with its size (no small holes)."""
+    """Return whether a mesh (t, 3) has a rim: a boundary long compared with its size (no small holes)."""
     if not len(faces):
         return False
     size = float(np.sqrt(face_areas(vertices, faces).sum()))

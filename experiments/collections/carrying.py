@@ -120,7 +120,7 @@ def measure_carrying(cell: Cell) -> Record:
 def carried_errors(
     out: Path, posed: LandmarkedFolder, templates: Sequence[int], run: RunOptions
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors and radii of all specimens that are no templates, in the collection's unit."""
+    """Return errors and radii of all specimens that are no templates, in the collection's unit."""
     labels = tuple(str(number) for number in range(posed.landmarks.shape[1]))
     given = {posed.names[at]: Landmarks(labels=labels, points=posed.landmarks[at]) for at in templates}
     found = collalign.transfer_landmarks(out, given, run=run, progress=False)
@@ -132,7 +132,7 @@ def carried_errors(
 
 
 def _closest(posed: LandmarkedFolder, transforms: FloatArray, templates: Sequence[int]) -> FloatArray:
-    """Errors of the point of each specimen that is closest to the mean of the templates' landmarks at the poses."""
+    """Return the errors of the points closest to the mean of the templates' landmarks at the poses."""
     mean = np.mean([moved(transforms[at], posed.landmarks[at]) for at in templates], axis=0)
     errors = []
     for at in _others(posed, templates):

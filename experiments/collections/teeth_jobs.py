@@ -240,7 +240,7 @@ def _text(rows: tuple[dict[str, Any], ...]) -> str:
 
 
 def _is_all(row: dict[str, Any]) -> bool:
-    """Whether a row is that of all teeth."""
+    """Return whether a row is that of all teeth."""
     return str(row["job"]).startswith("116 ")
 
 

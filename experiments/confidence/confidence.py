@@ -140,7 +140,7 @@ def _scored(record: dict[str, Any], kind: str) -> BoolArray:
 
 
 def _wrong(record: dict[str, Any], kind: str) -> BoolArray:
-    """Whether a word is owed: grossly wrong, or of a family where no pose, or no single pose, is right."""
+    """Return whether a word is owed: grossly wrong, or of a family where no pose, or no single pose, is right."""
     if kind in FAMILIES and (FAMILIES[kind].symmetric or not FAMILIES[kind].related):
         return ~record["intruder"]
     return ~record["intruder"] & (record["error_deg"] > GROSS_DEG)

@@ -59,7 +59,7 @@ class PoseRegion:
         return centre, float(min(reach.max(), np.pi))
 
     def holds(self, rotation: FloatArray) -> bool:
-        """Whether an orthogonal matrix (d, d) lies in the balls."""
+        """Return whether an orthogonal matrix (d, d) lies in the balls."""
         return bool((rotation_angles(self.rotations, rotation) <= self.radii_rad).any())
 
 

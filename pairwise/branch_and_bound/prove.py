@@ -71,7 +71,7 @@ class Proof:
 
 
 def can_certify(problem: Problem) -> bool:
-    """Whether :func:`prove` is for this problem: dimension 2 or 3 and full R."""
+    """Return whether :func:`prove` is for this problem: dimension 2 or 3 and full R."""
     try:
         chiralities(problem)
     except OptionsError:

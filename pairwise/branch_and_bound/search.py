@@ -94,7 +94,7 @@ class RotationSearch:
         return min(self.energy * (1.0 - self._tol) - self._zero_gap, best + self._zero_gap)
 
     def is_done(self, best: float) -> bool:
-        """Whether nothing here can beat the energy ``best`` by more than the tolerance."""
+        """Return whether nothing here can beat the energy ``best`` by more than the tolerance."""
         return self.bound >= self.threshold(best)
 
     def collect(self, within: float, resolution_rad: float) -> None:

@@ -124,7 +124,7 @@ class LiftedRotation:
 
 
 def _variables(pattern: RotationPattern) -> tuple[IntArray, FloatArray]:
-    """Number the variables: one for each entry that can be non-zero, two for an SO(2) block."""
+    """Assign a variable to each entry that can be non-zero, two for an SO(2) block."""
     rows, cols = pattern.entries
     possible = assignment_support(pattern.mask)[0][rows, cols]
     representative = np.arange(len(rows))
@@ -157,7 +157,7 @@ _Terms = dict[tuple[str, int, int], list[tuple[float, _Entry, _Entry]]]
 
 
 def _orthogonality_terms(pattern: RotationPattern) -> _Terms:
-    """Equations of R^T R = I and R R^T = I, without those that are empty."""
+    """Return equations of R^T R = I and R R^T = I, without those that are empty."""
     terms: _Terms = {}
     mask = pattern.mask
     for s in range(pattern.dim):
@@ -171,7 +171,7 @@ def _orthogonality_terms(pattern: RotationPattern) -> _Terms:
 
 
 def _cross_product_terms(blocks: list[int]) -> _Terms:
-    """The nine equations cof R = R of each 3x3 rotation block: columns are cross products of the two others."""
+    """Return nine equations cof R = R of each 3x3 rotation block: columns are cross products of the others."""
     terms: _Terms = {}
     for b in blocks:
         for s in range(3):

@@ -51,7 +51,7 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
 
 
 def can_start_workers() -> bool:
-    """Whether joblib starts workers here: daemons have no children, and it starts none below threads of its own."""
+    """Return whether joblib starts workers here: not in daemons, and not below threads of its own."""
     is_main = threading.current_thread() is threading.main_thread()
     return not current_process().daemon and (is_main or get_active_backend()[0].nesting_level == 0)
 

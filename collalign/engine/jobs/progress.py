@@ -21,7 +21,7 @@ _LINE_EVERY_S = 60.0
 
 
 def is_watched() -> bool:
-    """Whether somebody watches bars, on a terminal or in a notebook."""
+    """Return whether somebody watches bars, on a terminal or in a notebook."""
     return SHOW_BARS.get() and (sys.stderr.isatty() or "ipykernel" in sys.modules)
 
 

@@ -15,7 +15,7 @@ _MOST_IN_ALL = 4_000_000
 
 
 def faces_per_shape(num_shapes: int) -> int:
-    """Triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
+    """Return triangles per shape that keep a report of ``num_shapes`` shapes small enough to send."""
     num = max(num_shapes, 1)
     return min(int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST)), max(_MOST_IN_ALL // num, 1))
 

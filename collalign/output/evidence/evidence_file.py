@@ -95,7 +95,7 @@ def _join(name: str, parts: tuple[NDArray[Any], ...], width: int, dtype: type) -
 
 
 def _pair_arrays(collection: CollectionData) -> dict[str, NDArray[Any]]:
-    """One array per property of the pairs; maps in terms of labels."""
+    """Return one array per property of the pairs; maps in terms of labels."""
     pairs = collection.pairs
     ends = np.array([(pair.target, pair.source) for pair in pairs], dtype=np.int64)
     arrays: dict[str, NDArray[Any]] = {

@@ -43,7 +43,7 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
 
 
 def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
-    """Angles (c,) left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
+    """Return angles (c,) left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """
@@ -58,7 +58,7 @@ def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
 
 
 def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[tuple[int, int, int]]:
-    """Evenly spaced triangles i < j < k of a graph given by its pairs."""
+    """Return evenly spaced triangles i < j < k of a graph given by its pairs."""
     edges = sorted({(min(pair), max(pair)) for pair in pairs})
     later: list[list[int]] = [[] for _ in range(num_shapes)]
     for i, j in edges:

@@ -103,6 +103,6 @@ def statistics_members(
 
 
 def main_part(collection: CollectionData) -> IntArray:
-    """Positions of the shapes of the largest part, ascending; between parts no distance means anything."""
+    """Return positions of the shapes of the largest part, ascending; between parts no distance means anything."""
     values, counts = np.unique(collection.part_numbers, return_counts=True)
     return np.flatnonzero(collection.part_numbers == values[counts.argmax()])

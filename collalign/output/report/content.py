@@ -103,7 +103,7 @@ def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
 
 
 def _run_key(collection: CollectionData) -> str:
-    """Digest of names, poses and what was set by hand: decisions that a browser remembers belong to one result."""
+    """Return a digest of names, poses and what was set by hand: a browser keeps decisions for one result."""
     names = "\0".join([*collection.names, *collection.by_hand]).encode("utf-8", "surrogatepass")
     return hashlib.sha256(names + np.round(collection.transforms, 9).tobytes()).hexdigest()[:32]
 
@@ -115,7 +115,7 @@ def categories(collection: CollectionData) -> list[str]:
 
 
 def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
-    """Per shape its pose in the display, whose unit is the collection's typical radius."""
+    """Return the pose of each shape in the display, whose unit is the collection's typical radius."""
     linear, shift = collection.transforms[:, :3, :3], collection.transforms[:, :3, 3]
     centroids = np.stack(
         [
@@ -155,7 +155,7 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
 
 
 def _camera(collection: CollectionData, shapes: list[dict[str, Any]]) -> dict[str, Any]:
-    """From where the sure shapes are looked at, and how far they reach to the side, upwards and to the viewer."""
+    """Return the view of the sure shapes, and how far they reach to the side, upwards and to the viewer."""
     chosen = statistics_members(collection).chosen.tolist() or range(len(collection))
     posed = ((moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at]) for at in chosen)
     axes = camera(posed, NamedFrame.of(collection.options))
@@ -217,7 +217,7 @@ def _pair_maps(collection: CollectionData) -> NDArray[np.int16]:
 
 
 def _orders(collection: CollectionData, shape_statistics: dict[str, Any]) -> dict[str, list[int]]:
-    """Orders of rows for the matrix of pairs."""
+    """Return orders of rows for the matrix of pairs."""
     every = list(range(len(collection)))
     orders: dict[str, list[int]] = {}
     if "tree" in shape_statistics:

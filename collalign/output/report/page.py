@@ -198,7 +198,7 @@ def _json_for_html(document: object) -> str:
 
 
 def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
-    """The first thing a reader sees: what to look at and what is missing, in the whole collection; then the rest."""
+    """Return what a reader sees first: what to look at and what is missing in the whole collection; then the rest."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     doubtful = [collection.names[at] for at in order if not collection.confidence[at] >= DOUBT]
     num_parts = len(np.unique(collection.part_numbers))

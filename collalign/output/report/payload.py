@@ -87,7 +87,7 @@ def _quantise(points: FloatArray, centre: FloatArray, step: float) -> NDArray[np
 
 
 def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Unit quaternions (x, y, z, w) of orthogonal matrices (m, 3, 3), (m, 4); whether each is a rotation times -1."""
+    """Return unit quaternions (m, 4) of orthogonal matrices (m, 3, 3), and whether each is a rotation times -1."""
     from scipy.spatial.transform import Rotation
 
     if not len(rotations):
@@ -98,7 +98,7 @@ def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
 
 
 def sample_colors(aligned: FloatArray) -> FloatArray:
-    """One colour per label by its mean place in the common frame, so that neighbours look alike, shape (k, 3).
+    """Return one colour per label by its mean place in the common frame, so that neighbours look alike, shape (k, 3).
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def own_disagreements_deg(collection: CollectionData) -> FloatArray:
 
 
 def _half_turns(collection: CollectionData) -> FloatArray:
-    """Rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
+    """Return rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
     points = collection.aligned_landmarks.reshape(-1, 3)
     points = points[~np.isnan(points).any(axis=1)]
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2] if len(points) > 2 else np.eye(3)

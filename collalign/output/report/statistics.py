@@ -18,7 +18,7 @@ _HISTOGRAM_BINS = 36
 
 
 def shape_map(collection: CollectionData) -> dict[str, Any]:
-    """Principal coordinates and the cophenetic tree of the Procrustes distances."""
+    """Return principal coordinates and the cophenetic tree of the Procrustes distances."""
     who = statistics_members(collection)
     members = who.chosen
     if who.too_few(2):
@@ -47,7 +47,7 @@ def shape_map(collection: CollectionData) -> dict[str, Any]:
 
 
 def cycle_histogram(collection: CollectionData) -> dict[str, Any]:
-    """Counts of cycle errors in bins of equal width."""
+    """Return counts of cycle errors in bins of equal width."""
     errors = collection.cycle_errors_deg[~np.isnan(collection.cycle_errors_deg)]
     if not len(errors):
         return {

@@ -27,7 +27,7 @@ MAX_CYCLES = 2000
 
 
 def wants_maps(options: AlignOptions, pairs: Sequence[Pair]) -> bool:
-    """Whether the poses of maps join the pairs' candidates.
+    """Return whether the poses of maps join the pairs' candidates.
 
     Parameters
     ----------

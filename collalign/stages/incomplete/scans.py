@@ -38,7 +38,7 @@ OVERLAPPING = "they share only parts with each other"
 
 
 def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
-    """Whether most shapes have open borders, and match badly as whole shapes."""
+    """Return whether most shapes have open borders, and match badly as whole shapes."""
     opened = np.mean([item.rim != "closed" for item in shapes.samples])
     mismatches = [float(pair.mismatches.min()) for pair in pairs if len(pair.mismatches)]
     return bool(
@@ -91,7 +91,7 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
 
 
 def _are_scans(joined: JoinedScans) -> bool:
-    """Whether overlaps join most shapes, and surely."""
+    """Return whether overlaps join most shapes, and surely."""
     return bool((joined.confidence[joined.parts[0]] >= DOUBT).sum() >= MOST_SURE * len(joined.confidence))
 
 

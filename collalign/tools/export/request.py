@@ -87,15 +87,15 @@ class ExportRequest:
         return self.collection.transforms * shrink
 
     def file_systems(self) -> list[CoordinateSystem]:
-        """Coordinate system of every original file: what it declares, or :attr:`system`."""
+        """Return the coordinate system of every original file: what it declares, or :attr:`system`."""
         return [(declared_system(Path(file)) if file else None) or self.system for file in self.collection.files]
 
     def landmark_systems(self) -> list[CoordinateSystem]:
-        """Coordinate system of every shape's landmarks in the space asked for; the common frame is read as LPS."""
+        """Return the coordinate system of every shape's landmarks in the space asked for; the common frame is LPS."""
         return self.file_systems() if self.space == "raw" else ["LPS"] * len(self.collection)
 
     def landmarks(self) -> tuple[tuple[str, ...], FloatArray]:
-        """Names of the landmarks and their coordinates in the space asked for.
+        """Return names of the landmarks and their coordinates in the space asked for.
 
         Returns
         -------
@@ -166,7 +166,7 @@ def specimen_comment(*, space: Space, reflected: bool) -> str:
 
 
 def complete_labels(collection: Collection) -> BoolArray:
-    """Labels that every shape has, shape (k,).
+    """Return labels that every shape has, shape (k,).
 
     Raises
     ------
@@ -183,7 +183,7 @@ def complete_labels(collection: Collection) -> BoolArray:
 
 
 def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
-    """Columns that say why a shape does not count in statistics, and where any lacks parts, what each covers."""
+    """Return columns that say why a shape does not count in statistics, and what incomplete shapes cover."""
     collection, reasons = request.collection, dict(request.who.left_out)
     columns: dict[str, list[Any]] = {"left_out": [reasons.get(name, "") for name in collection.names]}
     if collection.incomplete:
@@ -199,5 +199,5 @@ def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, lis
 
 
 def words(values: Iterable[float]) -> str:
-    """Numbers in full precision, separated by blanks, without exponents: several landmark readers know none."""
+    """Return numbers in full precision, separated by blanks, without exponents, which some programs cannot read."""
     return " ".join("NaN" if np.isnan(value) else np.format_float_positional(value, trim="0") for value in values)

@@ -163,5 +163,5 @@ def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful
 
 
 def _computes(format: str, space: Space) -> bool:
-    """Whether anything in the files depends on more than one shape."""
+    """Return whether anything in the files depends on more than one shape."""
     return space == "procrustes" or format == "csv"

@@ -38,7 +38,7 @@ def for_morphologika(name: str) -> str:
 
 
 def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]:
-    """Names by a rule, made distinct by a number at the end."""
+    """Return names by a rule, made distinct by a number at the end."""
     taken: set[str] = set()
     written = []
     for name in names:

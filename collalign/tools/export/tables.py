@@ -30,7 +30,7 @@ def write_csv(request: ExportRequest) -> tuple[Path, ...]:
 
 
 def result_tables(request: ExportRequest) -> dict[str, Table]:
-    """All tables of a result.
+    """Return all tables of a result.
 
     ``shapes`` (pose, size, confidence, why it does not count, labels), ``landmarks`` (long form, in the space asked
     for) have rows of all shapes. Of those who count are ``consensus`` (means of landmarks),
@@ -95,7 +95,7 @@ def landmark_columns(request: ExportRequest) -> Table:
 
 
 def _consensus(request: ExportRequest) -> Table:
-    """Mean of every landmark over the shapes that have it, in the space asked for."""
+    """Return the mean of every landmark over the shapes that have it, in the space asked for."""
     labels, coordinates = request.landmarks()
     known = np.asarray(~np.isnan(coordinates).any(axis=2))
     counts = known.sum(axis=0)

@@ -60,7 +60,7 @@ def write_transfer(
 
 
 def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
-    """One row per specimen and landmark: place, radius, and what became of it."""
+    """Return one row per specimen and landmark: place, radius, and what became of it."""
     rows: list[list[object]] = [["name", "landmark", "x", "y", "z", "radius", "status"]]
     for at, name in enumerate(transferred.names):
         for number, label in enumerate(transferred.labels):
@@ -85,7 +85,7 @@ def surface_table(transferred: TransferredLandmarks) -> list[list[object]]:
 
 
 def left_out_rows(transferred: TransferredLandmarks) -> list[list[object]]:
-    """One row per template and landmark: how far the other templates' answer is from the expert's, and the radius."""
+    """Return one row per template and landmark: the error of the other templates' prediction, and its radius."""
     rows: list[list[object]] = [["name", "landmark", "error", "radius"]]
     for at, name in enumerate(transferred.templates):
         for number, label in enumerate(transferred.labels):
@@ -95,7 +95,7 @@ def left_out_rows(transferred: TransferredLandmarks) -> list[list[object]]:
 
 
 def left_out_summary(transferred: TransferredLandmarks) -> str:
-    """How good the transfer is, in one sentence, in the files' units."""
+    """Say how good the transfer is, in one sentence, in the files' units."""
     errors, radius = transferred.left_out_errors, transferred.left_out_radii
     known = np.isfinite(errors)
     said = f"{known.sum()} landmarks of {len(errors)} templates, each predicted from the others: "

@@ -180,7 +180,7 @@ class _Transfer:
         return self._with_surface_points(carried, surface_points) if surface_points else carried
 
     def _leave_one_out(self) -> tuple[FloatArray, list[RadiusEvidence]]:
-        """Errors (t, l), in the common frame, of every template predicted from the others, and their evidence."""
+        """Return errors (t, l) of templates predicted from the others, in the common frame, and their evidence."""
         shape = (len(self._templates), len(self._labels))
         if len(self._templates) < 2:
             nothing = np.full(shape[1], np.nan)
@@ -194,7 +194,7 @@ class _Transfer:
         return np.array(errors), evidence
 
     def _specimen(self, name: str, calibration: Calibration) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-        """Points and radii in the file's unit and what became of each landmark."""
+        """Return points and radii in the file's unit and what became of each landmark."""
         own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
         placed = np.isfinite(own).all(axis=1)
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
@@ -221,7 +221,7 @@ class _Transfer:
         return DOUBTFUL_POSE if doubtful else None
 
     def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
-        """Landmarks of a specimen, in the common frame, what shows their error, and where the surface has nothing."""
+        """Return a specimen's landmarks in the common frame, evidence of their error, and where surface is missing."""
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
         tilt, relief = self._around.compare(templates, row) if len(templates) < MIN_TEMPLATES else 2 * (np.empty(0),)

@@ -66,7 +66,7 @@ class Classification:
     statement: str
 
     def as_dict(self) -> dict[str, Any]:
-        """The result in JSON types, with every wrongly classified shape."""
+        """Return the result in JSON types, with every wrongly classified shape."""
         wrong = [self._mistake(at) for at in range(len(self.names)) if self.scored[at] and not self._right(at)]
         return {
             "accuracy": self.accuracy if self.num_scored else None,
@@ -88,7 +88,7 @@ class Classification:
         return {"shape": self.names[at], "label": self.labels[at], "nearest": shape, "predicted": predicted}
 
     def table(self) -> str:
-        """The result as plain text, one line per label."""
+        """Return the result as plain text, one line per label."""
         width = max([len(label) for label in self.by_label], default=5)
         lines = [f"{'label':<{width}}  shapes  correct"]
         lines += [f"{label:<{width}}  {n:>6}  {c:>7}" for label, (n, c) in self.by_label.items()]
@@ -167,7 +167,7 @@ def _nearest(matrix: FloatArray, known: BoolArray) -> IntArray:
 
 
 def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) -> dict[str, tuple[int, int]]:
-    """Scored and correct shapes of every label, in alphabetical order."""
+    """Return scored and correct shapes of every label, in alphabetical order."""
     found = dict.fromkeys(sorted(set(values) - {""}), (0, 0))
     for value, near, counts in zip(values, nearest.tolist(), scored, strict=True):
         if counts:

@@ -72,7 +72,7 @@ def _dense_points(surface: RegistrationSurface, centre: FloatArray) -> DensePoin
 
 
 def _best_normals(points: DensePoints) -> FloatArray:
-    """Directions, of those spread over a hemisphere, along which the mirror image lies nearest."""
+    """Return directions, of those spread over a hemisphere, along which the mirror image lies nearest."""
     tree = cKDTree(points.points)
     half = spread_directions(2 * _NUM_NORMALS)[:_NUM_NORMALS]
     gaps = [(tree.query(points.points @ _reflection(normal).T)[0] ** 2).mean() for normal in half]

@@ -205,7 +205,7 @@ class _Tester:
 
 
 def _tell_slopes(counts: Iterable[int]) -> bool:
-    """Whether groups of so many shapes are large enough for their allometries to be compared."""
+    """Return whether groups of so many shapes are large enough for their allometries to be compared."""
     return min(counts) >= 4
 
 
