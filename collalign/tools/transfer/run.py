@@ -221,7 +221,7 @@ class _Transfer:
         return DOUBTFUL_POSE if doubtful else None
 
     def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
-        """Return a specimen's landmarks in the common frame, evidence of their error, and where surface is missing."""
+        """Return a specimen's landmarks in the common frame, evidence of errors, and where surface is missing."""
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
         tilt, relief = self._around.compare(templates, row) if len(templates) < MIN_TEMPLATES else 2 * (np.empty(0),)
