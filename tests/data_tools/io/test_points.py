@@ -24,6 +24,12 @@ MALFORMED = [
     ("landmarks.pts", "Version 1.0\n3\nS000 0 0 0\nS001 1 2 3\nS002 4 5 7\n", "landmarks, no point cloud"),
     ("counts.pts", "0\n0\n", "no points"),
     ("text.npz", "not an archive", "not an NPZ archive"),
+    ("start.npz", "PK\x03\x04", "not an NPZ archive|damaged"),
+    ("end.npz", "PK\x05\x06" + "\x00" * 18, "none of the arrays"),
+    ("tabs.txt", "\t\t\t\n", "no points"),
+    ("mark.txt", "\ufeff", "no points"),
+    ("hex.txt", "0x10 0x20 0x30\n0x1 0x2 0x3\n", "columns|numbers"),
+    ("null.txt", "1 2 3\n\x004 5 6\n", "numbers"),
 ]
 
 

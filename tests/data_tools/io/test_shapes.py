@@ -69,6 +69,7 @@ MALFORMED = [
     ("garbage.stl", "not a mesh", "not an STL file or truncated"),
     ("cut.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "truncated STL text"),
     ("garbage.glb", "not a mesh at all, but long enough to be one", "not a glTF file"),
+    ("long.glb", "glTF\x02\x00\x00\x00\x7f\x7f\x7f\x7f", "truncated, its header promises"),
     ("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\n", "one place"),
     ("far.obj", "v 0 0 0\nv 1e200 0 0\nv 0 1 0\nf 1 2 3\n", "beyond 1e100"),
     ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "zero area"),

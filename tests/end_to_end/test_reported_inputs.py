@@ -1,0 +1,87 @@
+"""Collections as people reported them of other programs: each is aligned, or said to be in doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions, align_collection
+from collalign.products.trust import DOUBT
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.options import SamplingOptions
+from data_tools.rotations import random_rotation, rotation_angle_deg
+
+NUM_SHAPES = 5
+OPTIONS = AlignOptions(group="auto", sampling=SamplingOptions(num_points=48))
+
+
+def family(rng, num_vertices):
+    """Return blobs of three different widths that vary."""
+    base = blob(rng, num_vertices=num_vertices)
+    return deformed_family(replace(base, vertices=base.vertices * [1.6, 1.0, 0.75]), NUM_SHAPES, rng, rms=0.03)
+
+
+def inside_out(rng):
+    """Meshes of which some have all faces turned round."""
+    return [(s.vertices, s.faces[:, :: 1 - 2 * (at in (1, 3))]) for at, s in enumerate(family(rng, 600))]
+
+
+def blades(rng):
+    """Thin, bent leaves: nearly flat, nearly symmetric."""
+    sphere = deformed_family(blob(rng, num_vertices=900), 1, rng, rms=0.0)[0]
+    unit = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1, keepdims=True)
+    for _ in range(NUM_SHAPES):
+        x, y, z = (unit * [5.0, 1.5, 0.3]).T
+        z = z + 0.035 * x**2 * (1 + 0.2 * rng.standard_normal())
+        y = y * (1 + 0.05 * x * (1 + 0.1 * rng.standard_normal()))
+        z = z + 0.25 * np.exp(-((x - 3.2) ** 2 + y**2) / 0.6) * (unit[:, 2] > 0)
+        yield np.column_stack([x, y, z]), sphere.faces
+
+
+def broken(rng):
+    """A shape that lacks a third, closed by a flat face, among whole ones."""
+    for at, shape in enumerate(family(rng, 300)):
+        points = shape.vertices.copy()
+        if at == 3:
+            normal = np.array([0.92, 0.31, 0.2]) / np.linalg.norm([0.92, 0.31, 0.2])
+            beyond = np.maximum(points @ normal - np.quantile(points @ normal, 0.68), 0.0)
+            points -= beyond[:, None] * normal
+        yield points, shape.faces
+
+
+@pytest.mark.parametrize("kind", [inside_out, blades, broken])
+def test_poses_are_right(kind):
+    rng = np.random.default_rng(0)
+    turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
+    sizes = rng.uniform(0.5, 2.0, NUM_SHAPES)
+    given = [
+        (size * points @ turn.T, faces) for (points, faces), turn, size in zip(kind(rng), turns, sizes, strict=True)
+    ]
+    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
+    frames = [found.rotations[at] @ turns[at] for at in range(NUM_SHAPES)]
+    errors = np.array([[rotation_angle_deg(one, other) for one in frames] for other in frames])
+    assert not found.reflected.any()
+    assert np.median(errors, axis=0).max() < 10.0
+
+
+def test_poses_about_an_axis_are_said_to_be_in_doubt():
+    """Vessels of revolution agree in their axes, mouth up, and no more can be known."""
+    rng = np.random.default_rng(0)
+    height, around = np.linspace(0, 1, 25), np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    at = np.arange(24 * 32).reshape(24, 32)
+    next_to = np.roll(at, -1, axis=1)
+    faces = np.concatenate([np.stack([at, next_to, next_to + 32], -1), np.stack([at, next_to + 32, at + 32], -1)])
+    turns, given = [random_rotation(rng) for _ in range(NUM_SHAPES)], []
+    for turn in turns:
+        radii = np.array([0.0, 0.3, 0.55, 0.8, 0.78, 0.45, 0.25, 0.32]) * (1 + 0.05 * rng.standard_normal(8))
+        radius = np.interp(height, np.linspace(0, 1, 8), radii)[:, None]
+        points = np.stack(
+            [radius * np.cos(around), radius * np.sin(around), 1.8 * height[:, None] + 0 * radius * around]
+        )
+        given.append((points.reshape(3, -1).T @ turn.T, faces.reshape(-1, 3)))
+    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
+    axes = [found.rotations[k] @ turns[k] @ [0, 0, 1.0] for k in range(NUM_SHAPES)]
+    assert max(np.degrees(np.arccos(np.clip(axes[0] @ axis, -1, 1))) for axis in axes) < 5.0
+    assert (found.confidence < DOUBT).all()
+    assert any("fit as well in other poses" in note for note in found.notes)
