@@ -457,10 +457,18 @@ def seen_of(**kinds):
 
 
 def test_few_partners_without_a_clear_margin_are_not_enough():
-    clear, unclear = {"margin": 0.5, "local_margin": 0.3}, {"margin": 0.34, "local_margin": 0.22}
+    unclear = {"margin": 0.34, "local_margin": 0.22, "collection_votes": 0.75}
     assert probability(seen_of(**unclear)) > DOUBT
     assert probability(seen_of(**unclear, partners=5.0)) == FEW_LIMIT
-    assert probability(seen_of(**clear, partners=5.0)) > DOUBT
+    for clear in ({"margin": 0.5, "local_margin": 0.3}, {"margin": 0.1, "local_margin": 0.4}):
+        assert probability(seen_of(**unclear | clear, partners=5.0)) > DOUBT
+
+
+@pytest.mark.parametrize(("partners", "votes", "is_enough"), [(5, 6 / 7, True), (5, 0.75, False), (2, 0.75, False)])
+def test_few_partners_that_all_agree_are_enough(partners, votes, is_enough):
+    seen = seen_of(margin=0.2, local_margin=0.2, votes=votes, collection_votes=votes, partners=float(partners))
+    assert (probability(seen) > DOUBT) == is_enough
+    assert probability(seen) >= FEW_LIMIT
 
 
 def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
