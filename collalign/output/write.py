@@ -219,7 +219,7 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
             "group": collection.group,
             "own": list(collection.own),
             "maps": are_weighed(collection.pairs),
-            "frame": asdict(NamedFrame.of(collection.options)),
+            **({"frame": asdict(NamedFrame.of(collection.options))} if collection.options.up else {}),
         },
         "shapes": [
             {

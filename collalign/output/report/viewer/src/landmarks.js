@@ -147,7 +147,7 @@ function gallery(app) {
   };
   const order = (key) => list.append(...[...cards].sort((a, b) => orders[key](+a.dataset.index, +b.dataset.index)));
   order("doubt");
-  const legend = [["given", "placed by an expert"], ["carried", "carried over, with its radius: nine of ten lie within"], ["moved", "placed or confirmed here"], ["flagged", "flagged"]];
+  const legend = [["given", "placed by an expert"], ["carried", "carried over, with its radius in the unit of the file: nine of ten lie within"], ["moved", "placed or confirmed here"], ["flagged", "flagged"]];
   return [
     el("p", { class: "muted" }, "Click a specimen to open it: there, click a landmark to flag it as wrong, or drag it to where it belongs. Drag beside the landmarks to turn."),
     el("ul", { class: "chips" }, ...legend.map(([state, words]) => el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${COLORS[state]}` }), words))),
@@ -257,7 +257,7 @@ export function landmarkDialog(app) {
     const hint = el("p", { class: "muted", role: "status" });
     view.show = () => {
       hint.textContent = view.placing === null ? "Click a landmark to flag it, drag it to move it; drag beside them to turn." : `Click on the surface where ${marks.labels[view.placing]} is.`;
-      list.replaceChildren(table(`Landmarks of ${name}`, ["Landmark", "What it is", "Radius", ""], rows(app, index, view)));
+      list.replaceChildren(table(`Landmarks of ${name}`, ["Landmark", "What it is", "Radius (unit of the file)", ""], rows(app, index, view)));
     };
     view.show();
     const system = collection.landmarks.systems[index];
