@@ -119,7 +119,7 @@ HEADLINES = (
         "goal: 0.015",
         "maps",
         "maps",
-        {"set": "scape", "method": "collalign"},
+        {"set": "scape", "method": "collalign", "pairs": "6"},
         "direct",
     ),
     Headline(
@@ -127,7 +127,7 @@ HEADLINES = (
         "goal: 0.15",
         "maps",
         "maps",
-        {"set": "human and armadillo", "method": "collalign"},
+        {"set": "human and armadillo", "method": "collalign", "pairs": "6"},
         "direct",
     ),
     Headline(

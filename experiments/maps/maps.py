@@ -59,6 +59,8 @@ meshes on.
   ZoomOut (Melzi et al. 2019) to 100 functions; without landmarks, or with {NUM_LANDMARKS} true landmarks, which are
   among the evaluated points. geomfum was left out: it needs PyTorch, and runs the same ZoomOut.
 * published: means of the same pairs, from the benchmark's files.
+
+Weights that judge candidates of maps were fitted on pairs of all these sets, cats and dogs included.
 """
 
 

@@ -144,10 +144,21 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
 def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
     assert write_headlines(tmp_path) == ""
     (tmp_path / "maps.md").write_text("## Maps\n")
-    (tmp_path / "maps.csv").write_text("set,method,direct\nscape,slow,0.5\nscape,collalign,0.0164\n")
+    (tmp_path / "maps.csv").write_text("set,method,pairs,direct\nscape,slow,6,0.5\nscape,collalign,6,0.0164\n")
     assert "mean error 0.016 of" in write_headlines(tmp_path)
     assert "[maps](results/maps.md)" in write_headlines(tmp_path)
-    (tmp_path / "maps.csv").write_text("set,method,direct\nscape,slow,0.5\n")
+    (tmp_path / "maps.csv").write_text("set,method,pairs,direct\nscape,collalign,1,0.5\n")
+    assert write_headlines(tmp_path) == ""
+
+
+def test_a_figure_of_another_tool_comes_from_its_row(tmp_path):
+    (tmp_path / "capod.md").write_text("## CAPOD\n")
+    rows = "all classes,collalign,21,2.04\nall classes,Open3D pairs + spectral,21,9.96\n"
+    (tmp_path / "capod.csv").write_text("class,tool,draws,gross\n" + rows)
+    (line,) = [line for line in write_headlines(tmp_path).splitlines() if "CAPOD" in line]
+    assert "2.0 % of the pairs" in line
+    assert "| 10.0 for Open3D's pairs" in line
+    (tmp_path / "capod.csv").write_text("class,tool,draws,gross\nall classes,collalign,1,2.04\n")
     assert write_headlines(tmp_path) == ""
 
 
