@@ -172,7 +172,7 @@ def test_what_can_be_measured_has_been(name, shared_data):
 
 def test_pages_say_on_which_of_their_collections_constants_were_chosen():
     named = {name for name in NAMES if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen}
-    assert {"bending", "capod", "figure13", "maps", "teeth_jobs"} <= named
+    assert {"capod", "figure13", "maps", "teeth_jobs"} <= named
     for name in named:
         section = (ROOT / "results" / f"{name}.md").read_text("utf-8")
         experiment = load_experiment(name)
