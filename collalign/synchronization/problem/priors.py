@@ -46,9 +46,6 @@ class Priors(NamedTuple):
     """... and all its other turns together."""
     settled_share: float = 0.005
     """No further starts where fewer shapes than this are expected to be wrong."""
-    random_starts: int = 6
-    """Starts from random poses, tried where pairs have several candidates and leave shapes in doubt. With one
-    candidate per pair they never won."""
     explained_share: float = 0.8
     """A shape of which this share of the pairs is explained has no turns but the common ones."""
     flipped: float = 0.1

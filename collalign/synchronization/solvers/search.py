@@ -21,9 +21,6 @@ COST_TOL = 1e-6
 #: Rounds of choosing turns and refining, per start.
 MAX_ROUNDS = 4
 
-#: Random starts are left out of graphs with more candidates than this.
-MAX_CANDIDATES = 60_000
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
@@ -137,17 +134,12 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
 
 
 def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
-    """Yield frames to start from: reweighted averaging, weighted eigenprojection, random poses."""
+    """Yield frames to start from: reweighted averaging, weighted eigenprojection."""
     model = EdgeModel(graph=graph)
     rotations = graph.chosen(graph.best_choice)
     spectral = weighted_start(model)
     yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
     yield spectral
-    generator = np.random.default_rng(0)
-    several = graph.candidates.shape[1] > 1 and graph.present.sum() <= MAX_CANDIDATES
-    for _ in range(PRIORS.random_starts if several else 0):
-        random = generator.standard_normal((graph.num_shapes, graph.dim, graph.dim))
-        yield graph.pattern.project(random)
 
 
 def _in_gauge(frames: FloatArray, gauge: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
