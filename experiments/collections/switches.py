@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -66,25 +66,12 @@ def _priors(**changed: Any) -> Any:
     return PRIORS._replace(**changed)
 
 
-def _without_half_turns(samples: Any, pose: FloatArray, partners: Sequence[Any], **keywords: Any) -> FloatArray:
-    """Return rival poses without those that no pair proposes."""
-    found = rivals.rival_poses(samples, pose, partners, **keywords)
-    proposed = [candidate for partner in partners for candidate in partner.poses]
-    alike = keywords["turns"] @ pose
-    return found[rivals._near(found, np.array([*proposed, *alike, pose])).any(axis=1)]
-
-
 def _without_ties(trust: Trust) -> FloatArray:
     """Return confidences that do not share what rivals that fit as well have."""
     alike = np.array([len(turns) for turns in trust.symmetries])
     single = pose_model.probability(trust.evidence)
     shared = pose_model.symmetric_confidence(trust) / np.maximum(alike, 1)
     return np.where(alike > 1, np.minimum(single, shared), single)
-
-
-def _shares(model: Any, squared: FloatArray, choice: Any) -> FloatArray:
-    """Return as weights how probably each chosen candidate is right."""
-    return np.maximum(model.responsibilities(squared)[np.arange(len(choice)), choice], 1e-9)
 
 
 def _no_limits(*arguments: Any, **keywords: Any) -> Any:
@@ -104,7 +91,7 @@ _SYNC = "collalign.synchronization.solvers"
 _TRUST = "collalign.stages.trust.assess"
 _MODEL = "collalign.confidence.pose_model"
 _STEPS = "collalign.stages.steps"
-_ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6, 1.0])
+_ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6])
 
 SWITCHES: dict[str, Switch] = {
     # pairs
@@ -129,17 +116,13 @@ SWITCHES: dict[str, Switch] = {
         patches={"collalign.stages.poses.refinement.bent_poses": lambda *arguments, fixed: arguments[3].rotations},
         where=BENT,
     ),
-    "witnesses": Switch(patches={f"{_TRUST}.hear_witnesses": _always([])}, where=BENT),
     # synchronization
     "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_turns}),
-    "starts from random poses": Switch(patches={f"{_SYNC}.search.PRIORS": _priors(random_starts=0)}),
-    "all starts but the first": Switch(patches={f"{_SYNC}.search._starts": _first_start}),
+    "start from eigenvectors": Switch(patches={f"{_SYNC}.search._starts": _first_start}),
     "turns common to wrong pairs": Switch(patches={f"{_SYNC}.turns.PRIORS": _priors(rare_flip=9.0)}),
     "blurred noise where turns are chosen": Switch(
         patches={f"{_SYNC}.search.PRIORS": _priors(label_noise_factors=(1.0, 1.0))}
     ),
-    "last weights": Switch(patches={f"{_SYNC}.blockwise.refinement_weights": _shares}),
-    "last least squares": Switch(patches={f"{_SYNC}.blockwise.polish": _given(0)}),
     # refinement
     "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
     "first round of refinement": Switch(
@@ -154,7 +137,6 @@ SWITCHES: dict[str, Switch] = {
     # confidence
     "poses that dense points prefer": Switch(patches={f"{_STEPS}.preferred_poses": _given(4)}, where=RIGID),
     "own turns": Switch(patches={f"{_TRUST}.near_symmetries": _always(np.zeros((0, 3, 3)))}),
-    "half turns among rivals": Switch(patches={f"{_TRUST}.rival_poses": _without_half_turns}),
     "copies": Switch(
         patches={f"{_TRUST}.are_copies": _always(False), f"{rivals.__name__}.are_copies": _always(False)}
     ),
