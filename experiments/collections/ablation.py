@@ -29,7 +29,7 @@ from experiments.collections.switches import ALWAYS, BENT, MAPS, OPEN, PAIRS, RI
 from experiments.confidence.families import FAMILIES, NUM_VERTICES, Family, pose_family
 from experiments.datasets import read_canonical_class
 from experiments.experiment import Bench, Cell, Experiment, Outcome
-from experiments.pairs.invariants import without_share
+from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone
 from experiments.seen import seen_note
 from experiments.tables import Column, Row, Table
@@ -198,7 +198,7 @@ def with_copies(posed: PosedCollection, num: int, rng: np.random.Generator) -> P
 def row_of(name: str, records: Sequence[Record]) -> Row:
     """Return the row of a switch, summed over the draws of all collections; "" is the complete run."""
     changed = [record for record in records if name in record]
-    rows = [record.get(name, record[""]) for record in records]
+    rows = [record[name if name in record else ""] for record in records]
     pairs = np.concatenate([row["pairs"] for row in rows])
     wrong = np.concatenate([row["shapes"] > RIGHT_DEG for row in rows])
     confidence = np.concatenate([row["confidence"] for row in rows])
@@ -266,14 +266,8 @@ def measure(bench: Bench) -> Outcome:
 
 def moves(own: Record, complete: Record) -> bool:
     """Whether a switch turns a shape right or wrong, or makes it sure or usable or not so."""
-    return any(
-        not np.array_equal(key(own), key(complete))
-        for key in (
-            lambda one: one["shapes"] > RIGHT_DEG,
-            lambda one: one["confidence"] >= SURE,
-            lambda one: one["confidence"] >= USABLE,
-        )
-    )
+    limits = (("shapes", RIGHT_DEG), ("confidence", SURE), ("confidence", USABLE))
+    return any(not np.array_equal(own[kind] >= limit, complete[kind] >= limit) for kind, limit in limits)
 
 
 EXPERIMENT = Experiment(
