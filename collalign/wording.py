@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeAlias
 
 from data_tools.notes import Note, Value
-from data_tools.percent import listed, percent
+from data_tools.percent import MAX_NAMED, listed, percent
 
 _Text: TypeAlias = str | Callable[[Any], str]
 
@@ -190,8 +190,6 @@ _UNCLEAR = {
     "few-shapes": "So few shapes do not tell side and posture apart.",
     "surfaces": "The surfaces alone do not tell the sides clearly: it may be posture.",
 }
-#: Names that a suggested command lists.
-_MOST_EXCLUDED = 8
 
 
 def note_text(note: Note) -> str:
@@ -263,8 +261,8 @@ def _covered(note: Note) -> str:
 
 
 def _copies(note: Note, kind: str) -> str:
-    others = " ".join(shlex.quote(name) for name in note.shapes[1 : 1 + _MOST_EXCLUDED])
-    more = " ..." if note.shapes[1 + _MOST_EXCLUDED :] else ""
+    others = " ".join(shlex.quote(name) for name in note.shapes[1 : 1 + MAX_NAMED])
+    more = " ..." if note.shapes[1 + MAX_NAMED :] else ""
     return (
         f"{listed(note.shapes)}: {_COPIES[kind]}. Each counts as a specimen in means and statistics. To count "
         f"one, add --exclude {others}{more}."
