@@ -86,7 +86,7 @@ def evidence_score(evidence: FloatArray) -> FloatArray:
 
 
 def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
-    """Return what speaks against each candidate of a pair by its energy and its neighbourhoods, shape (m,).
+    """Return the cost of each candidate of a pair, from its energy and its neighbourhoods, shape (m,).
 
     In units of energy: scaled such that the candidate of the lowest energy costs just that. Where a mismatch is not
     known, the energies alone.

@@ -53,7 +53,7 @@ MANY_PAIRS, LEAST_OBVIOUS = 100, 0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sides:
-    """Two sides and how clearly fits of pairs speak for them.
+    """Two sides and how clearly fits of pairs show them.
 
     A preference is the log of the ratio of energies, positive where it agrees with the sides.
 

@@ -1,1 +1,1 @@
-"""What all commands share: how they speak, how they end, and the arguments that several have."""
+"""What all commands share: what they print, how they end, and the arguments that several have."""

@@ -32,7 +32,7 @@ _FOR_APPENDING |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | g
 
 @dataclass
 class _Talk:
-    """How a command speaks, and what it has told programs."""
+    """What a command prints, and what it has told programs."""
 
     is_silent: bool = False
     as_json: bool = False

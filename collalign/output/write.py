@@ -155,7 +155,7 @@ def output_names(names: Sequence[str]) -> list[str]:
 
 
 def _evidence(collection: CollectionData, shape: int) -> dict[str, float | None]:
-    """Return what speaks for a pose, by kind; empty where nothing was gathered."""
+    """Return the evidence of a pose, by kind; empty where nothing was gathered."""
     trust = collection.made.trust
     if trust is None:
         return {}

@@ -84,7 +84,7 @@ class Pair:
 
     @property
     def doubts(self) -> FloatArray:
-        """What speaks against each candidate by all that is known, shape (m,): minus its log-odds, or its energy."""
+        """The cost of each candidate by all that is known, shape (m,): minus its log-odds, or its energy."""
         return read_only(-self.log_odds) if len(self.log_odds) else self.energies
 
 

@@ -1,4 +1,4 @@
-"""What speaks for and against the pose of every shape."""
+"""The evidence of the pose of every shape."""
 
 from __future__ import annotations
 

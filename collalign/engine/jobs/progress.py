@@ -26,7 +26,7 @@ def is_watched() -> bool:
 
 
 class ProgressBar:
-    """Counts results, and shows rate, remaining time and failures where somebody watches; :data:`STAGES` hears of it.
+    """Counts results, and shows rate, remaining time and failures where somebody watches; tells :data:`STAGES`.
 
     Parameters
     ----------

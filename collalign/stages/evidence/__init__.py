@@ -1,1 +1,1 @@
-"""What else speaks for a pair's poses: dense points, normals, and the non-rigid maps that the poses start."""
+"""Further evidence of a pair's poses: dense points, normals, and the non-rigid maps that the poses start."""

@@ -17,7 +17,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import SAME_DEG, keep_apart
 
-#: Candidates kept, the ones that most speaks for.
+#: Candidates kept, those of the best evidence.
 MAX_CANDIDATES = 10
 
 #: A pose (3, 3) that a map asks for, the samples' best one-to-one match there (k,), and the evidence of both, in the
@@ -71,7 +71,7 @@ class PoseWeigher:
 
 
 def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
-    """Return the candidates that most speaks for, best first, of each set of nearly equal rotations only one."""
+    """Return the candidates of the best evidence, best first, only one of each set of nearly equal rotations."""
     scores = evidence_score(np.stack([evidence for _, _, evidence in candidates]))
     ranked = [candidates[at] for at in np.argsort(-scores, kind="stable")]
     rotations = np.stack([rotation for rotation, _, _ in ranked])

@@ -43,18 +43,20 @@ def goals_of(onto: IntArray, back: IntArray, stored: Shape) -> MapGoals:
     return np.concatenate([forth, back[known]]), stored.vertices[np.concatenate([onto[forth], known])]
 
 
-def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices: IntArray) -> Mapping[str, BothWays]:
-    """Return the maps between a surface, whose triangles a shape lends, and all shapes that have maps.
+def map_starts(
+    maps: VertexMaps, reference: Shape, template: Shape, file_vertices: IntArray
+) -> Mapping[str, BothWays]:
+    """Return the maps between the template, one of the shapes, and all shapes that have maps.
 
     Parameters
     ----------
     maps : VertexMaps
     reference : Shape
-        The shape that lends its triangles, with the vertices of its file.
-    lender : Shape
+        The template, with the vertices of its file.
+    template : Shape
         The same, as it is registered: perhaps decimated.
     file_vertices : ndarray of int, shape (v,)
-        The file's vertex for each of the lender's.
+        The file's vertex for each of the template's.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def map_starts(maps: VertexMaps, reference: Shape, lender: Shape, file_vertices:
     """
     if reference.name not in maps.names:
         return {}
-    nearest = np.append(cKDTree(lender.vertices).query(reference.vertices)[1], -1)
+    nearest = np.append(cKDTree(template.vertices).query(reference.vertices)[1], -1)
     own = np.arange(len(reference.vertices))
     starts = {}
     for name in maps.names:

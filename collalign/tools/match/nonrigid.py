@@ -162,8 +162,8 @@ def chosen_first(target: SpectralShape, found: list[Refined], options: NonrigidO
     sides = np.nan_to_num([c.evidence.orientation for c in ordered])
     if options.orientation == "any":
         sides = np.abs(sides)
-    speaks = np.log(agreements(target, ordered)) + ORIENTATION_WEIGHT * sides
-    chosen = ordered[int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), speaks, -np.inf)))]
+    support = np.log(agreements(target, ordered)) + ORIENTATION_WEIGHT * sides
+    chosen = ordered[int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))]
     return [chosen, *(c for c in ordered if c is not chosen)]
 
 

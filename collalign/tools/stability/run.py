@@ -102,7 +102,7 @@ def check_stability(
     The sensitivity analysis that Vitek, Manz, Gao, Bloch, Strait and Boyer (Semi-supervised determination of
     pseudocryptic morphotypes using observer-free characterizations of anatomical alignment and shape, Ecology and
     Evolution 7, 2017, PMC5528226) ask of everybody who aligns automatically. Poses set by hand are not
-    kept in the repetitions: what speaks for them is asked as well. Shapes in doubt and incomplete ones are repeated
+    kept in the repetitions, to test their evidence too. Shapes in doubt and incomplete ones are repeated
     like all others and have their own rows; they do not count in the shares of all together.
 
     Examples
