@@ -149,7 +149,7 @@ def test_bent_figures_are_put_right_by_maps(tmp_path, monkeypatch, most_searched
     monkeypatch.setattr(steps, "MOST_SEARCHED", most_searched)
     rng, turns = np.random.default_rng(5), []
     (folder := tmp_path / "figures").mkdir()
-    for number in range(5):
+    for number in range(4):
         shape, turn = bent(figure(resolution=2), rng, angle=0.9), random_rotation(rng)
         write_mesh(folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces))
         turns.append(turn)
