@@ -68,7 +68,8 @@ def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatA
         try:
             x, y, z = (float(word) for word in line.split()[:3])
         except ValueError:
-            raise InputError(f"{path}: vertex {position} is not three numbers (truncated?)") from None
+            why = "save it with decimal points" if "," in line else "truncated?"
+            raise InputError(f"{path}: vertex {position} is not three numbers ({why})") from None
         vertices.append((x, y, z))
     return np.array(vertices).reshape(-1, 3)
 

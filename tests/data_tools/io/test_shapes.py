@@ -64,6 +64,11 @@ MALFORMED = [
     ("cut.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "face 1 has 2 corners"),
     ("nan.obj", "v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
     ("short.obj", "v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
+    (
+        "comma.obj",
+        "v 0,5 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "vertex 1 is not three numbers .save it with decimal points",
+    ),
     ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
     ("garbage.obj", "\x00\x01 not a mesh", "no vertex lines"),
     ("garbage.stl", "not a mesh", "not an STL file or truncated"),
