@@ -17,7 +17,7 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.own_file import read_own, with_marks_of_file
+from collalign.cli.own_file import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.talk import elapsed_s, say, say_files, tell, warn
@@ -118,7 +118,7 @@ def align(
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
     if given.marks is not None:
-        own, of_marks = with_marks_of_file(own, given.marks, listing)
+        own, of_marks = read_marks(own, given.marks, listing)
         inputs |= of_marks
     if out is not None:
         refuse_overlap(out, inputs)

@@ -58,7 +58,7 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
     return own, {path, *([] if folder is None else [folder])}
 
 
-def with_marks_of_file(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[Path]]:
+def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[Path]]:
     """Return ``own`` with the landmarks of a file, and the file.
 
     Parameters

@@ -9,14 +9,12 @@ from scipy.spatial import cKDTree
 
 from collalign.landmarks.carry import Template
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.embedding.surface_points import plane_normals
+from data_tools.embedding.surface_points import NUM_NEIGHBOURS, plane_normals
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.normals import vertex_normals
 
-#: Radii of the neighbourhoods in which normals are compared and relief is measured, in root mean square radii.
-_WIDE, _NARROW = 0.5, 0.25
-#: Vertices that a neighbourhood has at least.
-_FEWEST = 8
+#: Radius of the neighbourhoods in which normals are compared, in root mean square radii; relief is that of half.
+_WIDE = 0.5
 
 
 class Neighbourhoods:
@@ -58,7 +56,7 @@ class Neighbourhoods:
         places, source, target = item.places.on(self._mean), self._copies[item.shape], self._copies[specimen]
         normals = [self._normals_of(shape) for shape in (item.shape, specimen)]
         tilts, reliefs = [], []
-        for wide, narrow in zip(self._around(places, _WIDE), self._around(places, _NARROW), strict=True):
+        for wide, narrow in zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True):
             here, there = (points[wide] - points[wide].mean(axis=0) for points in (source, target))
             turned = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
             cosines = np.abs((normals[0][wide] * turned).sum(axis=1))
@@ -69,7 +67,7 @@ class Neighbourhoods:
 
     def _around(self, places: FloatArray, radius: float) -> list[IntArray]:
         """Vertices of the mean around each place, at least the nearest few."""
-        nearest = self._tree.query(places, k=min(_FEWEST, len(self._mean)))[1]
+        nearest = self._tree.query(places, k=min(NUM_NEIGHBOURS, len(self._mean)))[1]
         near = self._tree.query_ball_point(places, radius * self._unit)
         return [np.union1d(few, many).astype(np.int64) for few, many in zip(nearest, near, strict=True)]
 

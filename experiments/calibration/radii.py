@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.stats import spearmanr
 
 import collalign
@@ -27,6 +28,8 @@ SEED = 5
 NUM_SETS, NUM_QUICK_SETS = 14, 2
 
 
+#: What the rows of the table of few templates are called.
+FEW = ("OF_FEW[0]", "OF_FEW[1]", "OF_FEW[2]")
 #: Constants of which other values are tried.
 SCANNED = ("_SPREAD_WEIGHT", "_DISTANCE_POWER", "_RESIDUAL_POWER")
 
@@ -63,82 +66,74 @@ def few_carried(folder: Path, posed: LandmarkedFolder, num_sets: int) -> list[tu
     Returns
     -------
     list of (ndarray, shape (m, 4), ndarray, shape (m,))
-        By the number of templates: tilt, relief, residual and spread in radii, and errors in the collection's unit.
+        By the number of templates: tilt, relief, residual and spread, and errors, lengths in radii.
     """
     rng = np.random.default_rng([SEED, 1])
     found = []
     for num in range(1, radii.MIN_TEMPLATES):
         sets = [rng.permutation(len(posed.names))[:num].tolist() for _ in range(num_sets)]
-        shown, errors = [], np.empty(0)
-        for powers in np.eye(4).tolist():  # radii that are one of the four alone
-            alone = {"_LOCAL_POWERS": powers[:3], "_SPREAD_POWERS": powers[3:] * 3, "_FEW_FACTORS": [1.0] * 3}
-            with patched(radii, alone):
+        alone, errors = [], np.empty(0)
+        for powers in np.vstack([np.zeros(4), np.eye(4)]).tolist():  # radii that are the unit, and one of the four
+            with patched(radii, {"OF_FEW": 3 * ((1.0, *powers),)}):
                 carried = [carried_errors(folder / "out", posed, chosen, _run(folder)) for chosen in sets]
             errors = np.concatenate([errors.ravel() for errors, _ in carried])
-            shown.append(np.concatenate([said.ravel() for _, said in carried]))
-        known = np.isfinite(errors) & np.isfinite(shown).all(axis=0)
-        found.append((np.array(shown).T[known], errors[known]))
+            alone.append(np.concatenate([said.ravel() for _, said in carried]))
+        units, shown = alone[0], np.array(alone[1:]).T / alone[0][:, None]
+        known = np.isfinite(errors) & np.isfinite(shown).all(axis=1)
+        found.append((shown[known], errors[known] / units[known]))
     return found
 
 
 def fit_few(seen: Sequence[Sequence[tuple[FloatArray, FloatArray]]]) -> dict[str, Finding]:
-    """Return powers fitted to logarithms of errors, and the factors with which radii hold in every collection.
+    """Return the powers that rank errors best, and the factors with which radii hold in every collection.
 
     Parameters
     ----------
     seen : sequence of :func:`few_carried`
         Of each collection.
     """
-    local, spreads = _powers(seen)
-    ranks = [_ranks(one, local, spreads) for one in seen]
+    powers, code = _powers(seen), [row[1:] for row in radii.OF_FEW]
     others = [[*seen[:at], *seen[at + 1 :]] for at in range(len(seen))]
-    held = [_ranks(one, *_powers(rest)) for one, rest in zip(seen, others, strict=True) if rest]
-    factors = [
-        max(float(np.quantile(errors / _said(shown, local, power), radii.COVERAGE)) for shown, errors in of_number)
-        for of_number, power in zip(zip(*seen, strict=True), spreads, strict=True)
+    held = [
+        _ranks(one, _powers(rest)) if rest else [np.nan] * len(one) for one, rest in zip(seen, others, strict=True)
     ]
-    now = [_ranks(one, radii._LOCAL_POWERS, radii._SPREAD_POWERS) for one in seen]
-    scores = {
-        "now": float(np.mean(now)),
-        "best": float(np.mean(ranks)),
-        "left_out": float(np.mean(held)) if held else np.nan,
-    }
-    return {
-        "_LOCAL_POWERS": Finding(value=tuple(local), **scores),
-        "_SPREAD_POWERS": Finding(value=tuple(spreads), **scores),
-        "_FEW_FACTORS": Finding(value=tuple(factors)),
-    }
+    scores = [
+        np.mean(ranks, axis=0)
+        for ranks in ([_ranks(one, code) for one in seen], [_ranks(one, powers) for one in seen], held)
+    ]
+    found = {}
+    for number, name in enumerate(FEW):
+        ratios = [errors / _said(shown, powers[number]) for shown, errors in (one[number] for one in seen)]
+        factor = max(float(np.quantile(one, radii.COVERAGE)) for one in ratios)
+        now, best, left_out = (float(score[number]) for score in scores)
+        found[name] = Finding(value=(factor, *powers[number]), now=now, best=best, left_out=left_out)
+    return found
 
 
-def _powers(seen: Sequence[Sequence[tuple[FloatArray, FloatArray]]]) -> tuple[list[float], list[float]]:
-    """Fit powers of what is local, the same for all numbers of templates, and of the spread, to several collections.
+def _powers(seen: Sequence[Sequence[tuple[FloatArray, FloatArray]]]) -> list[tuple[float, ...]]:
+    """Return powers for each number of templates that rank errors best; those of what is local are the same for all.
 
-    Each collection counts as much as another, and has a factor of its own.
+    The rank correlation is that of the collection with the least, on average over the numbers of templates.
     """
-    parts = [(c, n) for c, one in enumerate(seen) for n in range(len(one))]
-    rows, goals = list[FloatArray](), list[FloatArray]()
-    for at, (c, n) in enumerate(parts):
-        shown, errors = seen[c][n]
-        logs = np.log(np.maximum(shown, radii._LEAST_DISTANCE))
-        spread, factor = np.zeros((len(logs), len(seen[c]))), np.zeros((len(logs), len(parts)))
-        spread[:, n], factor[:, at] = logs[:, 3] * (n > 0), 1.0
-        weight = 1.0 / np.sqrt(len(logs))
-        rows.append(weight * np.hstack([logs[:, :3], spread, factor]))
-        goals.append(weight * np.log(np.maximum(errors, radii._LEAST_DISTANCE)))
-    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goals), rcond=None)[0]
-    return found[:3].tolist(), found[3 : 3 + len(seen[0])].tolist()
+
+    def split(numbers: FloatArray) -> list[tuple[float, ...]]:
+        return [(*numbers[:3].tolist(), spread) for spread in (0.0, *numbers[3:].tolist())]
+
+    def loss(numbers: FloatArray) -> float:
+        return -float(np.min([_ranks(one, split(numbers)) for one in seen], axis=0).mean())
+
+    start = np.array([*radii.OF_FEW[0][1:4], *(row[4] for row in radii.OF_FEW[1:])])
+    return split(minimize(loss, start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 1e-4}).x)
 
 
-def _said(shown: FloatArray, local: Sequence[float], spread: float) -> FloatArray:
-    return np.asarray(np.prod(np.maximum(shown, radii._LEAST_DISTANCE) ** np.array([*local, spread]), axis=1))
+def _said(shown: FloatArray, powers: Sequence[float]) -> FloatArray:
+    return np.asarray(np.prod(np.maximum(shown, radii._LEAST_DISTANCE) ** np.array(powers), axis=1))
 
 
-def _ranks(
-    one: Sequence[tuple[FloatArray, FloatArray]], local: Sequence[float], spreads: Sequence[float]
-) -> list[float]:
+def _ranks(one: Sequence[tuple[FloatArray, FloatArray]], powers: Sequence[Sequence[float]]) -> list[float]:
     """Return the rank correlation of radius and error for each number of templates."""
-    pairs = zip(one, spreads, strict=True)
-    return [float(spearmanr(_said(shown, local, power), errors).statistic) for (shown, errors), power in pairs]
+    pairs = zip(one, powers, strict=True)
+    return [float(spearmanr(_said(shown, own), errors).statistic) for (shown, errors), own in pairs]
 
 
 def _run(folder: Path) -> RunOptions:
@@ -147,7 +142,7 @@ def _run(folder: Path) -> RunOptions:
 
 CALIBRATION = Calibration(
     module=radii.__name__,
-    constants=constants_of(radii, *SCANNED, "_LOCAL_POWERS", "_SPREAD_POWERS", "_FEW_FACTORS"),
+    constants=constants_of(radii, *SCANNED) | dict(zip(FEW, radii.OF_FEW, strict=True)),
     measure=measure_radii,
     collections=("teeth", "mouse skulls"),
     score="Spearman correlation of radius and error",

@@ -36,7 +36,8 @@ class TransferredLandmarks:
         keeps its own.
     radii : ndarray, shape (N, l)
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
-        0 for a template's own. With fewer than four templates, wider ones that were found on molars.
+        0 for a template's own. With fewer than four templates, as on molars and mouse skulls whose surface around a
+        landmark looks like that.
     status : tuple of tuple of str
         What became of each landmark of each shape.
     templates : tuple of str
