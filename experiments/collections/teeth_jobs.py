@@ -44,8 +44,7 @@ the first 16 landmarks; *gross* is a pair of right chirality beyond 30 degrees. 
 chirality in any draw, and a median of at most {MEDIAN_DEG} degrees; for all 116 in no more than the
 {SECONDS_116:.0f} seconds that auto3dgm (Python, 100, then 200 points) took on two cores of the same kind (its median:
 8.1 degrees, no gross pair). *Principal axes + ICP + tree* is what auto3dgm does, written for the table of other
-tools, and is told whether a job is mixed; it has the same draws, the same clock and as many processes. *auto3dgm,
-published* are the rotations of its authors' alignment, for the teeth that have one.
+tools, and is told whether a job is mixed; it has the same draws, the same clock and as many processes.
 
 Landmarks are set by hand, and no two teeth differ by a rotation alone. *Landmarks' own* is half of the angle between
 the rotations that every other landmark and the rest of them give (median of the pairs): about the error of the truth
@@ -230,6 +229,11 @@ def _text(rows: tuple[dict[str, Any], ...]) -> str:
     ]
     if above:
         lines.append(f"Single draws have medians above {MEDIAN_DEG} degrees: " + ", ".join(above) + ".")
+    lines += [
+        f"{row['tool']}: the rotations of its authors' alignment, for the {row['job']} that have one."
+        for row in rows
+        if "published" in str(row["tool"])
+    ]
     lines += [
         f"Where the machine has other work, processor seconds say more: {row['job']} took {row['processor_s']:.0f} "
         f"of them; {SECONDS_116:.0f} seconds on two cores are at most {2 * SECONDS_116:.0f}."
