@@ -205,7 +205,7 @@ def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constrain
 def own_notes(
     own: Own, points: Mapping[str, OwnPoints], known: Constraints, rotations: FloatArray
 ) -> tuple[Note, ...]:
-    """Return the note that says what the caller gave and what became of it; none for nothing."""
+    """Return the note on what the caller gave and what became of it at the poses (N, 3, 3); none for nothing."""
     said, some = dict[str, float](), next(iter(points.values()), None)
     if some is not None and some.invariants is not None:
         said |= {"num_invariants": some.invariants.shape[1], "weight": float(some.weight)}

@@ -92,14 +92,14 @@ def proofs_note(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int)
 def prove_pair(
     target: Samples, source: Samples, group: str, rotations: FloatArray, gap_tol: float, time_limit_s: float
 ) -> PairProof:
-    """Prove the best pose of one pair and list its rivals as far as the time allows; runs inside a worker."""
+    """Prove the best pose of one pair and list its rivals, from rotations (m, 3, 3); runs inside a worker."""
     problem = pair_problem(target, source, group)
     poses = list_poses(problem, rotations, within=LISTED_WITHIN, tol=gap_tol, time_limit_s=time_limit_s, record=True)
     return pair_proof(poses, lambda rotations: local_evidence(target, source, rotations)[0])
 
 
 def pair_proof(poses: PoseList, mismatches_at: Callable[[FloatArray], FloatArray]) -> PairProof:
-    """Return what was proven of a pair: at most :data:`MOST_LISTED` poses, with balls if the list is complete."""
+    """Return what was proven: at most :data:`MOST_LISTED` poses, (m, 3, 3), with balls if the list is complete."""
     proof = poses.proof
     pose, certificate = proof.candidate, proof.certificate
     shape, size = pose.R_target_source.shape, len(pose.map_target_source)

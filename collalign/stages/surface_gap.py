@@ -29,7 +29,7 @@ def surface_gap(
 def point_gaps(
     target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield |t|^2 - 2 ts + |s|^2 of all points of two surfaces at each rotation, with normals where both have any.
+    """Yield |t|^2 - 2 ts + |s|^2, shape (n, k), of points (n, 3), (k, 3) and normals at each rotation (p, 3, 3).
 
     Each is written over the one before.
     """
@@ -44,7 +44,7 @@ def point_gaps(
 
 
 def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Return every second dense point, in radii about the mean of all, and their normals.
+    """Return every second dense point, in radii about the mean of all, and their normals, both (n, 3).
 
     Without any, each ``every``-th sample of a surface, whose copies share its samples, and all points of a cloud.
     """

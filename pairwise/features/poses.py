@@ -162,7 +162,7 @@ def refine_on_planes(
 def poses_apart(
     rotations: FloatArray, shifts: FloatArray, scores: FloatArray, source: LocalSurface, cell: float, num: int
 ) -> list[int]:
-    """Return at most ``num`` poses that differ in rotation or in place, the highest score first."""
+    """Return at most ``num`` poses (p, 3, 3), (p, 3) that differ in rotation or place, by scores (p,), best first."""
     places = rotations @ source.points.mean(axis=0) + shifts
     kept: list[int] = []
     for p in np.argsort(-np.asarray(scores), kind="stable").tolist():

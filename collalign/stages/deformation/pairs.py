@@ -69,7 +69,7 @@ def candidate_maps(
 
 
 def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray) -> RefinedMap:
-    """Return what a coarse ``C_source_target`` leads to on all samples; runs inside a worker."""
+    """Return what a coarse ``C_source_target`` (q, q) leads to on all samples; runs inside a worker."""
     target, source = (surface.spectral for surface in surfaces)
     refiner = Refiner(target, source, first=FIRST_SIZE, factor=GROWTH)
     return RefinedMap(map=refiner.from_functional_map(start).C_source_target)

@@ -40,7 +40,7 @@ class PoseWeigher:
         self._fixed_costs = cdist(source.invariants, target.invariants, "sqeuclidean")
 
     def candidate_from(self, start: FloatArray) -> WeighedPose:
-        """Return the pose of the map that a pose leads to, with its evidence."""
+        """Return the pose of the map that a pose (3, 3) leads to, with its evidence."""
         found = self._mapper.map_from(start)
         return self.weigh(found, self._mapper.evidence(found), chirality=float(np.sign(np.linalg.det(start))))
 

@@ -189,7 +189,7 @@ def incomplete_pairs(
 
 
 def label_map(target: IntArray, source: IntArray) -> IntArray:
-    """Return the sample of the target with the label of each of the source's, -1 where there is none."""
+    """Return the sample of the target with the label of each of the source's, all (k,); -1 where there is none."""
     inverse = np.full(int(max(target.max(), source.max())) + 2, -1, dtype=np.int64)
     inverse[target[target >= 0]] = np.flatnonzero(target >= 0)
     return np.where(source >= 0, inverse[source], -1)

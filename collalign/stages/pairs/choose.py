@@ -56,7 +56,7 @@ def choose_pairs(
 def match_chosen(
     session: AlignSession, shapes: Shapes, edges: IntArray, constraints: Constraints
 ) -> tuple[list[Pair], list[Excluded]]:
-    """Match pairs as :func:`match_pairs` does, with what the caller knows of them."""
+    """Match pairs (E, 2) as :func:`match_pairs` does, with what the caller knows of them."""
     counts = [constraints.weights.get((i, j), 1.0) > 0 for i, j in edges.tolist()]
     pairs, failed = match_pairs(session, shapes, edges[counts])
     return with_own(session, shapes, pairs, constraints), failed

@@ -21,7 +21,7 @@ def all_pairs(num_shapes: int) -> IntArray:
 
 
 def normalised(edges: IntArray) -> IntArray:
-    """Return the pairs as rows i < j, sorted, each once and none with itself."""
+    """Return the pairs (E, 2) as rows i < j, sorted, each once and none with itself."""
     rows = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
     return np.unique(rows, axis=0).reshape(-1, 2)
 

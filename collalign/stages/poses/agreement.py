@@ -50,7 +50,7 @@ def solve_again(
     table: SharedTable,
     solve: Callable[..., Solved],
 ) -> list[Solved]:
-    """Return what solving pairs again gives, each from the rotation that the collection asks for."""
+    """Return what solving pairs again gives, each from the rotation (E, 3, 3) that the collection asks for."""
     tasks = {
         number: {
             "target": Shared(key=str(pair.target), reader=Samples),
@@ -94,6 +94,6 @@ def with_common_match(
 
 
 def match_at(samples: Sequence[Samples], pair: Pair, rotations: FloatArray) -> tuple[IntArray, float]:
-    """Return the best map of a pair at the common poses, and its energy."""
+    """Return the best map (k,) of a pair at the common poses (N, 3, 3), and its energy."""
     common = rotations[pair.target].T @ rotations[pair.source]
     return match_at_rotation(samples[pair.target], samples[pair.source], common)

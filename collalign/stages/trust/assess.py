@@ -276,7 +276,7 @@ def _costs(
 
 
 def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:
-    """Return the confidence that evidence alone gives each of ``num`` poses, whoever set it; NaN where none is."""
+    """Return the confidence (num,) that evidence alone gives each pose, whoever set it; NaN where none is."""
     return np.full(num, np.nan) if trust is None else pose_confidence(trust)
 
 

@@ -90,7 +90,7 @@ class RigidMatch:
         )
 
     def transform_of(self, pose: Similarity) -> FloatArray:
-        """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to as a 4 x 4 matrix."""
+        """Return x -> scale_to * (scale * R (x - offset_of) / scale_of + shift) + offset_to, shape (4, 4)."""
         to, of = self.target, self.source
         linear = pose.rotation * (pose.scale * to.scale / of.scale)
         transform = np.eye(4)

@@ -237,7 +237,7 @@ def unit_cloud(points: FloatArray) -> FloatArray:
 
 
 def near_pairs(distances: FloatArray, num: int) -> list[tuple[int, int]]:
-    """Return the pairs (i < j) of which one is among the ``num`` nearest of the other; NaN is never near."""
+    """Return the pairs (i < j) of which one is among the ``num`` nearest of the other, by distances (N, N)."""
     away = np.where(np.isnan(distances) | np.eye(len(distances), dtype=bool), np.inf, distances)
     nearest = np.argsort(away, axis=1, kind="stable")[:, :num]
     pairs = {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row if np.isfinite(away[i, j])}
