@@ -39,8 +39,8 @@ OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_d
 BROKEN = ("tooth2",)
 
 
-def align(shapes, **options):
-    return align_collection(shapes, options=replace(OPTIONS, **options), jobs=1, progress=False)
+def align(shapes, store=None, **options):
+    return align_collection(shapes, options=replace(OPTIONS, **options), jobs=1, store=store, progress=False)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,14 @@ def planted(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def aligned(planted):
-    return align(planted[0], incomplete="tooth2, ")
+def store(tmp_path_factory):
+    """What the run of :func:`aligned` and one that places a tooth by hand share."""
+    return tmp_path_factory.mktemp("store") / "store.sqlite"
+
+
+@pytest.fixture(scope="module")
+def aligned(planted, store):
+    return align(planted[0], store=store, incomplete="tooth2, ")
 
 
 @pytest.fixture(scope="module")
@@ -123,12 +129,12 @@ def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_pa
     assert [more.names[one.shape] for one in more.incomplete] == list(BROKEN)
 
 
-def test_a_tooth_that_is_placed_by_hand_stays_there_and_the_others_where_they_were(aligned):
+def test_a_tooth_that_is_placed_by_hand_stays_there_and_the_others_where_they_were(aligned, store):
     at = aligned.names.index("tooth2")
     size, shift = 1.1 * aligned.scales[at], np.array([0.1, 0.0, 0.0])
     by_hand = Similarity(rotation=aligned.rotations[1], scale=size, shift=shift)
     fixed = dict(zip(aligned.names, aligned.transforms, strict=True)) | {"tooth2": by_hand.transform}
-    again = align_collection(aligned.files, options=aligned.options, fixed=fixed, progress=False)
+    again = align_collection(aligned.files, options=aligned.options, fixed=fixed, jobs=1, store=store, progress=False)
     np.testing.assert_array_equal(again.transforms, np.stack([*fixed.values()]))
     assert [again.names[one.shape] for one in again.incomplete] == list(BROKEN)
     assert again.coverage[at] != aligned.coverage[at]
