@@ -32,7 +32,7 @@ from experiments.calibration.fragments import broken
 from experiments.peers.bones import bone
 from tests.notes import only
 from tests.pairwise.partial.test_partial_match import cut, moved
-from tests.products import pair_of
+from tests.products import settled_pair_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=200))
@@ -217,7 +217,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
     for number in range(5):
         write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
     clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
-    poses, pairs = np.tile(np.eye(4), (5, 1, 1)), [pair_of(np.eye(3), [0.1], source=n) for n in range(1, 5)]
+    poses, pairs = np.tile(np.eye(4), (5, 1, 1)), [settled_pair_of(np.eye(3), [0.1], source=n) for n in range(1, 5)]
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         for given, lacking in ((tmp_path, []), (clouds, [0, 1, 2, 3, 4])):
             shapes = prepare_shapes(session, list_shapes(given))
