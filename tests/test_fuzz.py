@@ -51,11 +51,11 @@ def test_reasons_that_quote_the_file_or_name_internals_are_noticed(monkeypatch, 
 
 def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_error_or_a_value(tmp_path):
     for target, files, num in (
-        (targets.read_landmark_file, seeds.landmark_files(), 100),
-        (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 60),
-        (targets.read_record, seeds.records(), 200),
-        (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 60),
-        (targets.read_config, {"a.toml": seeds.CONFIG.encode()}, 20),
+        (targets.read_landmark_file, seeds.landmark_files(), 60),
+        (targets.read_store, {"a.store": seeds.store_file(tmp_path)}, 30),
+        (targets.read_record, seeds.records(), 100),
+        (targets.read_certificate, {"a.npz": seeds.certificate_file(tmp_path)}, 30),
+        (targets.read_config, {"a.toml": seeds.CONFIG.encode()}, 10),
     ):
         report = fuzz(target, files, num, seed=7)
         assert report.bad == {}
@@ -63,9 +63,9 @@ def test_damaged_stores_records_certificates_and_configurations_end_in_a_clear_e
 
 
 def test_forged_certificates_prove_nothing_false():
-    report = attack(600, seed=7)
+    report = attack(250, seed=7)
     assert report.bad == {}
-    assert min(report.counts["true"], report.counts["refused"]) > 50
+    assert min(report.counts["true"], report.counts["refused"]) > 20
     assert {kind for _, certificate in honest() for kind in [certificate.kind]} == VERIFIERS.keys()
 
 
@@ -89,7 +89,7 @@ def test_forged_folders_prove_nothing_false(project, monkeypatch):
 
 
 def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(project, monkeypatch):
-    report = attack_overlaps(project, 24, seed=7)
+    report = attack_overlaps(project, 14, seed=7)
     assert report.bad == {}
     assert min(report.counts["done"], report.counts["refused"]) > 1
     for command, place in (("align", "apart/mine"), ("export csv", "apart/mine"), ("match", "apart/hard")):
