@@ -11,6 +11,7 @@ from collalign.align import align_collection
 from collalign.confidence.pose_model import (
     FEW_LIMIT,
     MOST_CONFIDENT,
+    STRANGE_LIMIT,
     is_as_good,
     pose_confidence,
     probability,
@@ -469,6 +470,14 @@ def test_few_partners_that_all_agree_are_enough(partners, votes, is_enough):
     seen = seen_of(margin=0.2, local_margin=0.2, votes=votes, collection_votes=votes, partners=float(partners))
     assert (probability(seen) > DOUBT) == is_enough
     assert probability(seen) >= FEW_LIMIT
+
+
+def test_few_shapes_that_fit_better_in_another_pose_are_even_odds():
+    against = {"margin": -0.02, "local_margin": -0.02}
+    assert probability(seen_of(**against, partners=5.0)) == STRANGE_LIMIT
+    assert probability(seen_of(**against, partners=6.0)) > STRANGE_LIMIT
+    for known in ({"margin": 0.02}, {"local_margin": 0.02}, {"local_margin": np.nan}):
+        assert probability(seen_of(**against | known, partners=5.0)) > STRANGE_LIMIT
 
 
 def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
