@@ -143,8 +143,10 @@ TOOL_TEXTS: dict[str, _Text] = {
     "side and are not reflected, which statistics would find as shape. For statistics, do not use --space raw.",
     "coordinates-unscaled": "Coordinates: the common frame, in the unit of each file. {num_reflected} of {total} "
     "specimens are reflected; centroid sizes are kept. For the coordinates of the files, use --space raw.",
-    "group-of-one": "{column}: the group {group} has one specimen, {shapes}, which is not tested. Correct the name "
-    "of its group, or leave it out.",
+    "groups-of-one": lambda of: (
+        f"{of.values['column']}: groups of one specimen are not tested: {_with(of, of.values['groups'])}. Correct "
+        "the names of their groups, or leave them out."
+    ),
     "labels-missing": "{source}: there is no row for {shapes}.",
     "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
     "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "

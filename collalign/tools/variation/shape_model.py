@@ -115,13 +115,10 @@ def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_f
         return Column(name=name, values=tuple(values), numbers=np.array(numbers), tested=known, notes=())
     kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
     single = {*kinds[counts == 1].tolist()} - {""}
-    notes = tuple(
-        Note("group-of-one", (shape,), {"column": name, "group": value})
-        for shape, value in zip(shapes, values, strict=True)
-        if value in single
-    )
+    alone = {shape: value for shape, value in zip(shapes, values, strict=True) if value in single}
+    note = Note("groups-of-one", tuple(alone), {"column": name, "groups": tuple(alone.values())})
     tested = known & ~np.isin(values, [*single])
-    return Column(name=name, values=tuple(values), numbers=None, tested=tested, notes=notes)
+    return Column(name=name, values=tuple(values), numbers=None, tested=tested, notes=(note,) if alone else ())
 
 
 def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], ...]:

@@ -22,6 +22,7 @@ from collalign.tools.variation.surface_variation import group_means, signed_offs
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
+from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
@@ -144,10 +145,8 @@ def test_tests_leave_out_who_has_no_label_or_is_alone_and_say_so(variation):
     assert np.isclose(variation.centroid_sizes[0], np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)))
     size_and_score = np.array([row[-2:] for row in tables["allometry"][1:]])
     np.testing.assert_allclose(size_and_score[:, 0], np.log(variation.centroid_sizes))
-    alone = [(note.shapes, note.values) for note in tests.notes if note.code == "group-of-one"]
-    assert alone == [
-        ((shape,), {"column": "one", "group": kind}) for kind, shape in zip("bcd", ("s3", "s4", "s5"), strict=True)
-    ]
+    (alone,) = (note for note in tests.notes if note.code == "groups-of-one" and note.values["column"] == "one")
+    assert alone == Note("groups-of-one", ("s3", "s4", "s5"), {"column": "one", "groups": ("b", "c", "d")})
 
 
 def test_numbers_are_covariates_unless_named_as_factors(variation):
