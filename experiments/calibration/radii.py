@@ -66,14 +66,15 @@ def few_carried(folder: Path, posed: LandmarkedFolder, num_sets: int) -> list[tu
     Returns
     -------
     list of (ndarray, shape (m, 4), ndarray, shape (m,))
-        By the number of templates: tilt, relief, residual and spread, and errors, lengths in radii.
+        By the number of templates: tilt, relief, residual and spread in radii, and errors in the variation of the
+        shapes.
     """
     rng = np.random.default_rng([SEED, 1])
     found = []
     for num in range(1, radii.MIN_TEMPLATES):
         sets = [rng.permutation(len(posed.names))[:num].tolist() for _ in range(num_sets)]
         alone, errors = [], np.empty(0)
-        for powers in np.vstack([np.zeros(4), np.eye(4)]).tolist():  # radii that are the unit, and one of the four
+        for powers in np.vstack([np.zeros(4), np.eye(4)]).tolist():  # radii that show one number alone
             with patched(radii, {"OF_FEW": 3 * ((1.0, *powers),)}):
                 carried = [carried_errors(folder / "out", posed, chosen, _run(folder)) for chosen in sets]
             errors = np.concatenate([errors.ravel() for errors, _ in carried])

@@ -28,7 +28,7 @@ EXAMPLES = [
     Note("few-for-sides", values={"most": 0.8}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
     Note("given", values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1}),
-    Note("groups-of-one", PAIR, {"column": "sex", "groups": ("f", "m")}),
+    Note("groups-of-one", PAIR, {"column": "x", "groups": ("f", "m")}),
     Note("mirror-part-fits-better", PAIR[:1], {"chance": 0.62}),
     Note("much-larger", PAIR, {"times": (1e3, 25.4)}),
     Note("much-smaller", PAIR, {"times": (1e3, 25.4)}),

@@ -153,6 +153,7 @@ class _Transfer:
         ]
         if not self._templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
         self._around = Neighbourhoods(dense.mean, dense.completed, dense.faces, radius)
         self._scale = {name: float(scale) for name, scale in zip(collection.names, collection.scales, strict=True)}
 
@@ -184,7 +185,9 @@ class _Transfer:
         shape = (len(self._templates), len(self._labels))
         if len(self._templates) < 2:
             nothing = np.full(shape[1], np.nan)
-            return np.full(shape, np.nan), [RadiusEvidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0)]
+            return np.full(shape, np.nan), [
+                RadiusEvidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0, variation=0.0)
+            ]
         errors, evidence = [], []
         for at, item in enumerate(self._templates):
             name = self._dense.names[item.shape]
@@ -230,6 +233,7 @@ class _Transfer:
             distance=template_distance(templates, row, dense.vertices),
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
+            variation=self._variation,
             tilt=tilt,
             relief=relief,
         )

@@ -20,13 +20,14 @@ from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 
 
-def shown(num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0):
+def shown(num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0):
     """Return evidence of templates that agree."""
     return RadiusEvidence(
         spread=np.full(num, spread),
         distance=distance,
         residual=np.full(num, residual),
         unit=unit,
+        variation=variation,
         tilt=np.full(num, tilt),
         relief=np.full(num, relief),
     )
@@ -67,19 +68,20 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
     plain = radii(calibration, shown())
     for evidence in (shown(distance=2.0), shown(residual=2.0)):
         assert (radii(calibration, evidence) > 1.05 * plain).all()
-    split = RadiusEvidence(spread=np.full(30, 5.0), distance=1.0, residual=np.ones(30), unit=1.0)
-    assert (radii(calibration, split) > plain).all()
+    assert (radii(calibration, shown(spread=5.0)) > plain).all()
 
 
 @pytest.mark.parametrize("num", [1, 2, 3])
 def test_radii_of_few_templates_follow_the_surface_and_the_spread_and_have_a_unit(num):
     calibration = calibrate(simulated(np.random.default_rng(3), num), [shown()] * num)
     plain = radii(calibration, shown())
-    for worse in (shown(tilt=0.4), shown(relief=0.02), shown(residual=2.0)):
+    for worse in (shown(tilt=0.4), shown(relief=0.02), shown(residual=2.0), shown(variation=2.0)):
         assert (radii(calibration, worse) > plain).all()
     assert ((radii(calibration, shown(spread=0.3)) > plain) == (num > 1)).all()
-    np.testing.assert_allclose(radii(calibration, shown(residual=10.0, spread=0.0, unit=10.0)), 10 * plain)
-    assert (radii(calibration, shown(tilt=0.0, residual=0.0)) > 0).all()
+    np.testing.assert_allclose(
+        radii(calibration, shown(residual=10.0, spread=0.0, unit=10.0, variation=10.0)), 10 * plain
+    )
+    assert (radii(calibration, shown(tilt=0.0, residual=0.0, variation=0.0)) > 0).all()
 
 
 def test_without_templates_there_are_no_radii():
