@@ -48,7 +48,8 @@ is from the files to the rotations, one process, one draw of a class.
 * Principal axes + ICP + tree: what auto3dgm does (100, then 200 points, one-to-one matches, minimum spanning tree),
   written for this comparison.
 * KISS-Matcher with the generalised ICP of small_gicp, and coherent point drift of 200 points from the pairings of the
-  principal axes (rustcpd), both with spectral synchronization.
+  principal axes (rustcpd), both with spectral synchronization. Long edges of coarse meshes are split for these and
+  for the principal axes, so that vertices cover the surface.
 
 What the other tools are given beyond their defaults was chosen on eight teeth, for the fewest gross pairs.
 """

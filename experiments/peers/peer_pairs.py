@@ -20,7 +20,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollectionError
 from data_tools.surface.shape import Shape
-from experiments.peers.principal_axes import axis_starts
+from experiments.peers.principal_axes import axis_starts, with_short_edges
 
 #: Open3D: points drawn on a mesh, and its voxel.
 OPEN3D_POINTS = 10_000
@@ -122,7 +122,7 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     import kiss_matcher
     import small_gicp
 
-    clouds = [np.ascontiguousarray(shape.vertices) for shape in shapes]
+    clouds = [np.ascontiguousarray(with_short_edges(shape).vertices) for shape in shapes]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     transforms = []
     for target, source in edges:
@@ -144,7 +144,8 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
 
 def drift_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     """Match by coherent point drift (rustcpd), from all pairings of the principal axes; the best counts."""
-    points = [shape.vertices[farthest_points(shape, CPD_POINTS, metric="euclidean")] for shape in shapes]
+    dense = [with_short_edges(shape) for shape in shapes]
+    points = [shape.vertices[farthest_points(shape, CPD_POINTS, metric="euclidean")] for shape in dense]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     tasks = [(f"{target} {source}", (points[target], points[source])) for target, source in edges]
     found = {}

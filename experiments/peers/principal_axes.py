@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.distance import cdist
@@ -27,6 +28,8 @@ from data_tools.surface.shape import Shape
 #: Points of the first and of the second round, as auto3dgm's example has them.
 NUM_POINTS = (100, 200)
 MAX_ITERATIONS = 100
+#: Longer edges of a mesh are split, in root mean square radii.
+LONGEST_EDGE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,12 +64,24 @@ def align_by_principal_axes(
         ``R_common_shape``; the common frame is that of the first shape.
     """
     rotations = None
+    dense = [with_short_edges(shape) for shape in shapes]
     for num in num_points:
-        points = [normalised_points(shape, num) for shape in shapes]
+        points = [normalised_points(shape, num) for shape in dense]
         rotations = along_tree(*_match_pairs(points, rotations, group, num_jobs))
     if rotations is None:
         raise OptionsError("num_points: expected at least one round")
     return rotations
+
+
+def with_short_edges(shape: Shape) -> Shape:
+    """Return the shape with long edges split, so that its vertices cover the surface; a point cloud as it is."""
+    if not shape.is_mesh:
+        return shape
+    radius = np.sqrt(((shape.vertices - shape.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
+    vertices, faces = trimesh.remesh.subdivide_to_size(
+        shape.vertices, shape.faces, max_edge=LONGEST_EDGE * radius, max_iter=20
+    )
+    return Shape.from_arrays(vertices, faces, name=shape.name)
 
 
 def normalised_points(shape: Shape, num: int) -> FloatArray:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
@@ -13,6 +14,7 @@ from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.datasets import read_canonical_class
@@ -27,7 +29,13 @@ from experiments.peers.peer_pairs import (
     spectral,
 )
 from experiments.peers.peer_tools import TOOLS
-from experiments.peers.principal_axes import along_tree, axis_starts, closest_points, normalised_points
+from experiments.peers.principal_axes import (
+    along_tree,
+    axis_starts,
+    closest_points,
+    normalised_points,
+    with_short_edges,
+)
 
 
 def worst_deg(found, true):
@@ -88,6 +96,16 @@ def test_principal_axes_find_the_rotation_and_the_mirror_image(rng):
     wrong, distance = closest_points(target, source, starts[np.linalg.det(starts) > 0][0])
     assert distance > 0.01
     assert np.linalg.det(wrong) > 0
+
+
+def test_coarse_meshes_are_covered_by_points():
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    box = trimesh.convex.convex_hull(corners)
+    dense = with_short_edges(Shape.from_arrays(np.array(box.vertices), np.array(box.faces)))
+    edges = dense.vertices[dense.faces] - dense.vertices[np.roll(dense.faces, 1, axis=1)]
+    assert np.linalg.norm(edges, axis=2).max() <= 0.1 * np.sqrt(3)
+    assert np.abs(dense.vertices).max(axis=1) == pytest.approx(1.0)
+    assert len(normalised_points(dense, 100)) == 100
 
 
 def test_the_tree_takes_the_nearest_pairs_only(rng):
