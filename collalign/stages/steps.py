@@ -12,8 +12,6 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-
 from collalign.confidence.pose_model import resembles_none
 from collalign.options import AlignSession
 from collalign.products.deformation import VertexMaps
@@ -36,7 +34,6 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trust.assess import gather_trust, with_trust
-from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.remedies import remedies
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import SynchronizationResult
@@ -170,55 +167,35 @@ def pose(run: Run, matched: Matched) -> Posed:
             known = matched.solution if parts is None else None
             first = synchronize_shapes(options, samples, linked, constraints, known=known)
         pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
-        return _settled(run, pairs, linked, solution, matched.side_limits)
-
-
-def _settled(
-    run: Run,
-    pairs: Sequence[Pair],
-    matched: list[Pair],
-    solution: SynchronizationResult,
-    side_limits: Mapping[int, float],
-) -> Posed:
-    """Refine synchronized poses, and settle frame, labels and places."""
-    session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
-    rotations = refine_poses(session, samples, pairs, solution, constraints)
-    with session.alone("common matches"):
-        rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-        settled = with_common_match(samples, pairs, solution, rotations)
-        labels = labels_at_common_poses(samples, settled, rotations)
+        rotations = refine_poses(session, samples, pairs, solution, constraints)
+        with session.alone("common matches"):
+            rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
+            settled = with_common_match(samples, pairs, solution, rotations)
+            labels = labels_at_common_poses(samples, settled, rotations)
     transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
     transforms = with_origin(transforms, constraints)
     return Posed(
         pairs=settled,
-        matched=matched,
+        matched=linked,
         solution=solution,
         rotations=rotations,
         transforms=transforms,
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
         notes=contradictions(run.shapes.names, settled, rotations),
-        side_limits=side_limits,
+        side_limits=matched.side_limits,
     )
 
 
 def state_trust(run: Run, posed: Posed) -> Posed:
-    """State how far each pose can be trusted; a rival that dense points of most shapes prefer takes its place."""
-    session, samples, constraints = run.session, run.shapes.samples, run.constraints
+    """State how far each pose can be trusted."""
+    session, samples = run.session, run.shapes.samples
     if session.options.synchronization != "robust":
         return posed
-    names, rotations = run.shapes.names, posed.rotations
     with run.stage("confidence"):
-        trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
-        kept = {*constraints.fixed, constraints.reference}
-        better = preferred_poses(session, samples, posed.matched, trust, rotations, kept)
-        if not np.array_equal(better, rotations):
-            start = replace(posed.solution, rotations=better)
-            posed = _settled(run, posed.pairs, posed.matched, start, posed.side_limits)
-            rotations = posed.rotations
-            trust = gather_trust(session, samples, posed.matched, rotations, posed.solution.components)
+        trust = gather_trust(session, samples, posed.matched, posed.rotations, posed.solution.components)
         solution = with_trust(posed.solution, trust, run.constraints, posed.side_limits)
-        notes = trust_notes(names, trust, solution.confidence, run.constraints)
+        notes = trust_notes(run.shapes.names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, trust=trust)
         strange = resembles_none(trust.evidence)
         helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange)

@@ -125,17 +125,12 @@ SWITCHES: dict[str, Switch] = {
     ),
     # refinement
     "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
-    "first round of refinement": Switch(
-        patches={"collalign.stages.poses.refinement.MOST_STEPS": (16, 30)}, where=RIGID
-    ),
-    "second round of refinement": Switch(
-        patches={"collalign.stages.poses.refinement.MOST_STEPS": (4, 30)}, where=RIGID
-    ),
+    "first round of refinement": Switch(patches={"collalign.stages.poses.refinement.MOST_STEPS": (16,)}, where=RIGID),
+    "second round of refinement": Switch(patches={"collalign.stages.poses.refinement.MOST_STEPS": (4,)}, where=RIGID),
     "weights of near pairs in refinement": Switch(
         patches={"collalign.stages.poses.refinement._weights": np.ones_like}, where=RIGID
     ),
     # confidence
-    "poses that dense points prefer": Switch(patches={f"{_STEPS}.preferred_poses": _given(4)}, where=RIGID),
     "own turns": Switch(patches={f"{_TRUST}.near_symmetries": _always(np.zeros((0, 3, 3)))}),
     "copies": Switch(
         patches={f"{_TRUST}.are_copies": _always(False), f"{rivals.__name__}.are_copies": _always(False)}

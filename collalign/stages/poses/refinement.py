@@ -31,15 +31,13 @@ from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Most steps of closest points in both rounds, and of a pose that is tried alone, where 16 left a bone half turned.
-MOST_STEPS = (4, 16, 30)
+#: Most steps of closest points in both rounds.
+MOST_STEPS = (4, 16)
 #: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
 LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
-def refine_pair(
-    target: DensePoints, source: DensePoints, start: FloatArray, steps: int = MOST_STEPS[-1]
-) -> tuple[FloatArray, float]:
+def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray, steps: int) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
@@ -136,7 +134,7 @@ def refine_rotations(
     pattern = RotationPattern.from_user(None, 3, group)
     points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
     with table_of_values(samples) as table:
-        for steps in MOST_STEPS[:-1]:
+        for steps in MOST_STEPS:
             starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
             tasks = {
                 (i, j): {"target": points[i], "source": points[j], "start": start, "steps": steps}

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.align import align_collection
 from collalign.confidence.pose_model import (
     FEW_LIMIT,
     MOST_CONFIDENT,
@@ -24,16 +23,14 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
-from collalign.stages import steps
 from collalign.stages.local_evidence import local_evidence
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
-from collalign.stages.trust.outvoted import preferred_poses
 from collalign.stages.trust.own_turns import TWELFTHS, near_symmetries, turns_in_words
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
 from collalign.stages.trust.words import trust_notes
 from collalign.synchronization import synchronize
-from data_tools.datasets.synthetic import bumped, planted_collection, write_collection
+from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -113,36 +110,6 @@ def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng):
     assert column(trust, "votes")[0] == 1 / (NUM + 1)
     assert column(trust, "lead").tolist() == [leads.min() for leads in trust.leads]
     assert trust.leads[0].min() < trust.leads[0].max()
-
-
-def test_a_pose_that_dense_points_of_most_shapes_speak_against_gives_way(rng):
-    some, turns = zip(*(crowns(rng) for _ in range(2)), strict=True)
-    samples, truth = [*some[0], *some[1]], np.concatenate(turns)
-    posed, pairs = truth.copy(), pairs_at(truth, wrong={3})
-    posed[3] = HALF_TURN @ truth[3]
-    trust = trusted(samples, pairs, posed)
-    with Session.open(AlignOptions(group="SO"), RunOptions(jobs=1)) as session:
-        given = (session, samples, pairs, trust, posed)
-        found = preferred_poses(*given, kept={None})
-        assert rotation_angle_deg(found[3], truth[3]) < 5.0
-        assert np.array_equal(np.delete(found, 3, axis=0), np.delete(posed, 3, axis=0))
-        assert np.array_equal(preferred_poses(*given, kept={3}), posed)
-        of_maps = [replace(pair, log_odds=np.array([0.0, -1.0])) for pair in pairs]
-        assert np.array_equal(preferred_poses(session, samples, of_maps, trust, posed, kept={None}), posed)
-
-
-def test_what_follows_from_poses_is_settled_again_where_one_gives_way(tmp_path, monkeypatch, rng):
-    members = [replace(bumped(crown(num_vertices=500), rng, rms=0.01), name=f"crown{i}") for i in range(4)]
-    planted = planted_collection(members, rng)
-    write_collection(tmp_path, planted)
-    turn = np.stack([np.eye(3), np.eye(3), HALF_TURN, np.eye(3)])
-    monkeypatch.setattr(steps, "preferred_poses", lambda session, samples, pairs, trust, poses, kept: turn @ poses)
-    options = AlignOptions(group="SO", embedding=EmbeddingOptions(kind="xyz"), maps="never")
-    found = align_collection(tmp_path, options=options, run=RunOptions(jobs=1))
-    true = np.stack([planted.relative_rotation(0, i) for i in range(4)])
-    errors = rotation_angle_deg(found.rotations[0].T @ found.rotations, true)
-    assert errors[[1, 3]].max() < 20.0 < 160.0 < errors[2]
-    assert found.confidence[2] < DOUBT
 
 
 def test_poses_of_a_sphere_are_all_in_doubt(rng):
