@@ -25,7 +25,7 @@ from pairwise.options import MatchOptions, PairKeywords, PairOptions
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = int(np.iinfo(np.int64).max) + 1
-#: Most rounds of what is repeated until nothing is new: pairs added, rivals asked, incomplete shapes looked for.
+#: Most rounds of what is repeated until nothing is new: pairs added, incomplete shapes looked for.
 MAX_ROUNDS = 3
 #: Seconds for the proof of a pair where nobody says how many.
 PROOF_S = 30.0
