@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
+from data_tools.sight import DepthImage, lines_of_sight
 from data_tools.threads import one_blas_thread
 
 #: Distance of the points of surfaces that may be partial, in root mean square radii of the median shape.
@@ -25,13 +26,6 @@ NUM_BINS = 11
 MOST_COMPARED = 600
 #: A surface needs so many points for its neighbourhoods to say anything.
 FEWEST_POINTS = 30
-#: Directions of a half sphere that a surface may have been seen from, and points around one that say where it ends.
-NUM_DIRECTIONS, NUM_AROUND = 500, 20
-#: A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, and at most this
-#: share of its points lie behind others; such a share weighs so much against cosines where a direction is chosen.
-STEEPEST_SEEN, MOST_HIDDEN, HIDDEN_WEIGHT = 0.15, 0.1, 3.0
-#: Directions that are no worse than the best one by this are possible, too: at most so many, this cosine apart.
-SIGHT_SLACK, MOST_SIGHTS, SIGHT_COSINE = 0.05, 4, 0.98
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,6 +101,11 @@ class LocalSurface:
         sights = lines_of_sight(self.points, self.normals, self.cell)
         return sights * np.where((self.normals @ sights.T).mean(axis=0) < 0.0, -1.0, 1.0)[:, None]
 
+    @cached_property
+    def depth_images(self) -> list[DepthImage]:
+        """What was seen along each of the possible lines of sight; mostly none."""
+        return [DepthImage.along(sight, self.points, self.cell) for sight in self.sights]
+
     def thinned(self, num: int) -> LocalSurface:
         """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
         step = slice(None, None, -(-len(self.points) // num))
@@ -131,57 +130,6 @@ class LocalSurface:
             normals=read_only(self.normals * flip),
             histograms=read_only(histograms),
         )
-
-
-def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
-    """Return unit directions (s, 3) from which all of a surface is seen, as in a depth image, the likeliest first.
-
-    Those that the steepest normals are not steep to, and from which hardly a point is behind others. Of a direction
-    and its opposite it is the one from which the surface slopes down where it ends.
-
-    Parameters
-    ----------
-    points, normals : ndarray, shape (l, 3)
-        Unit normals; their signs do not matter.
-    spacing : float
-        Distance of the points.
-    """
-    numbers = np.arange(NUM_DIRECTIONS) + 0.5
-    heights = 1.0 - numbers / NUM_DIRECTIONS
-    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
-    directions = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
-    cosines = np.quantile(np.abs(normals @ directions.T), 0.03, axis=0)
-    possible = np.flatnonzero(cosines >= STEEPEST_SEEN)
-    if not len(possible):
-        return np.empty((0, 3))
-    directions = directions[possible]
-    hidden = np.array([_share_hidden(points, normals, direction, spacing) for direction in directions])
-    scores = cosines[possible] - HIDDEN_WEIGHT * hidden
-    best = int(np.argmax(scores))
-    if hidden[best] > MOST_HIDDEN:
-        return np.empty((0, 3))
-    near = directions[scores >= scores[best] - SIGHT_SLACK]
-    sights = directions[[best]]
-    while len(sights) < MOST_SIGHTS:
-        cosines = np.abs(near @ sights.T).max(axis=1)
-        if cosines.min() > SIGHT_COSINE:
-            break
-        sights = np.concatenate([sights, near[[int(cosines.argmin())]]])
-    arms = points - points[cKDTree(points).query(points, k=min(NUM_AROUND, len(points)))[1]].mean(axis=1)
-    slopes = normals * np.sign(normals @ sights[0])[:, None]
-    falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
-    return sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None] * (1.0 if falling >= 0 else -1.0)
-
-
-def _share_hidden(points: FloatArray, normals: FloatArray, sight: FloatArray, spacing: float) -> float:
-    """Return the share of points farther behind the foremost one of a pixel than their slope explains."""
-    along = points @ np.linalg.svd(sight[None])[2].T
-    pixels = np.floor((along[:, 1:] - along[:, 1:].min(axis=0)) / spacing).astype(np.int64)
-    keys = pixels[:, 0] * (pixels[:, 1].max() + 1) + pixels[:, 1]
-    depth = points @ sight
-    front = np.full(keys.max() + 1, -np.inf)
-    np.maximum.at(front, keys, depth)
-    return float((front[keys] - depth > 2.0 * spacing / np.maximum(np.abs(normals @ sight), 0.1)).mean())
 
 
 def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:

@@ -33,9 +33,13 @@ def overlap_log_odds(poses: LocalPoses) -> FloatArray:
         np.where(seen, SEEN_CONSENSUS_WEIGHT, CONSENSUS_WEIGHT),
         np.where(seen, SEEN_NONE_RIGHT, NONE_RIGHT),
     )
-    in_front = np.where(seen, poses.in_front.max(axis=1, initial=0.0), 0.0)
-    against = FRONT_WEIGHT * np.log1p(in_front / FRONT_UNIT)
+    against = in_front_log_odds(np.where(seen, poses.in_front.max(axis=1, initial=0.0), 0.0))
     return np.asarray(OVERLAP_WEIGHT * shares[0] + weight * shares[1] - none - against)
+
+
+def in_front_log_odds(shares: FloatArray) -> FloatArray:
+    """Return the log-odds against poses of which shares of points are in front of what was seen, of any shape."""
+    return np.asarray(FRONT_WEIGHT * np.log1p(shares / FRONT_UNIT))
 
 
 def overlap_chances(poses: LocalPoses) -> FloatArray:

@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import MAX_DEFECTS, plane_normals
-from data_tools.local_surface import FEWEST_POINTS, LocalSurface, lines_of_sight
+from data_tools.local_surface import FEWEST_POINTS, LocalSurface
+from data_tools.sight import lines_of_sight
 from data_tools.surface.normals import orientation_defects
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_crosses

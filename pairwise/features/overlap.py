@@ -21,7 +21,6 @@ from pairwise.features.poses import (
     poses_apart,
     refine_on_planes,
 )
-from pairwise.features.visibility import shares_in_front
 
 #: A point has a partner if a point of the other surface is within so many cells, ...
 PARTNER_CELLS = 1.2
@@ -253,6 +252,33 @@ def closeness(
             reached = table[rows, nearest] / usual
             costs[p, side] = np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean()
     return overlaps, costs.mean(axis=1)
+
+
+def shares_in_front(
+    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
+) -> FloatArray:
+    """Return the share of either surface's points that lie in front of what was seen of the other, shape (p, 2).
+
+    The target's come first; the least share of all possible lines of sight. NaN where no single direction saw all of
+    the other surface.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+    rotations : ndarray, shape (p, 3, 3)
+        Of determinant 1.
+    shifts : ndarray, shape (p, 3)
+        Source coordinates to those of the target, with the rotations.
+    """
+    shares = np.full((len(rotations), 2), np.nan)
+    turned = np.swapaxes(rotations, 1, 2)
+    for side, seen, points in (
+        (0, source, (target.points[target.compared] - shifts[:, None]) @ rotations),
+        (1, target, source.points[source.compared] @ turned + shifts[:, None]),
+    ):
+        if seen.depth_images:
+            shares[:, side] = np.min([image.share_in_front(points) for image in seen.depth_images], axis=0)
+    return shares
 
 
 def _partners(

@@ -1,8 +1,8 @@
 """Joins shapes none of which is complete, such as scans, by the pairs that overlap, and refines all together.
 
-Pairs that share nothing say nothing. The poses follow from a robust synchronization of the pairs that overlap, in
-rotation first, then in place; all overlaps together refine them. A scan is as sure as the weakest cut of overlaps
-that holds it to the others.
+Pairs that share nothing say nothing. Two blocks of shapes at a time are joined where the poses of pairs between them
+agree, and nothing lies in front of what was seen; the surest first. All overlaps together refine the poses. A scan is
+as sure as the weakest cut of overlaps that holds it to the others.
 """
 
 from __future__ import annotations
@@ -14,27 +14,30 @@ from typing import TypeAlias
 import networkx as nx
 import numpy as np
 
-from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances, overlap_log_odds
+from collalign.confidence.overlap_model import (
+    FRONT_UNIT,
+    MOST_CERTAIN,
+    in_front_log_odds,
+    overlap_chances,
+)
 from collalign.confidence.pose_model import MOST_CONFIDENT
-from collalign.synchronization import PairGraph, synchronize_graph
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, turn_deg
 from data_tools.threads import one_blas_thread
-from pairwise.features.overlap import LocalPoses, judge_poses
+from pairwise.features.overlap import LocalPoses, judge_poses, shares_in_front
 from pairwise.features.poses import STEP_COSINE, rotations_by
-from pairwise.problem.pattern import RotationPattern
 
 #: Pairs join shapes if one of their poses is at least this probable.
 JOINING_CHANCE = 0.5
 #: A pose of a pair agrees with the common poses within so many degrees and cells.
 AGREE_DEG, AGREE_CELLS = 10.0, 5.0
-#: Rounds of the joint least squares that settle places, and their scale of outliers, in cells.
-NUM_ROUNDS, OUTLIER_CELLS = 20, 2.0
+#: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
+SHARED_CAUSE = 0.3
+#: Poses of pairs that are at least this probable may join blocks, and so many places of a block are compared.
+PROPOSED_CHANCE, MOST_PLACES = 0.05, 5
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
-#: Blocks of shapes that are moved to a place that more pairs ask for, one after the other.
-MOST_MOVES = 6
 
 #: Poses of pairs, by target and source.
 Overlaps: TypeAlias = Mapping[tuple[int, int], LocalPoses]
@@ -53,8 +56,9 @@ class WeakCut:
     members : ndarray of int
         The shapes of the smaller side.
     held, against : float
-        Minus the logarithm of the chance that all pairs across that agree with the poses are wrong; the same of those
-        pairs across that agree with each other on another place.
+        Minus the logarithm of the chance that the pairs across that agree with the poses are wrong, less what
+        contradicts these poses; the same of those pairs across that agree with each other on another place, negative
+        where what was seen contradicts it.
     move : ndarray, shape (4, 4)
         Takes the members to that place.
     """
@@ -104,18 +108,9 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     group : {"SO", "O"}
     """
     chances = {pair: overlap_chances(poses) for pair, poses in overlaps.items()}
-    joining = {pair: overlaps[pair] for pair, own in chances.items() if own.max(initial=0.0) >= JOINING_CHANCE}
-    transforms = np.tile(np.eye(4), (len(surfaces), 1, 1))
-    transforms[:, :3, :3] = _synchronized(joining, chances, len(surfaces), group)
-    transforms, agreeing = _settled(surfaces, joining, transforms)
-    for _ in range(MOST_MOVES):
-        cuts = weak_cuts(surfaces, overlaps, chances, agreeing, transforms)
-        worst = min(cuts, key=lambda cut: cut.held - cut.against, default=None)
-        if worst is None or worst.held >= worst.against:
-            break
-        moved = transforms.copy()
-        moved[worst.members] = worst.move @ moved[worst.members]
-        transforms, agreeing = _settled(surfaces, joining, moved)
+    transforms = _joined(surfaces, overlaps, chances)
+    agreeing = _agreeing(surfaces, overlaps, chances, transforms)
+    transforms = _refined(surfaces, list(agreeing), transforms)
     cuts = weak_cuts(surfaces, overlaps, chances, agreeing, transforms)
     kept = {}
     for i, j in agreeing:
@@ -127,65 +122,66 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     return JoinedScans(transforms=transforms, confidence=confidence, kept=kept, parts=parts, cuts=cuts)
 
 
-def _settled(
-    surfaces: Sequence[LocalSurface], joining: Overlaps, transforms: FloatArray
-) -> tuple[FloatArray, Overlaps]:
-    """Return poses in which the pairs that agree in rotation settle places and refine all, and these pairs."""
-    rotations, cell = transforms[:, :3, :3], surfaces[0].cell
-    agreeing = {}
-    for (i, j), poses in joining.items():
-        angles = turn_deg(poses.rotations, rotations[i].T @ rotations[j])
-        nearest = int(np.argmin(angles))
-        if angles[nearest] < AGREE_DEG:
-            agreeing[i, j] = poses[[nearest]]
-    shifts = _placed(agreeing, rotations, cell)
-    agreeing = {
-        (i, j): poses
-        for (i, j), poses in agreeing.items()
-        if np.linalg.norm(rotations[i] @ poses.shifts[0] - (shifts[j] - shifts[i])) < AGREE_CELLS * cell
-    }
-    return _refined(surfaces, list(agreeing), rotations, shifts), agreeing
+def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chances) -> FloatArray:
+    """Return poses (N, 4, 4) by joining the two blocks that are surest to belong together, again and again."""
+    num = len(surfaces)
+    transforms, block = np.tile(np.eye(4), (num, 1, 1)), np.arange(num)
+    probable = {pair: np.flatnonzero(own >= PROPOSED_CHANCE) for pair, own in chances.items()}
+    proposed = {pair: (overlaps[pair][own], chances[pair][own]) for pair, own in probable.items() if len(own)}
+    known: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+    while True:
+        between = {tuple(sorted((int(block[i]), int(block[j])))) for i, j in proposed if block[i] != block[j]}
+        for first, second in sorted(between - known.keys()):
+            ends = np.flatnonzero(block == first), np.flatnonzero(block == second)
+            known[first, second] = _best_place(surfaces, proposed, transforms, *ends)
+        best = max(sorted(between), key=lambda two: known[two][0], default=None)
+        if best is None or known[best][0] < _weight(JOINING_CHANCE):
+            return transforms
+        members = block == best[1]
+        transforms[members] = known[best][1] @ transforms[members]
+        block[members] = best[0]
+        known = {two: place for two, place in known.items() if not {*two} & {*best}}
 
 
-def _synchronized(joining: Overlaps, chances: Chances, num: int, group: str) -> FloatArray:
-    """Return ``R_common_i`` of every shape, shape (N, 3, 3), from the candidates of the pairs that overlap."""
-    if not joining:
-        return np.tile(np.eye(3), (num, 1, 1))
-    graph = PairGraph.of_candidates(
-        np.array(list(joining), dtype=np.int64),
-        [(poses.rotations, 1.0 - poses.overlap) for poses in joining.values()],
-        num_shapes=num,
-        pattern=RotationPattern.from_user(None, 3, group),
-        log_odds=[overlap_log_odds(poses) for poses in joining.values()],
-        weights=np.array([chances[pair].max() for pair in joining]),
-    )
-    return synchronize_graph(graph).rotations
+def _best_place(
+    surfaces: Sequence[LocalSurface],
+    proposed: Mapping[tuple[int, int], tuple[LocalPoses, FloatArray]],
+    transforms: FloatArray,
+    others: IntArray,
+    members: IntArray,
+) -> tuple[float, FloatArray]:
+    """Return how sure the best place of the members among the others is, and the move there (4, 4)."""
+    asked = _moves(proposed, transforms, {*members.tolist()}, {*others.tolist()})
+    middle = _middle(surfaces, transforms, members)
+    best = (-np.inf, np.eye(4))
+    for weight, move in _places(asked, middle, surfaces[0].cell)[:MOST_PLACES]:
+        moved = transforms.copy()
+        moved[members] = move @ moved[members]
+        sure = weight - float(_contradictions(surfaces, moved, others, members))
+        if sure > best[0]:
+            best = sure, move
+    return best
 
 
-def _placed(agreeing: Overlaps, rotations: FloatArray, cell: float) -> FloatArray:
-    """Return the shifts (N, 3) that fit those of the pairs best, outliers damped (Cauchy's weights)."""
-    num = len(rotations)
-    shifts = np.zeros((num, 3))
-    if not agreeing:
-        return shifts
-    pairs = np.array(list(agreeing))
-    asked = np.stack([rotations[i] @ poses.shifts[0] for (i, _), poses in agreeing.items()])
-    incidence = np.zeros((len(pairs), num))
-    incidence[np.arange(len(pairs)), pairs[:, 0]], incidence[np.arange(len(pairs)), pairs[:, 1]] = -1.0, 1.0
-    weights = np.ones(len(pairs))
-    for _ in range(NUM_ROUNDS):
-        roots = np.sqrt(weights)[:, None]
-        shifts = np.linalg.lstsq(roots * incidence, roots * asked, rcond=None)[0]
-        gaps = np.linalg.norm(incidence @ shifts - asked, axis=1)
-        weights = 1.0 / (1.0 + (gaps / (OUTLIER_CELLS * cell)) ** 2)
-    return shifts
+def _agreeing(
+    surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chances, transforms: FloatArray
+) -> Overlaps:
+    """Return the pairs whose likeliest pose is probable and agrees with the common poses, with this pose."""
+    found = {}
+    for (i, j), poses in overlaps.items():
+        best = int(np.argmax(chances[i, j]))
+        likeliest = poses[[best]]
+        same = _same_poses(likeliest, transforms[i], transforms[j], surfaces[j])
+        if same[0] and chances[i, j][best] >= JOINING_CHANCE:
+            found[i, j] = likeliest
+    return found
 
 
 def _refined(
-    surfaces: Sequence[LocalSurface], pairs: Sequence[tuple[int, int]], rotations: FloatArray, shifts: FloatArray
+    surfaces: Sequence[LocalSurface], pairs: Sequence[tuple[int, int]], transforms: FloatArray
 ) -> FloatArray:
     """Refine all poses together: points to planes over all pairs that overlap, trimmed, Gauss-Newton."""
-    rotations, shifts, cell = rotations.copy(), shifts.copy(), surfaces[0].cell
+    rotations, shifts, cell = transforms[:, :3, :3], transforms[:, :3, 3], surfaces[0].cell
     num = len(surfaces)
     samples = [slice(None, None, -(-len(one.points) // JOINT_POINTS)) for one in surfaces]
     for cutoff in JOINT_STEPS if pairs else ():
@@ -245,25 +241,48 @@ def weak_cuts(
     num, cell = len(surfaces), surfaces[0].cell
     graph = _held_together(num, agreeing)
     for i, j in agreeing:
-        same = _same_poses(overlaps[i, j], transforms[i], transforms[j])
+        same = _same_poses(overlaps[i, j], transforms[i], transforms[j], surfaces[j])
         graph[i][j]["capacity"] = _weight(float(chances[i, j][same].sum()))
+    # Improbable poses do not add up: what makes one pair err, such as a symmetry, makes many.
+    elsewhere = {}
+    for (i, j), poses in overlaps.items():
+        others = ~_same_poses(poses, transforms[i], transforms[j], surfaces[j]) & (chances[i, j] >= JOINING_CHANCE)
+        elsewhere[i, j] = poses[np.flatnonzero(others)], chances[i, j][others]
     cuts = []
     for part in map(sorted, nx.connected_components(graph)):
         tree = nx.gomory_hu_tree(graph.subgraph(part)) if len(part) > 1 else nx.Graph()
-        for a, b, data in sorted(tree.edges(data=True), key=lambda edge: edge[:2]):
+        for a, b in sorted(tree.edges):
             side = nx.Graph(tree)
             side.remove_edge(a, b)
             halves = sorted((sorted(half) for half in nx.connected_components(side)), key=lambda h: (len(h), h))
-            asked = _other_places(overlaps, chances, transforms, set(halves[0]), set(halves[1]))
-            middles = [moved_by(transforms[i], surfaces[i].points.mean(axis=0)) for i in halves[0]]
-            middle = np.mean(middles, axis=0)
-            against, move = _strongest(asked, middle, cell)
-            cuts.append(
-                WeakCut(
-                    ends=(a, b), members=np.array(halves[0]), held=float(data["weight"]), against=against, move=move
-                )
-            )
+            members, others = (np.array(half) for half in halves)
+            across = [graph[i][j]["capacity"] for i in halves[0] for j in halves[1] if graph.has_edge(i, j)]
+            held = float(_together(np.array(across))) - float(_contradictions(surfaces, transforms, members, others))
+            asked = _moves(elsewhere, transforms, {*halves[0]}, {*halves[1]})
+            middle = _middle(surfaces, transforms, members)
+            places = _places(asked, middle, cell)
+            against, move = places[0] if places else (0.0, np.eye(4))
+            if places:
+                moved = transforms.copy()
+                moved[members] = move @ moved[members]
+                against -= float(_contradictions(surfaces, moved, members, others))
+            cuts.append(WeakCut(ends=(a, b), members=members, held=held, against=against, move=move))
     return cuts
+
+
+def _contradictions(
+    surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray, others: IntArray
+) -> FloatArray:
+    """Return the log-odds against poses (N, 4, 4): what of some shapes is in front of what was seen of others."""
+    found = np.zeros((len(members), len(others)))
+    for m, i in enumerate(members.tolist()):
+        for n, j in enumerate(others.tolist()):
+            if surfaces[i].depth_images and surfaces[j].depth_images:
+                relative = np.linalg.inv(transforms[i]) @ transforms[j]
+                shares = shares_in_front(surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3])
+                # A little is in front where poses are right.
+                found[m, n] = in_front_log_odds(np.maximum(shares.max() - FRONT_UNIT, 0.0))
+    return _together(found.ravel())
 
 
 def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:
@@ -274,51 +293,62 @@ def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:
     return graph
 
 
-def _same_poses(poses: LocalPoses, target: FloatArray, source: FloatArray) -> BoolArray:
-    """Return which poses of a pair agree in rotation with those of its two shapes (4, 4)."""
-    return np.asarray(turn_deg(poses.rotations, target[:3, :3].T @ source[:3, :3]) < AGREE_DEG)
+def _same_poses(poses: LocalPoses, target: FloatArray, source: FloatArray, surface: LocalSurface) -> BoolArray:
+    """Return which poses of a pair agree with those of its two shapes (4, 4), also in where the source lies."""
+    relative, middle = np.linalg.inv(target) @ source, surface.points.mean(axis=0)
+    turned = turn_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
+    moved = np.linalg.norm(poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1)
+    return np.asarray(turned & (moved < AGREE_CELLS * surface.cell))
 
 
 def _weight(chance: float) -> float:
     return -float(np.log1p(-min(chance, MOST_CERTAIN)))
 
 
-def _other_places(
-    overlaps: Overlaps,
-    chances: Chances,
+def _middle(surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray) -> FloatArray:
+    """Return the middle (3,) of some shapes."""
+    return np.mean([moved_by(transforms[i], surfaces[i].points.mean(axis=0)) for i in members], axis=0)
+
+
+def _together(weights: FloatArray) -> FloatArray:
+    """Return what weights (..., n) of pairs that agree amount to, shape (...)."""
+    return np.asarray((1.0 - SHARED_CAUSE) * weights.max(axis=-1) + SHARED_CAUSE * weights.sum(axis=-1))
+
+
+def _moves(
+    proposed: Mapping[tuple[int, int], tuple[LocalPoses, FloatArray]],
     transforms: FloatArray,
     members: set[int],
     others: set[int],
 ) -> list[tuple[float, FloatArray]]:
-    """Return the weight and the move of the members (4, 4) of each probable pose across that asks for another place.
-
-    Improbable ones do not add up: what makes one pair err, such as a symmetry, makes many.
-    """
+    """Return the weight and the move (4, 4) of the members that each pose of a pair with an other one asks for."""
     asked = []
-    for (i, j), poses in overlaps.items():
+    for (i, j), (poses, chances) in proposed.items():
         if (i in members and j in others) or (i in others and j in members):
             relative = np.tile(np.eye(4), (len(poses), 1, 1))
             relative[:, :3, :3], relative[:, :3, 3] = poses.rotations, poses.shifts
-            others_asked = ~_same_poses(poses, transforms[i], transforms[j]) & (chances[i, j] >= JOINING_CHANCE)
-            for k in np.flatnonzero(others_asked):
-                move = transforms[i] @ relative[k] @ np.linalg.inv(transforms[j])
-                asked.append((_weight(float(chances[i, j][k])), move if j in members else np.linalg.inv(move)))
+            for pose, chance in zip(relative, chances, strict=True):
+                move = transforms[i] @ pose @ np.linalg.inv(transforms[j])
+                asked.append((_weight(float(chance)), move if j in members else np.linalg.inv(move)))
     return asked
 
 
-def _strongest(
+def _places(
     asked: Sequence[tuple[float, FloatArray]], middle: FloatArray, cell: float
-) -> tuple[float, FloatArray]:
-    """Return the largest weight of moves that agree with each other, and the heaviest of these moves."""
+) -> list[tuple[float, FloatArray]]:
+    """Return distinct moves with the weight of all moves that agree with each, the largest weight first."""
     if not asked:
-        return 0.0, np.eye(4)
+        return []
     weights, moves = np.array([weight for weight, _ in asked]), np.stack([move for _, move in asked])
-    places = moves[:, :3, :3] @ middle + moves[:, :3, 3]
+    middles = moves[:, :3, :3] @ middle + moves[:, :3, 3]
     near = turn_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) < 2.0 * AGREE_DEG
-    near &= np.linalg.norm(places[:, None] - places, axis=2) < 2.0 * AGREE_CELLS * cell
+    near &= np.linalg.norm(middles[:, None] - middles, axis=2) < 2.0 * AGREE_CELLS * cell
     total = near @ weights
-    best = int(np.argmax(total))
-    return float(total[best]), moves[best]
+    kept: list[int] = []
+    for p in np.argsort(-total, kind="stable").tolist():
+        if not near[p, kept].any():
+            kept.append(p)
+    return [(float(total[p]), moves[p]) for p in kept]
 
 
 def _confidence(num: int, cuts: Sequence[WeakCut], parts: Sequence[IntArray]) -> FloatArray:
@@ -326,7 +356,7 @@ def _confidence(num: int, cuts: Sequence[WeakCut], parts: Sequence[IntArray]) ->
     tree = nx.Graph()
     tree.add_nodes_from(range(num))
     for cut in cuts:
-        tree.add_edge(*cut.ends, margin=max(cut.held - cut.against, 0.0))
+        tree.add_edge(*cut.ends, margin=max(cut.held - max(cut.against, 0.0), 0.0))
     confidence = np.zeros(num)
     for part in parts:
         if len(part) > 1:

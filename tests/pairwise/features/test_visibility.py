@@ -7,8 +7,7 @@ from data_tools.datasets.range_views import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape
-from pairwise.features.overlap import judge_poses
-from pairwise.features.visibility import shares_in_front
+from pairwise.features.overlap import judge_poses, shares_in_front
 
 SIGHTS = (
     np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]]) / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
