@@ -87,8 +87,7 @@ def write_surface_variation(
     include_doubtful : bool
         Let shapes whose pose is in doubt count as well. Incomplete ones cannot: not all their places are known.
     without_posture : bool
-        Of specimens of several parts (``parts`` of the alignment): bring each part to its mean place and direction
-        first, so that a jaw that is open in some specimens is no difference of shape.
+        Bring each part (``parts`` of the alignment) to its mean place first: an open jaw is no difference of shape.
     sources : path, optional
         Folder that holds the original files now, where they have moved.
     run : RunOptions, optional
@@ -100,14 +99,13 @@ def write_surface_variation(
     -------
     SurfaceVariation
         Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
-        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them. ``notes`` says what a reader
-        of the tables must know, what the alignment said included; ``quality`` how well each specimen is represented.
+        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them. ``notes`` is for the reader
+        of the tables. ``quality`` says how well each specimen is represented.
 
     Raises
     ------
     InputError
-        If the folder holds no result, files of somebody else's are in the way, shapes are not bilateral, or of one
-        part each.
+        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each.
     CollectionError
         If fewer than two shapes are complete and sure, or can be registered.
 

@@ -99,13 +99,13 @@ def test_rounds_start_from_the_poses_of_the_round_before(session, rng, monkeypat
     samples, truth = posed_crowns(rng, 3)
     disturbed = Rotation.from_rotvec(0.1 * rng.standard_normal((3, 3))).as_matrix() @ truth
     starts = []
-    spread = session.spread
+    map_parallel = session.map_parallel
 
     def noted(label, function, tasks, **others):
         starts.append(np.stack([task["start"] for task in tasks.values()]))
-        return spread(label, function, tasks, **others)
+        return map_parallel(label, function, tasks, **others)
 
-    monkeypatch.setattr(type(session), "spread", staticmethod(noted))
+    monkeypatch.setattr(type(session), "map_parallel", staticmethod(noted))
     refine_rotations(session, samples, disturbed, all_edges(3), np.ones(3), group="O", fixed={0: disturbed[0]})
     right = np.stack([truth[i].T @ truth[j] for i, j in all_edges(3)])
     errors = [rotation_angle_deg(found, right).max() for found in starts]
