@@ -87,7 +87,7 @@ def scales_of(transforms: FloatArray) -> FloatArray:
     return np.asarray(np.cbrt(np.abs(np.linalg.det(transforms[..., :3, :3]))))
 
 
-def turn_deg(a: FloatArray, b: FloatArray) -> FloatArray:
+def pose_angle_deg(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the angle between rotations in degrees, shape (...); 180 where one mirrors and the other does not."""
     return np.nan_to_num(rotation_angle_deg(a, b), nan=180.0)
 
@@ -107,7 +107,7 @@ def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = Non
     for at, rotation in enumerate(rotations):
         if len(kept) == num:
             break
-        if not kept or (turn_deg(rotations[kept], rotation) > least_deg).all():
+        if not kept or (pose_angle_deg(rotations[kept], rotation) > least_deg).all():
             kept.append(at)
     return kept
 

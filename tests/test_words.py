@@ -13,7 +13,7 @@ from tests.test_layers import ROOT, sources
 CALLED_ALIKE = (re.compile(r"/command\.py$"), re.compile(r"stages/steps\.py$"), re.compile(r"tools/export/\w+\.py$"))
 #: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
-    "turn": {"synchronization/solvers", "stages/trust"},
+    "turn": {"synchronization/solvers"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense", "stages/deformation"},
     "maps": {"products", "output", "nonrigid", "stages/deformation", "tools/correspond", "tools/match"},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.poses import AGREE_DEG, turn_deg
+from data_tools.poses import AGREE_DEG, pose_angle_deg
 
 #: A shape is incomplete if so much of the surfaces of those that match it best lies beyond its rim. In one draw of 20
 #: molars with a quarter cut off six of them, these have .12 to .19, the others at most .05; ``python -m experiments
@@ -43,5 +43,5 @@ def log_odds(evidence: FloatArray) -> FloatArray:
 def share_of_best(turns: FloatArray, odds: FloatArray) -> float:
     """Return the chance that the first of poses, turns (m, 3, 3), is right: the share of its like, at most .993."""
     chances = np.exp(odds - odds.max())
-    alike = turn_deg(turns, turns[0]) <= AGREE_DEG
+    alike = pose_angle_deg(turns, turns[0]) <= AGREE_DEG
     return float(min(chances[alike].sum() / chances.sum(), 0.993))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import nearest_orthogonal
 
 _Floats: TypeAlias = NDArray[np.floating[Any]]
@@ -166,7 +166,7 @@ def poses_apart(
     places = rotations @ source.points.mean(axis=0) + shifts
     kept: list[int] = []
     for p in np.argsort(-np.asarray(scores), kind="stable").tolist():
-        rotated = turn_deg(rotations[kept], rotations[p]) > SAME_POSE_DEG
+        rotated = pose_angle_deg(rotations[kept], rotations[p]) > SAME_POSE_DEG
         moved = np.linalg.norm(places[kept] - places[p], axis=1) > SAME_POSE_CELLS * cell
         if (rotated | moved).all():
             kept.append(p)

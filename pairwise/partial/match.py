@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
-from data_tools.poses import Similarity, turn_deg
+from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.partial.counterparts import counterparts, step
@@ -133,7 +133,7 @@ def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, rad
     """Return positions of at most so many poses that differ, the least of the energies (m,) first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
-        apart = turn_deg(poses.rotation[kept], poses.rotation[p]) > SAME_POSE_DEG
+        apart = pose_angle_deg(poses.rotation[kept], poses.rotation[p]) > SAME_POSE_DEG
         shifted = np.linalg.norm(poses.shift[kept] - poses.shift[p], axis=1) > SAME_SHIFT * radius
         if (apart | shifted).all():
             kept.append(p)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.poses import Similarity, keep_apart, moved_by, scales_of, turn_deg
+from data_tools.poses import Similarity, keep_apart, moved_by, pose_angle_deg, scales_of
 from data_tools.rotations import random_rotation
 
 
@@ -43,8 +43,8 @@ def test_a_pose_comes_back_from_its_matrix_mirrored_or_not():
 
 
 def test_a_mirror_image_is_half_a_turn_away():
-    assert turn_deg(about_z(10), about_z(40)) == pytest.approx(30.0)
-    assert turn_deg(about_z(10), -about_z(10)) == 180.0
+    assert pose_angle_deg(about_z(10), about_z(40)) == pytest.approx(30.0)
+    assert pose_angle_deg(about_z(10), -about_z(10)) == 180.0
 
 
 def test_rotations_are_kept_that_lie_apart_in_their_order():

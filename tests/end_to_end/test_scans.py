@@ -19,7 +19,7 @@ from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.errors import InputError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from tests.notes import codes
 from tests.products import pair_of, samples_at
@@ -53,7 +53,7 @@ def aligned(tmp_path_factory):
 
 def errors_deg(collection, turns):
     frames = collection.rotations @ turns
-    return turn_deg(frames, frames[0])
+    return pose_angle_deg(frames, frames[0])
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import numpy as np
 from collalign.output.collection_data import CollectionData
 from collalign.products.pair import Pair, SettledPair
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.poses import AGREE_DEG, keep_apart, turn_deg
+from data_tools.poses import AGREE_DEG, keep_apart, pose_angle_deg
 from data_tools.rotations import rotation_angles
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
@@ -110,7 +110,7 @@ def distinct_poses(rotations: FloatArray, doubts: FloatArray, choice: int) -> tu
     kept = order[keep_apart(rotations[order], AGREE_DEG)].tolist()
     if choice < 0:
         return kept[:MOST_PAIR_POSES], -1
-    near = next(at for at in kept if turn_deg(rotations[at], rotations[choice]) <= AGREE_DEG)
+    near = next(at for at in kept if pose_angle_deg(rotations[at], rotations[choice]) <= AGREE_DEG)
     shown = kept[:MOST_PAIR_POSES]
     if near not in shown:
         shown[-1] = near

@@ -21,7 +21,7 @@ from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
-from data_tools.poses import AGREE_DEG, turn_deg
+from data_tools.poses import AGREE_DEG, pose_angle_deg
 from pairwise.status import Status
 
 #: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
@@ -144,7 +144,7 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
 
 def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first, in the frame in which it is ``transform`` (4, 4)."""
-    apart = turn_deg(record["turns"], record["turns"][0]) > AGREE_DEG
+    apart = pose_angle_deg(record["turns"], record["turns"][0]) > AGREE_DEG
     odds = log_odds(record["evidence"])
     poses = transform @ np.linalg.inv(record["transforms"][0]) @ record["transforms"]
     return tuple(
@@ -168,7 +168,7 @@ def incomplete_pairs(
         order = np.argsort(energies, kind="stable")
         asked = rotations[partner].T @ np.asarray(record["turns"])[order]
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
-        angles = turn_deg(asked, rotations[first].T @ rotations[second])
+        angles = pose_angle_deg(asked, rotations[first].T @ rotations[second])
         agrees = bool(angles[0] <= AGREE_DEG)
         pairs.append(
             SettledPair(

@@ -23,7 +23,7 @@ from collalign.confidence.overlap_model import (
 from collalign.confidence.pose_model import MOST_CONFIDENT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import moved_by, turn_deg
+from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import LocalPoses, judge_poses, shares_in_front
 from pairwise.features.poses import STEP_COSINE, rotations_by
@@ -296,7 +296,7 @@ def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:
 def _same_poses(poses: LocalPoses, target: FloatArray, source: FloatArray, surface: LocalSurface) -> BoolArray:
     """Return which poses of a pair agree with those of its two shapes (4, 4), also in where the source lies."""
     relative, middle = np.linalg.inv(target) @ source, surface.points.mean(axis=0)
-    turned = turn_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
+    turned = pose_angle_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
     moved = np.linalg.norm(poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1)
     return np.asarray(turned & (moved < AGREE_CELLS * surface.cell))
 
@@ -341,7 +341,7 @@ def _places(
         return []
     weights, moves = np.array([weight for weight, _ in asked]), np.stack([move for _, move in asked])
     middles = moves[:, :3, :3] @ middle + moves[:, :3, 3]
-    near = turn_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) < 2.0 * AGREE_DEG
+    near = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) < 2.0 * AGREE_DEG
     near &= np.linalg.norm(middles[:, None] - middles, axis=2) < 2.0 * AGREE_CELLS * cell
     total = near @ weights
     kept: list[int] = []

@@ -21,7 +21,7 @@ from collalign.engine.store.records import Record
 from collalign.stages.incomplete.posed_points import beyond_rim, posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import OrientedPoints
-from data_tools.poses import Similarity, scales_of, turn_deg
+from data_tools.poses import Similarity, pose_angle_deg, scales_of
 from data_tools.threads import one_blas_thread
 from pairwise.partial.counterparts import Counterparts, counterparts
 from pairwise.partial.match import distinct_similarities, match_partial, refine, scales_allowed
@@ -112,7 +112,7 @@ def settle(
     """
     few, many = TUNED.num_points
     if fixed is not None:
-        kept = np.argsort(turn_deg(proposed.rotation, fixed), kind="stable")[:NUM_REFINED]
+        kept = np.argsort(pose_angle_deg(proposed.rotation, fixed), kind="stable")[:NUM_REFINED]
         proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
     proposed = _likeliest(targets, source, proposed, few, complete=complete)
     low, high = sizes or scales_allowed(targets, source)

@@ -23,7 +23,7 @@ from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError
 from data_tools.notes import Note
-from data_tools.poses import AGREE_DEG, scales_of, turn_deg
+from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
 from pairwise.features.overlap import LocalPoses
 from pairwise.status import Status
 
@@ -193,7 +193,7 @@ def _pair(
     i, j = ends
     order = np.argsort(-overlap_chances(poses), kind="stable")
     chosen = poses[order]
-    angles = turn_deg(chosen.rotations, rotations[i].T @ rotations[j])
+    angles = pose_angle_deg(chosen.rotations, rotations[i].T @ rotations[j])
     nearest = int(np.argmin(angles))
     agrees = ends in joined.kept and bool(angles[nearest] <= AGREE_DEG)
     return SettledPair(

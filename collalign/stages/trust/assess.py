@@ -14,12 +14,12 @@ from collalign.options import AlignSession
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import KINDS, Trust
-from collalign.stages.trust.own_turns import near_symmetries
+from collalign.stages.trust.near_symmetry import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, turn_deg
+from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, pose_angle_deg
 
 VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
 LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
@@ -144,7 +144,7 @@ def _evidence(
     for i, own in enumerate(partners):
         poses = alike[i] @ rotations[i]
         if own:
-            others = (turn_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
+            others = (pose_angle_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
             margins = (
                 least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess)
             )
@@ -241,7 +241,7 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
 def _votes(poses: FloatArray, partners: Sequence[Partner]) -> float:
     """Return the share of the pairs whose likeliest candidate asks for one of the poses, few pairs near one half."""
     asked = np.stack([partner.poses[0] for partner in partners])
-    angles = turn_deg(asked, poses[:, None]).min(axis=0)
+    angles = pose_angle_deg(asked, poses[:, None]).min(axis=0)
     return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
 
 

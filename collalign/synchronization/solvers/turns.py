@@ -86,7 +86,7 @@ def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
     right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
     flipped = _flipped_pairs(model, aligned, common, right)
     explained = right + flipped.sum(axis=1)
-    _add_own_turns(model, aligned, turns, offered, 1 + len(common), explained)
+    _add_single_turns(model, aligned, turns, offered, 1 + len(common), explained)
     used = max(int(offered.sum(axis=1).max()), 2)
     return TurnSet(
         turns=turns[:, :used],
@@ -97,7 +97,7 @@ def propose_turns(model: EdgeModel, aligned: FloatArray) -> TurnSet:
     )
 
 
-def _add_own_turns(
+def _add_single_turns(
     model: EdgeModel, aligned: FloatArray, turns: FloatArray, offered: BoolArray, known: int, explained: FloatArray
 ) -> None:
     """Write into ``turns`` the modes that the pairs of each shape propose besides its pose and the common turns.

@@ -23,7 +23,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import location
 from data_tools.local_surface import PART_CELL
 from data_tools.percent import percent
-from data_tools.poses import AGREE_DEG, Similarity, turn_deg
+from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import match_overlapping
@@ -204,7 +204,7 @@ def _chance_of_first(poses: Sequence[PartialPose]) -> float:
     """Return how probable the first pose is, poses of the same rotation counted together."""
     turns = np.stack([found.pose.rotation for found in poses])
     chances = np.array([found.chance for found in poses])
-    return min(float(chances[turn_deg(turns, turns[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
+    return min(float(chances[pose_angle_deg(turns, turns[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
 
 
 def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:

@@ -51,7 +51,7 @@ def test_consistent_maps_are_recovered_up_to_one_gauge():
     assert residuals.max() < 1e-6
 
 
-def test_a_fifth_of_wrong_maps_is_outvoted_and_seen():
+def test_a_fifth_of_wrong_maps_is_rejected_and_seen():
     rng = np.random.default_rng(1)
     edges, maps, bases = planted(rng, num_wrong=3)
     found, residuals = common_bases(edges, maps, NUM)

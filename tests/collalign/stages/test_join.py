@@ -10,7 +10,7 @@ from collalign.stages.incomplete.join import join_scans
 from data_tools.datasets.range_views import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from pairwise.features.overlap import LocalPoses
@@ -58,7 +58,7 @@ def errors_deg(joined, poses, members=None):
     """Errors of the poses of some scans relative to the first one of them."""
     chosen = np.arange(len(poses)) if members is None else np.array(members)
     frames = joined.transforms[chosen, :3, :3] @ np.swapaxes(poses[chosen, :3, :3], 1, 2)
-    return turn_deg(frames, frames[0])
+    return pose_angle_deg(frames, frames[0])
 
 
 def ring(poses):

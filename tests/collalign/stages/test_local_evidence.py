@@ -9,7 +9,7 @@ from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from pairwise import MatchOptions
@@ -47,14 +47,14 @@ def test_neighbourhoods_match_at_the_right_rotation_alone(shapes, rng):
 
 
 def test_neighbourhoods_propose_what_is_not_known_yet(shapes):
-    far = np.eye(3)[None] if turn_deg(TURN, np.eye(3)) > 60 else np.diag([1.0, -1.0, -1.0])[None]
+    far = np.eye(3)[None] if pose_angle_deg(TURN, np.eye(3)) > 60 else np.diag([1.0, -1.0, -1.0])[None]
     proposed = proposed_rotations(shapes[0], shapes[1], "SO", far)
     assert 1 <= len(proposed) <= NUM_PROPOSED
-    assert turn_deg(proposed, TURN).min() < 2.0
+    assert pose_angle_deg(proposed, TURN).min() < 2.0
     known = proposed_rotations(shapes[0], shapes[1], "SO", TURN[None])
-    assert turn_deg(known, TURN).min(initial=180.0) > 10.0
+    assert pose_angle_deg(known, TURN).min(initial=180.0) > 10.0
     mirrored = proposed_rotations(shapes[0], shapes[2], "O", far)
-    assert turn_deg(mirrored @ MIRROR, TURN).min() < 2.0
+    assert pose_angle_deg(mirrored @ MIRROR, TURN).min() < 2.0
 
 
 def test_shapes_of_hardly_any_points_say_nothing(shapes):
@@ -69,16 +69,16 @@ def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shap
     found = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
     assert len(found.mismatches) == len(found.energies) == len(found.rotations) == len(found.maps)
     best = np.argmin(candidate_costs(found.energies, found.mismatches))
-    assert turn_deg(found.rotations[best, :3, :3], TURN) < 5.0
+    assert pose_angle_deg(found.rotations[best, :3, :3], TURN) < 5.0
     # Nothing overlaps convincingly any more: what neighbourhoods propose joins, by energy.
     other = random_rotation(np.random.default_rng(1))
     monkeypatch.setattr("collalign.stages.pairs.match.CONVINCING", 2.0)
     monkeypatch.setattr("collalign.stages.pairs.match.proposed_rotations", lambda *_: other[None])
     more = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
     assert len(more.energies) == len(found.energies) + 1
-    assert turn_deg(more.rotations, other).min() < 1e-3
+    assert pose_angle_deg(more.rotations, other).min() < 1e-3
     assert (np.diff(more.energies) >= 0).all()
-    at = int(np.argmin(turn_deg(more.rotations, other)))
+    at = int(np.argmin(pose_angle_deg(more.rotations, other)))
     costs = ((shapes[1].positions @ other.T - shapes[0].positions[more.maps[at]]) ** 2).sum()
     costs += ((shapes[1].invariants - shapes[0].invariants[more.maps[at]]) ** 2).sum()
     assert more.energies[at] == pytest.approx(costs)

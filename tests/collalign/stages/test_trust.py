@@ -26,9 +26,9 @@ from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages.local_evidence import local_evidence
 from collalign.stages.surface_gap import surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
-from collalign.stages.trust.own_turns import TWELFTHS, near_symmetries, turns_in_words
+from collalign.stages.trust.near_symmetry import TWELFTHS, describe_rotations, near_symmetries
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
-from collalign.stages.trust.words import trust_notes
+from collalign.stages.trust.trust_notes import trust_notes
 from collalign.synchronization import synchronize
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
@@ -408,12 +408,12 @@ def test_what_turns_leave_as_it_is_is_right_up_to_them(kind, num, words, rng):
 
 def test_turns_are_told_by_their_axes():
     quarter = Rotation.from_rotvec([0, 0, 90], degrees=True).as_matrix()
-    words = turns_in_words(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
+    words = describe_rotations(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
     assert words == "90, 180 deg about (0.00, 0.00, 1.00); 180 deg about (1.00, 0.00, 0.00)"
-    assert turns_in_words(np.stack([quarter, -np.eye(3)])) == "90 deg about (0.00, 0.00, 1.00); mirror images"
-    assert turns_in_words(np.diag([1.0, 1.0, -1.0])[None]) == "mirror images"
+    assert describe_rotations(np.stack([quarter, -np.eye(3)])) == "90 deg about (0.00, 0.00, 1.00); mirror images"
+    assert describe_rotations(np.diag([1.0, 1.0, -1.0])[None]) == "mirror images"
     skew = [Rotation.from_rotvec(v, degrees=True).as_matrix() for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])]
-    assert "about 2 more axes" in turns_in_words(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))
+    assert "about 2 more axes" in describe_rotations(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))
 
 
 def seen_of(**kinds):

@@ -28,7 +28,7 @@ from collalign.synchronization.solvers.signs import synchronize_signs
 from collalign.synchronization.solvers.turns import (
     FORBIDDEN,
     TurnSet,
-    _add_own_turns,
+    _add_single_turns,
     _directed_flips,
     _modes,
     _turned_distances,
@@ -134,7 +134,7 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
     model, aligned = turned_by(THIRD, shape, 5)
     turns, offered = np.tile(np.eye(3), (5, 3, 1, 1)), np.zeros((5, 3), dtype=bool)
     offered[:, 0] = True
-    _add_own_turns(model, aligned, turns, offered, 1, np.zeros(10))
+    _add_single_turns(model, aligned, turns, offered, 1, np.zeros(10))
     assert offered[shape, 1]
     # the pairs ask for one turn, the same from both of their ends
     assert min(rotation_angle_deg(turns[shape, 1], THIRD), rotation_angle_deg(turns[shape, 1], THIRD.T)) < 1.0

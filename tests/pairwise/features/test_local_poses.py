@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import surface_cells
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from pairwise.features.poses import (
     MOST_MATCHES,
@@ -64,7 +64,7 @@ def test_matches_of_which_half_are_right_give_the_pose(surface, rng):
     to = of = np.arange(0, len(surface.points), 3)
     wrong = np.concatenate([of[: len(of) // 2], rng.permutation(of[len(of) // 2 :])])
     rotations, shifts = consensus_poses(surface, source, (to, wrong), 3)
-    assert turn_deg(rotations[0], rotation) < 8.0
+    assert pose_angle_deg(rotations[0], rotation) < 8.0
     assert np.linalg.norm(shifts[0] - shift) < 2.0 * CELL
     assert len(rotations) <= 3
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
@@ -81,7 +81,7 @@ def test_refinement_removes_some_degrees_and_cells(surface, rng):
     source = placed(surface, rotation, shift)
     starts = Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation
     rotations, shifts = refine_on_planes(surface, source, starts, shift + 0.7 * CELL * np.eye(3))
-    assert turn_deg(rotations, rotation).max() < 0.2
+    assert pose_angle_deg(rotations, rotation).max() < 0.2
     assert np.linalg.norm(shifts - shift, axis=1).max() < 0.02 * CELL
 
 

@@ -9,7 +9,7 @@ from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.errors import OptionsError
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import turn_deg
+from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from pairwise import judge_poses, match_overlapping
@@ -41,7 +41,7 @@ def half(surface, axis):
 
 def test_the_pose_of_two_views_is_found(views):
     found = match_overlapping(*views)
-    assert turn_deg(found.rotations[0], TURN) < 1.5
+    assert pose_angle_deg(found.rotations[0], TURN) < 1.5
     assert np.linalg.norm(found.shifts[0] - SHIFT) < views[0].cell
     assert found.overlap[0] > 0.6
     assert found.consensus[0] > 3.0 * found.consensus[1:].max(initial=0.0)
@@ -60,7 +60,7 @@ def test_a_mirror_image_is_found_where_it_may_be_one(views):
     mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
     found = match_overlapping(target, mirrored, group="O")
     assert np.linalg.det(found.rotations[0]) < 0
-    assert turn_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
+    assert pose_angle_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
     assert np.linalg.norm(found.shifts[0] - SHIFT) < target.cell
     own, plain = (match_overlapping(target, other, group=group) for other, group in ((mirrored, "SO"), (source, "O")))
     assert (np.linalg.det(own.rotations) > 0).all()

@@ -9,7 +9,7 @@ import numpy as np
 from collalign.confidence.pose_model import resembles_none, symmetric_confidence
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, Trust
-from collalign.stages.trust.own_turns import turns_in_words
+from collalign.stages.trust.near_symmetry import describe_rotations
 from data_tools.arrays import FloatArray
 from data_tools.notes import Note
 
@@ -78,4 +78,4 @@ def _symmetric(trust: Trust, confidence: FloatArray) -> list[Note]:
     of_part = [len(turns) > 1 for turns in trust.symmetries]
     absolute, up_to = (float(np.nanmedian(of[of_part])) for of in (confidence, symmetric_confidence(trust)))
     numbers = {"num": sum(of_part), "total": len(of_part), "up_to": up_to, "absolute": absolute}
-    return [Note("symmetric", values={**numbers, "rotations": turns_in_words(alike[1:])})]
+    return [Note("symmetric", values={**numbers, "rotations": describe_rotations(alike[1:])})]

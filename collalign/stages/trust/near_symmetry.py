@@ -58,7 +58,7 @@ def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
     return turn
 
 
-def turns_in_words(turns: FloatArray) -> str:
+def describe_rotations(turns: FloatArray) -> str:
     """Return what turns (m, 3, 3) are: their axes, as directions, the angles about each, and whether some mirror."""
     by_axis: list[tuple[FloatArray, list[float]]] = []
     mirrored = np.linalg.det(turns) < 0
