@@ -172,7 +172,7 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     other = Shape.from_arrays(part.vertices * [-1, 1, 1] @ turn, part.faces[:, ::-1])
     files.append(str(write_mesh(tmp_path / "c.ply", other)))
     assert main(["match", files[0], files[2], *flags]) == 0
-    assert "Note: the mirror image of c fits much better" in capsys.readouterr().out
+    assert "Note: The mirror image of c fits much better" in capsys.readouterr().out
     found = match_in_part(*files[:2], options=TwoShapeOptions(group="O"))
     assert found.transforms.shape == (len(found.poses), 4, 4)
     assert repr(found).count(" %") == 3

@@ -65,7 +65,7 @@ def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch,
     assert main(["align", str(tmp_path / "shapes"), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
     assert "look at them first: chair5 (unknown)" in printed
-    assert "unconnected" in printed
+    assert "No pairs connect" in printed
     shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
     assert shapes[4]["confidence"] is None
     assert np.isfinite(shapes[4]["transform"]).all()
