@@ -130,7 +130,8 @@ def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chanc
     proposed = {pair: (overlaps[pair][own], chances[pair][own]) for pair, own in probable.items() if len(own)}
     known: dict[tuple[int, int], tuple[float, FloatArray]] = {}
     while True:
-        between = {tuple(sorted((int(block[i]), int(block[j])))) for i, j in proposed if block[i] != block[j]}
+        blocks = ((int(block[i]), int(block[j])) for i, j in proposed)
+        between = {(min(two), max(two)) for two in blocks if two[0] != two[1]}
         for first, second in sorted(between - known.keys()):
             ends = np.flatnonzero(block == first), np.flatnonzero(block == second)
             known[first, second] = _best_place(surfaces, proposed, transforms, *ends)
@@ -246,8 +247,9 @@ def weak_cuts(
     # Improbable poses do not add up: what makes one pair err, such as a symmetry, makes many.
     elsewhere = {}
     for (i, j), poses in overlaps.items():
-        others = ~_same_poses(poses, transforms[i], transforms[j], surfaces[j]) & (chances[i, j] >= JOINING_CHANCE)
-        elsewhere[i, j] = poses[np.flatnonzero(others)], chances[i, j][others]
+        same = _same_poses(poses, transforms[i], transforms[j], surfaces[j])
+        asking = np.flatnonzero(~same & (chances[i, j] >= JOINING_CHANCE))
+        elsewhere[i, j] = poses[asking], chances[i, j][asking]
     cuts = []
     for part in map(sorted, nx.connected_components(graph)):
         tree = nx.gomory_hu_tree(graph.subgraph(part)) if len(part) > 1 else nx.Graph()
