@@ -52,8 +52,14 @@ def _pair_columns(collection: Collection) -> Table:
 
 def _write_table(path: Path, table: Table) -> Path:
     arrow, parquet = _arrow()
-    parquet.write_table(arrow.table(dict(table)), path, row_group_size=_GROUP_ROWS)
+    columns = {name: [_encodable(value) for value in values] for name, values in table.items()}
+    parquet.write_table(arrow.table(columns), path, row_group_size=_GROUP_ROWS)
     return path
+
+
+def _encodable(value: Any) -> Any:
+    """Return a value whose text UTF-8 can hold: names of files may be no text."""
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
 
 
 def _arrow() -> tuple[Any, Any]:
