@@ -27,7 +27,7 @@ from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
 
-#: Triangles of a surface, at most: places of vertices are as exact as these. Starting poses of a pair's maps, at most:
+#: Triangles of a surface, at most: places of vertices are as exact as these. Most poses that start maps of a pair:
 #: the common one, and candidates of the pair that are different answers.
 MAX_FACES, MAX_STARTS = 50_000, 5
 _SMALLEST = float(np.finfo(float).tiny)
