@@ -90,8 +90,16 @@ def test_landmarks_of_one_specimen_reach_all_others(result, templates, planted, 
     assert np.median(errors(found.points, planted)[1:]) < 3 * HAND
     assert found.status[0] == (PLACED,) * 6
     assert found.status[1] == (CARRIED,) * 6
-    size = np.array([radius(shape.vertices) for shape in planted.shapes])[:, None]
-    assert np.mean(errors(found.points, planted)[1:] <= (found.radii / size)[1:]) > 0.8
+
+
+def test_radii_of_single_templates_hold(result, templates, planted, run):
+    """One template's error of the hand is that of all specimens, so several are tried."""
+    size, inside = np.array([radius(shape.vertices) for shape in planted.shapes])[:, None], []
+    for at, template in enumerate(templates):
+        found = collalign.transfer_landmarks(result, [template], run=run)
+        held = errors(found.points, planted) <= found.radii / size
+        inside.append(np.delete(held, at, axis=0).mean())
+    assert np.mean(inside) > 0.8, inside
 
 
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result, monkeypatch):
