@@ -119,8 +119,10 @@ def test_complete_open_shapes_are_no_scans():
 
 
 def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
-    def said(rims, mismatches):
-        shapes = SimpleNamespace(names=rims, samples=[SimpleNamespace(rim=rim) for rim in rims])
+    def said(rims, mismatches, num_seen=0):
+        local = [SimpleNamespace(sights=np.zeros((int(n < num_seen), 3))) for n in range(len(rims))]
+        samples = [SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)]
+        shapes = SimpleNamespace(names=rims, samples=samples)
         return may_be_scans(shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches])
 
     assert said(["open"] * 3, [[0.8]] * 3)
@@ -130,6 +132,24 @@ def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
     assert not said(["open"] * 3, [[0.8], [0.8], []])
     assert not said(["open"] * 3, [[np.nan]] * 3)
     assert not said(["open"] * 2, [[0.8]])
+    assert said(["open"] * 3, [[0.5]] * 3, num_seen=2)
+    assert not said(["open"] * 3, [[0.5]] * 3, num_seen=1)
+    assert not said(["closed"] * 3, [[0.5]] * 3, num_seen=3)
+
+
+def test_shapes_that_were_all_seen_from_the_front_are_no_scans():
+    def are_scans(sights, mismatch):
+        joined = SimpleNamespace(
+            confidence=np.ones(3), parts=[np.arange(3)], transforms=np.tile(np.eye(4), (3, 1, 1))
+        )
+        surfaces = [SimpleNamespace(sights=np.array([sight])) for sight in sights]
+        pairs = [pair_of(np.eye(3), [0.1], mismatches=np.array([mismatch]))]
+        return scanning._are_scans(joined, surfaces, pairs)
+
+    front = [[0.0, 0.1, 1.0], [0.1, 0.0, 1.0], [0.0, 0.0, 1.0]]
+    assert not are_scans(front, 0.5)
+    assert are_scans(np.eye(3), 0.5)
+    assert are_scans(front, 0.9)
 
 
 def test_cells_hardly_depend_on_which_shapes_there_are():

@@ -22,6 +22,7 @@ from collalign.stages.steps import Matched, Posed, Run
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError
+from data_tools.local_surface import LocalSurface
 from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
 from pairwise.features.overlap import LocalPoses
@@ -33,20 +34,26 @@ from pairwise.status import Status
 BADLY_MATCHED = 0.75
 #: Shapes that nobody called scans are scans where so many of them are sure when they are joined by overlaps.
 MOST_SURE = 0.5
+#: Shapes were seen from different directions if the mean of their unit lines of sight is shorter than this: those of
+#: a cone of about 40 degrees to either side have .87, those all around 0.
+MOST_ALIKE = 0.8
 #: Why shapes count as incomplete that nobody called so.
 OVERLAPPING = "they share only parts with each other"
 
 
 def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
-    """Return whether most shapes have open borders, and match badly as whole shapes."""
+    """Return whether most have open borders, and match badly as whole shapes or were seen from one direction each."""
     opened = np.mean([item.rim != "closed" for item in shapes.samples])
+    if not (3 <= len(shapes.names) <= MAX_ALL_PAIRS and opened > 0.5):
+        return False
+    local = [item.local for item in shapes.samples if item.local is not None]
+    return _match_badly(pairs) or sum(bool(len(one.sights)) for one in local) > 0.5 * len(shapes.names)
+
+
+def _match_badly(pairs: Sequence[Pair]) -> bool:
+    """Return whether the median pair matches badly as whole shapes."""
     mismatches = [float(pair.mismatches.min()) for pair in pairs if len(pair.mismatches)]
-    return bool(
-        3 <= len(shapes.names) <= MAX_ALL_PAIRS
-        and opened > 0.5
-        and len(mismatches) == len(pairs)
-        and float(np.median(mismatches)) >= BADLY_MATCHED
-    )
+    return len(mismatches) == len(pairs) and float(np.median(mismatches)) >= BADLY_MATCHED
 
 
 def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed | None:
@@ -84,15 +91,24 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
                 return None
             raise CollectionError("; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items()))
         overlaps = overlap_pairs(session, shapes, surfaces)
-        joined = join_scans([surfaces[i] for i in range(num)], overlaps, session.options.group)
-    if not reasons and not _are_scans(joined):
+        described = [surfaces[i] for i in range(num)]
+        joined = join_scans(described, overlaps, session.options.group)
+    if not reasons and not _are_scans(joined, described, matched.pairs):
         return None
     return _posed(run, matched, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
 
 
-def _are_scans(joined: JoinedScans) -> bool:
-    """Return whether overlaps join most shapes, and surely."""
-    return bool((joined.confidence[joined.parts[0]] >= DOUBT).sum() >= MOST_SURE * len(joined.confidence))
+def _are_scans(joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Sequence[Pair]) -> bool:
+    """Return whether overlaps join most shapes surely, which match badly as whole shapes or were seen from all around.
+
+    Faces of several people, each seen from the front, are whole shapes of one kind.
+    """
+    if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < MOST_SURE * len(joined.confidence):
+        return False
+    sights = [
+        joined.transforms[i, :3, :3] @ surfaces[i].sights[0] for i in joined.parts[0] if len(surfaces[i].sights)
+    ]
+    return _match_badly(pairs) or (len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE)
 
 
 def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:
