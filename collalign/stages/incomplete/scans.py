@@ -99,7 +99,7 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
 
 
 def _are_scans(joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Sequence[Pair]) -> bool:
-    """Return whether overlaps join most shapes surely, which match badly as whole shapes or were seen from all around.
+    """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
 
     Faces of several people, each seen from the front, are whole shapes of one kind.
     """
