@@ -18,8 +18,8 @@ NUM_DIRECTIONS, NUM_AROUND = 500, 20
 #: A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, and at most this
 #: share of its points lie behind others; such a share weighs so much against cosines where a direction is chosen.
 STEEPEST_SEEN, MOST_HIDDEN, HIDDEN_WEIGHT = 0.15, 0.1, 3.0
-#: Directions that are no worse than the best one by this are possible, too: at most so many, this cosine apart.
-SIGHT_SLACK, MOST_SIGHTS, SIGHT_COSINE = 0.05, 4, 0.98
+#: Directions that are no worse than the best one by this are possible, too, this cosine apart.
+SIGHT_SLACK, SIGHT_COSINE = 0.05, 0.98
 #: A point is in front of what was seen if it is so many cells nearer than all that was seen within a cell around.
 FRONT_CELLS = 1.5
 
@@ -97,10 +97,7 @@ def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> F
         return np.empty((0, 3))
     near = directions[scores >= scores[best] - SIGHT_SLACK]
     sights = directions[[best]]
-    while len(sights) < MOST_SIGHTS:
-        cosines = np.abs(near @ sights.T).max(axis=1)
-        if cosines.min() > SIGHT_COSINE:
-            break
+    while (cosines := np.abs(near @ sights.T).max(axis=1)).min() <= SIGHT_COSINE:
         sights = np.concatenate([sights, near[[int(cosines.argmin())]]])
     arms = points - points[cKDTree(points).query(points, k=min(NUM_AROUND, len(points)))[1]].mean(axis=1)
     slopes = normals * np.sign(normals @ sights[0])[:, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from pairwise.features.overlap import LocalPoses
+from pairwise.features.overlap import FRONT_UNIT, LocalPoses
 
 #: Log-odds of a pose per logarithm of its overlap and of its consensus, and of "no pose is right", where one of the
 #: surfaces was not seen from one direction. Chosen on depth images of an armadillo, a teddy bear, a tooth and a bird,
@@ -18,7 +18,7 @@ SEEN_CONSENSUS_WEIGHT, SEEN_NONE_RIGHT = 1.0, -6.15
 #: Log-odds against a pose of which a share of points lies in front of what was seen of the other surface: so many
 #: times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
 #: .05 or more.
-FRONT_WEIGHT, FRONT_UNIT = 3.6, 0.01
+FRONT_WEIGHT = 3.6
 #: Shares below this count as this: a match or a point more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.

@@ -33,10 +33,8 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Added to the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = np.float32(1e30)
-#: Such a share of points in front of what was seen halves the score by which a search chooses poses.
-TOLERATED = 0.01
-#: Columns of evidence of a pose: two overlaps, mismatch, consensus, two shares in front.
-_COLUMNS = 6
+#: Unit of the share of points in front of what was seen: one halves the score by which a search chooses poses.
+FRONT_UNIT = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +114,7 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
     1.0
     """
     proper = np.linalg.det(rotations) > 0
-    evidence = np.empty((len(rotations), _COLUMNS))
+    evidence = np.empty((len(rotations), 6))
     for flip in (1.0, -1.0):
         chosen = np.flatnonzero(proper == (flip > 0))
         if len(chosen):
@@ -181,7 +179,7 @@ def match_overlapping(
         evidence.append(_evidence(target, other, *poses, matches))
     found = _local_poses(np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence))
     contradicted = np.nan_to_num(found.in_front.max(axis=1, initial=0.0))
-    score = found.overlap * found.consensus / (1.0 + contradicted / TOLERATED)
+    score = found.overlap * found.consensus / (1.0 + contradicted / FRONT_UNIT)
     return found[poses_apart(found.rotations, found.shifts, score, source, cell, num_candidates)]
 
 

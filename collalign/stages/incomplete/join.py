@@ -15,7 +15,6 @@ import networkx as nx
 import numpy as np
 
 from collalign.confidence.overlap_model import (
-    FRONT_UNIT,
     MOST_CERTAIN,
     in_front_log_odds,
     overlap_chances,
@@ -25,7 +24,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
-from pairwise.features.overlap import LocalPoses, judge_poses, shares_in_front
+from pairwise.features.overlap import FRONT_UNIT, LocalPoses, judge_poses, shares_in_front
 from pairwise.features.poses import STEP_COSINE, rotations_by
 
 #: Pairs join shapes if one of their poses is at least this probable.
@@ -34,8 +33,8 @@ JOINING_CHANCE = 0.5
 AGREE_DEG, AGREE_CELLS = 10.0, 5.0
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
-#: Poses of pairs that are at least this probable may join blocks, and so many places of a block are compared.
-PROPOSED_CHANCE, MOST_PLACES = 0.05, 5
+#: Poses of pairs that are at least this probable may join blocks.
+PROPOSED_CHANCE = 0.05
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
 
@@ -155,7 +154,7 @@ def _best_place(
     asked = _moves(proposed, transforms, {*members.tolist()}, {*others.tolist()})
     middle = _middle(surfaces, transforms, members)
     best = (-np.inf, np.eye(4))
-    for weight, move in _places(asked, middle, surfaces[0].cell)[:MOST_PLACES]:
+    for weight, move in _places(asked, middle, surfaces[0].cell):
         moved = transforms.copy()
         moved[members] = move @ moved[members]
         sure = weight - float(_contradictions(surfaces, moved, others, members))
