@@ -14,11 +14,9 @@ OVERLAP_WEIGHT, CONSENSUS_WEIGHT, NONE_RIGHT = 1.3, 1.6, -4.5
 #: The same where both were seen from one direction each. Fitted on all pairs of 15 depth images each of two teddies,
 #: two chairs, an armadillo and a horse: mean log loss .17; without what is in front .74. Each class left out in turn
 #: .04 to .40; the most of chairs, whose lines of sight are uncertain.
-SEEN_CONSENSUS_WEIGHT, SEEN_NONE_RIGHT = 1.0, -6.15
-#: Log-odds against a pose of which a share of points lies in front of what was seen of the other surface: so many
-#: times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
+#: The last one is of log-odds against a pose, a share of whose points lies in front of what was seen: so many times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
 #: .05 or more.
-FRONT_WEIGHT = 3.6
+SEEN_CONSENSUS_WEIGHT, SEEN_NONE_RIGHT, FRONT_WEIGHT = 1.0, -6.15, 3.6
 #: Shares below this count as this: a match or a point more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.

@@ -27,14 +27,12 @@ from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import FRONT_UNIT, LocalPoses, judge_poses, shares_in_front
 from pairwise.features.poses import STEP_COSINE, rotations_by
 
-#: Pairs join shapes if one of their poses is at least this probable.
-JOINING_CHANCE = 0.5
+#: Pairs hold shapes if one of their poses is at least this probable; poses that are this probable may join blocks.
+JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 #: A pose of a pair agrees with the common poses within so many degrees and cells.
 AGREE_DEG, AGREE_CELLS = 10.0, 5.0
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
-#: Poses of pairs that are at least this probable may join blocks.
-PROPOSED_CHANCE = 0.05
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
 

@@ -32,11 +32,10 @@ from pairwise.status import Status
 #: differ by this share of what any two do. Bunny scans and generated views have .84 to .88; molars, planes and chairs
 #: .50 to .54, people .70.
 BADLY_MATCHED = 0.75
-#: Shapes that nobody called scans are scans where so many of them are sure when they are joined by overlaps.
-MOST_SURE = 0.5
-#: Shapes were seen from different directions if the mean of their unit lines of sight is shorter than this: those of
-#: a cone of about 40 degrees to either side have .87, those all around 0.
-MOST_ALIKE = 0.8
+#: Shapes that nobody called scans are scans where so many of them are sure when they are joined by overlaps, and were
+#: seen from different directions: the mean of the unit lines of sight is shorter than this. Those of a cone of about
+#: 40 degrees to either side have .87, those all around 0.
+MOST_SURE, MOST_ALIKE = 0.5, 0.8
 #: Why shapes count as incomplete that nobody called so.
 OVERLAPPING = "they share only parts with each other"
 
