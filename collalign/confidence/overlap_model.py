@@ -7,16 +7,16 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from pairwise.features.overlap import FRONT_UNIT, LocalPoses
 
-#: Log-odds of a pose per logarithm of its overlap and of its consensus, and of "no pose is right", where one of the
-#: surfaces was not seen from one direction. Chosen on depth images of an armadillo, a teddy bear, a tooth and a bird,
-#: without what is in front.
-OVERLAP_WEIGHT, CONSENSUS_WEIGHT, NONE_RIGHT = 1.3, 1.6, -4.5
-#: The same where both were seen from one direction each. Fitted on all pairs of 15 depth images each of two teddies,
-#: two chairs, an armadillo and a horse: mean log loss .17; without what is in front .74. Each class left out in turn
-#: .04 to .40; the most of chairs, whose lines of sight are uncertain.
-#: The last one is of log-odds against a pose, a share of whose points lies in front of what was seen: so many times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
+#: Log-odds of a pose per logarithm of its overlap and of its consensus, and of "no pose is right", by whether both
+#: surfaces were seen from one direction each. The first chosen on depth images of an armadillo, a teddy bear, a tooth
+#: and a bird, without what is in front. The second fitted on all pairs of 15 depth images each of two teddies, two
+#: chairs, an armadillo and a horse: mean log loss .17; without what is in front .74. Each class left out in turn .04
+#: to .40; the most of chairs, whose lines of sight are uncertain.
+WEIGHTS = {False: (1.3, 1.6, -4.5), True: (1.3, 1.0, -6.15)}
+#: Log-odds against a pose of which a share of points lies in front of what was seen of the other surface: so many
+#: times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
 #: .05 or more.
-SEEN_CONSENSUS_WEIGHT, SEEN_NONE_RIGHT, FRONT_WEIGHT = 1.0, -6.15, 3.6
+FRONT_WEIGHT = 3.6
 #: Shares below this count as this: a match or a point more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
@@ -25,14 +25,11 @@ MOST_CERTAIN = 0.99
 
 def overlap_log_odds(poses: LocalPoses) -> FloatArray:
     """Return the log-odds of poses against that none of them is right, shape (p,)."""
-    shares = np.log(np.maximum(poses.overlap, LEAST_SHARE)), np.log(np.maximum(poses.consensus, LEAST_SHARE))
+    overlap, consensus = (np.log(np.maximum(share, LEAST_SHARE)) for share in (poses.overlap, poses.consensus))
     seen = ~np.isnan(poses.in_front).any(axis=1)
-    weight, none = (
-        np.where(seen, SEEN_CONSENSUS_WEIGHT, CONSENSUS_WEIGHT),
-        np.where(seen, SEEN_NONE_RIGHT, NONE_RIGHT),
-    )
+    weights = np.where(seen, *np.array([WEIGHTS[True], WEIGHTS[False]])[:, :, None])
     against = in_front_log_odds(np.where(seen, poses.in_front.max(axis=1, initial=0.0), 0.0))
-    return np.asarray(OVERLAP_WEIGHT * shares[0] + weight * shares[1] - none - against)
+    return np.asarray(weights[0] * overlap + weights[1] * consensus - weights[2] - against)
 
 
 def in_front_log_odds(shares: FloatArray) -> FloatArray:
