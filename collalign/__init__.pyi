@@ -44,6 +44,7 @@ from .reexported import EmbeddingOptions as EmbeddingOptions
 from .reexported import FolderListing as FolderListing
 from .reexported import InputError as InputError
 from .reexported import Landmarks as Landmarks
+from .reexported import DepthImage as DepthImage
 from .reexported import LocalSurface as LocalSurface
 from .reexported import MatchOptions as MatchOptions
 from .reexported import MatchResult as MatchResult

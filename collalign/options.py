@@ -183,10 +183,11 @@ class AlignOptions:
             check_number(name, getattr(self, name), positive=True)
         check_count("clusters", self.clusters, lower=0)
         check_count("seed", self.seed, lower=0)
-        if not isinstance(self.incomplete, str):
-            raise OptionsError(f"incomplete: expected names separated by commas, got {self.incomplete!r}")
         for name in ("incomplete", "reference", "up", "front", "origin"):
-            object.__setattr__(self, name, composed(getattr(self, name)))
+            value = getattr(self, name)
+            if not isinstance(value, str):
+                raise OptionsError(f"{name}: expected text, got {value!r}")
+            object.__setattr__(self, name, composed(value))
         self._check_frame()
         if self.gauge == "axes" and self.reference:
             raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")

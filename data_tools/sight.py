@@ -22,6 +22,8 @@ class SightTuning(NamedTuple):
     7 % hidden points; planes, fish, birds, guitars, chairs and teeth as whole clouds are steeper or hide more.
     """
 
+    least_points: int = 100
+    """Fewer points tell nothing: their normals and what hides them are noise."""
     num_directions: int = 500
     """Directions of a half sphere that are tried."""
     num_around: int = 20
@@ -91,7 +93,7 @@ class DepthImage:
 def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
     """Return unit directions (s, 3) from which all of a surface is seen, as in a depth image, the likeliest first.
 
-    Those that the steepest normals are not steep to, and from which hardly a point is behind others. Of a direction
+    None of fewer than 100 points. Those that the steepest normals are not steep to, and from which hardly a point is behind others. Of a direction
     and its opposite it is the one from which the surface slopes down where it ends.
 
     Parameters
@@ -101,6 +103,8 @@ def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> F
     spacing : float
         Distance of the points.
     """
+    if len(points) < TUNED.least_points:
+        return np.empty((0, 3))
     numbers = np.arange(TUNED.num_directions) + 0.5
     heights = 1.0 - numbers / TUNED.num_directions
     angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
