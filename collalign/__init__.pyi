@@ -39,12 +39,12 @@ from .reexported import CleaningOptions as CleaningOptions
 from .reexported import CollalignError as CollalignError
 from .reexported import CollectionError as CollectionError
 from .reexported import Copies as Copies
+from .reexported import DepthImage as DepthImage
 from .reexported import EmbeddingKeywords as EmbeddingKeywords
 from .reexported import EmbeddingOptions as EmbeddingOptions
 from .reexported import FolderListing as FolderListing
 from .reexported import InputError as InputError
 from .reexported import Landmarks as Landmarks
-from .reexported import DepthImage as DepthImage
 from .reexported import LocalSurface as LocalSurface
 from .reexported import MatchOptions as MatchOptions
 from .reexported import MatchResult as MatchResult

@@ -93,8 +93,8 @@ class DepthImage:
 def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
     """Return unit directions (s, 3) from which all of a surface is seen, as in a depth image, the likeliest first.
 
-    None of fewer than 100 points. Those that the steepest normals are not steep to, and from which hardly a point is behind others. Of a direction
-    and its opposite it is the one from which the surface slopes down where it ends.
+    None of fewer than 100 points. Those that the steepest normals are not steep to, and from which hardly a point is
+    behind others. Of a direction and its opposite it is the one from which the surface slopes down where it ends.
 
     Parameters
     ----------
