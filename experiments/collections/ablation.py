@@ -45,7 +45,7 @@ SETS: dict[str, dict[str, Any]] = {
     "teeth, two cut": {"source": "teeth", "shapes": 10, "cut": 2},
     "skulls, two cut": {"source": "mouse skulls", "shapes": 10, "cut": 2},
     "crowns, mirrored": {"source": "crowns, mirrored", "shapes": 10},
-    "hard chairs": {"source": "hard chairs", "shapes": 10},
+    "hard chairs": {"source": "chairs, bumpy", "shapes": 10},
     "bent figures": {"source": "bent figures", "shapes": 9},
     "chairs, four copies": {"source": "chairs", "shapes": 8, "copies": 4},
     "long bones": {"source": "long bones", "shapes": 12},

@@ -5,8 +5,10 @@ import pytest
 
 from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
-from experiments.collections.ablation import moves, posed_set, row_of
+from experiments.collections.ablation import CAPOD, SETS, moves, posed_set, row_of
+from experiments.collections.landmarked import COLLECTIONS
 from experiments.collections.switches import SWITCHES, switched_off
+from experiments.confidence.families import FAMILIES
 
 
 @pytest.mark.parametrize("name", SWITCHES)
@@ -15,6 +17,11 @@ def test_a_switch_finds_its_mechanism_and_puts_it_back(name):
         pass
     with switched_off(SWITCHES[name]):  # as before: nothing was left switched off
         pass
+
+
+def test_every_collection_has_a_source():
+    known = {*COLLECTIONS, *CAPOD, *FAMILIES, "long bones"}
+    assert {given["source"] for given in SETS.values()} <= known
 
 
 def record(pairs, shapes, confidence, **more):
