@@ -87,6 +87,7 @@ def _no_turns(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> Float
     return start
 
 
+_COSTS = "collalign.confidence.candidate_model"
 _SYNC = "collalign.synchronization.solvers"
 _TRUST = "collalign.stages.trust.assess"
 _MODEL = "collalign.confidence.pose_model"
@@ -96,7 +97,7 @@ _ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6])
 SWITCHES: dict[str, Switch] = {
     # pairs
     "neighbourhoods in the costs of candidates": Switch(
-        patches={"collalign.products.pair.MISMATCH_POWER": 0.0, "collalign.products.pair.ENERGY_POWER": 1.0}
+        patches={f"{_COSTS}.MISMATCH_POWER": 0.0, f"{_COSTS}.ENERGY_POWER": 1.0}
     ),
     "rotations that neighbourhoods propose": Switch(
         patches={
