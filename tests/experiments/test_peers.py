@@ -178,7 +178,7 @@ def test_of_symmetric_objects_the_direction_of_the_axis_counts(crowns, tmp_path,
     over[2] = over[2] @ np.diag([1.0, -1.0, -1.0])
     assert posed.pair_errors_deg(over, posed.names).max() > 20
     (tmp_path / "vase" / "truth.json").write_text('{"shapes": [{"file": "m0.ply"}]}')
-    with pytest.raises(InputError, match="pose_common_to_file"):
+    with pytest.raises(InputError, match="not the poses of the meshes"):
         read_canonical_class(tmp_path / "vase")
 
 
