@@ -19,7 +19,7 @@ from .options import MatchOptions as MatchOptions
 from .options import PairOptions as PairOptions
 from .problem.pattern import RotationPattern as RotationPattern
 from .problem.problem import Problem as Problem
-from .problem.unmatched import with_unmatched as with_unmatched
+from .problem.problem import with_unmatched as with_unmatched
 from .reexported import InputError as InputError
 from .reexported import LocalSurface as LocalSurface
 from .reexported import OptionsError as OptionsError

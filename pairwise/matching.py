@@ -25,8 +25,7 @@ from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
 from pairwise.portfolio import annealed_starts, costs_down_to, ranked_poses, wants_relaxation
-from pairwise.problem.problem import Problem, ProblemArguments
-from pairwise.problem.unmatched import marked_unmatched, with_unmatched
+from pairwise.problem.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult
 from pairwise.status import Status

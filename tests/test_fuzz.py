@@ -3,7 +3,7 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise.certificates import verify_pm_sdp
-from pairwise.certificates.arrays import CertificateArrays
+from pairwise.certificates.certificate import CertificateArrays
 from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import seeds, targets
 from tests.fuzz.forgeries import attack_folders, honest_result

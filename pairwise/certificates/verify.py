@@ -13,9 +13,14 @@ from numpy.typing import ArrayLike
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
-from pairwise.certificates.arrays import CertificateArrays, in_unit
-from pairwise.certificates.certificate import PROBLEM_ARRAYS, Certificate
-from pairwise.certificates.statement import cost_deviation, read_problem
+from pairwise.certificates.certificate import (
+    PROBLEM_ARRAYS,
+    Certificate,
+    CertificateArrays,
+    cost_deviation,
+    in_unit,
+    read_problem,
+)
 from pairwise.certificates.verify_cells import cells_bound
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
 from pairwise.problem.problem import Problem
@@ -50,7 +55,7 @@ def verify_certificate(
         The problem that you want to know a bound of, for these points: a certificate of another one is refused.
         **Without it only the points are yours**, and the bound is one of the problem that the certificate itself
         states, with its allowed matches, weights, constant costs and group, whatever these are:
-        :func:`pairwise.certificates.statement.read_problem` returns it.
+        :func:`pairwise.certificates.certificate.read_problem` returns it.
 
     Returns
     -------

@@ -23,7 +23,7 @@ from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from pairwise.certificates.arrays import CertificateArrays
+from pairwise.certificates.certificate import CertificateArrays
 from pairwise.problem.problem import Problem
 
 _EPS = float(np.finfo(np.float64).eps)

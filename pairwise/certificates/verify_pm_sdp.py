@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
-from pairwise.certificates.arrays import CertificateArrays
+from pairwise.certificates.certificate import CertificateArrays
 from pairwise.problem.problem import Problem
 
 #: Twice the unit roundoff: the extra factor covers the second-order terms of every bound below.

@@ -17,9 +17,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis
 from pairwise.pm_sdp.newton import NewtonSystem
-from pairwise.pm_sdp.start import starting_points
-from pairwise.pm_sdp.step_length import SHORTEST_STEP, longest_dual, longest_primal
-from pairwise.pm_sdp.step_targets import aim
+from pairwise.pm_sdp.steps import SHORTEST_STEP, aim, longest_dual, longest_primal, starting_points
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_dual, move_primal
 from pairwise.status import Status
 

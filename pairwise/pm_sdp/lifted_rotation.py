@@ -16,7 +16,7 @@ from scipy.linalg import qr
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.support import assignment_support
+from pairwise.problem.problem import assignment_support
 
 #: Relative size below which a pivot of the equations counts as zero.
 _RANK_TOL = 1e-10

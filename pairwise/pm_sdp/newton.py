@@ -22,7 +22,7 @@ from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis, gram
 from pairwise.pm_sdp.newton_blocks import TINY, LocalBlocks
-from pairwise.pm_sdp.step_targets import Targets
+from pairwise.pm_sdp.steps import Targets
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint
 
 #: Most refinements of a solution of the reduced system.

@@ -4,21 +4,128 @@
 
 over R in the group with the given pattern and allowed injective maps (Maron et al. 2016, eq. 1-2).
 Points are rows here and everywhere else; the paper's d x n matrices P and Q are ``source.T`` and ``target.T``.
+
+A convex relaxation over a mask has an interior point only on this part, so the solvers prune the rest first.
+
+Every source point gets a target of its own at the origin, which only this point can take and which costs the same in
+every pose. So search, relaxation, branch and bound and certificates apply as they are.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_mask, as_points, as_weights, read_only
+from data_tools.checks import check_number
 from data_tools.errors import InputError, OptionsError
+from data_tools.threads import one_blas_thread
 from pairwise.problem.pattern import PatternLike, RotationPattern
+
+
+def assignment_support(allowed: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """Prune a mask to the matches that some feasible assignment uses.
+
+    Alternating cycles through one feasible assignment: a match can occur iff its two ends lie in the same strongly
+    connected component of the residual graph (Dulmage and Mendelsohn 1958), where one more node stands for "left
+    free".
+
+    Parameters
+    ----------
+    allowed : ndarray of bool, shape (n, k)
+        Column j may go to row i. Every column must be assigned.
+
+    Returns
+    -------
+    allowed : ndarray of bool, shape (n, k)
+        Matches that occur in at least one feasible assignment.
+    always_full : ndarray of bool, shape (n,)
+        Rows that every feasible assignment fills.
+
+    Raises
+    ------
+    InputError
+        If no assignment fits.
+    """
+    n, k = allowed.shape
+    matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row").astype(np.int64)
+    if (matched < 0).any():
+        raise InputError(f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over")
+    column_label, row_label, free_label = _residual_components(allowed, matched)
+    usable = allowed & (row_label[:, None] == column_label[None, :])
+    usable[matched, np.arange(k)] = True
+    taken = np.zeros(n, dtype=bool)
+    taken[matched] = True
+    return usable, taken & (row_label != free_label)
+
+
+def _residual_components(allowed: BoolArray, matched: IntArray) -> tuple[IntArray, IntArray, int]:
+    """Return the strongly connected components of columns, rows and the node "free"."""
+    n, k = allowed.shape
+    free = k + n
+    taken = np.zeros(n, dtype=bool)
+    taken[matched] = True
+    rows, cols = np.nonzero(allowed)
+    tails = [cols, k + matched, k + np.flatnonzero(~taken), np.full(k, free)]
+    heads = [k + rows, np.arange(k), np.full(int((~taken).sum()), free), k + matched]
+    tail, head = np.concatenate(tails), np.concatenate(heads)
+    graph = coo_array((np.ones(len(tail)), (tail, head)), shape=(free + 1, free + 1)).tocsr()
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    return labels[:k], labels[k:free], int(labels[free])
+
+
+@one_blas_thread()
+def with_unmatched(problem: Problem, cost: float) -> Problem:
+    """Return the problem in which each source point may stay unmatched.
+
+    Its energy is ``sum_j w_j |R p_j - q_map(j)|^2 + c`` over the matched points, plus ``w_j cost`` for every other
+    one: robust matching with truncated squares. Bounds and certificates of it are bounds of this energy.
+
+    Parameters
+    ----------
+    problem : Problem
+        n target points and k source points.
+    cost : float
+        In squared units of the points: a point whose match would be further away than its root stays unmatched.
+
+    Returns
+    -------
+    Problem
+        Of n + k target points. The last k are at the origin; ``map[j] = n + j`` says that point j is unmatched.
+
+    Raises
+    ------
+    OptionsError
+        If the cost is not positive.
+
+    Examples
+    --------
+    >>> target = np.random.default_rng(0).random((8, 3))
+    >>> source = np.vstack([target[:5], [[9.0, 9.0, 9.0]]])
+    >>> robust = pairwise.with_unmatched(pairwise.Problem.from_user(target, source), cost=0.01)
+    >>> round(robust.energy(np.eye(3), np.array([0, 1, 2, 3, 4, 13])), 6)
+    0.01
+    """
+    check_number("unmatched_cost", cost, positive=True)
+    k, d = problem.source.shape
+    free = problem.weights * (cost - (problem.source**2).sum(axis=1))
+    return replace(
+        problem,
+        target=read_only(np.concatenate([problem.target, np.zeros((k, d))])),
+        allowed=read_only(np.concatenate([problem.allowed, np.eye(k, dtype=bool)])),
+        constant_cost=read_only(np.concatenate([problem.constant_cost, np.diag(free)])),
+    )
+
+
+def marked_unmatched(point_map: IntArray, num_target: int) -> IntArray:
+    """Return a map (k,) of a problem with unmatched points, -1 where one is unmatched."""
+    return read_only(np.where(point_map < num_target, point_map, -1))
+
 
 #: The largest coordinate of a problem is at most this and at least its inverse: fourth powers must not overflow.
 LARGEST_COORDINATE = 1e70

@@ -27,8 +27,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from pairwise.problem.problem import Problem
-from pairwise.problem.support import assignment_support
+from pairwise.problem.problem import Problem, assignment_support
 from pairwise.reference.constraints import cross_product_equations, hull_constraints, orthogonality_equations
 from pairwise.reference.cvxpy import cvxpy_module, solve_program
 from pairwise.results import RelaxationResult

@@ -13,8 +13,7 @@ import numpy as np
 from data_tools.errors import InputError
 from pairwise import Problem, verify_certificate
 from pairwise.branch_and_bound.prove import prove
-from pairwise.certificates.certificate import hash_problem
-from pairwise.certificates.statement import build_problem, read_problem
+from pairwise.certificates.certificate import build_problem, hash_problem, read_problem
 from pairwise.relaxations import solve_pm_sdp
 from tests.oracles import brute_force
 

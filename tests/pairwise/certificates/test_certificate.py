@@ -7,7 +7,7 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, solve_relaxation, verify_certificate
-from pairwise.certificates.statement import read_problem
+from pairwise.certificates.certificate import read_problem
 from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.certify import _close_constraints
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation

@@ -7,9 +7,14 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise import Problem
-from pairwise.certificates.arrays import LARGEST, CertificateArrays, in_unit
-from pairwise.certificates.certificate import hash_problem, problem_arrays
-from pairwise.certificates.statement import build_problem
+from pairwise.certificates.certificate import (
+    LARGEST,
+    CertificateArrays,
+    build_problem,
+    hash_problem,
+    in_unit,
+    problem_arrays,
+)
 from pairwise.problem.pattern import RotationPattern
 
 

@@ -8,7 +8,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.sampling import farthest_points
 from data_tools.rotations import random_rotation
 from pairwise import DensePoints, MatchOptions
-from pairwise.dense.rank import ranked_on_dense
+from pairwise.dense.refine import ranked_on_dense
 from pairwise.matching import match_problem
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate, MatchResult
@@ -58,7 +58,7 @@ def test_the_samples_count_as_well(shape, monkeypatch):
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices)
     problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3])
     wiggle = Rotation.from_rotvec([0.0, 1e-3, 0]).as_matrix()
-    monkeypatch.setattr("pairwise.dense.rank._MAX_ITERATIONS", 1)
+    monkeypatch.setattr("pairwise.dense.refine._MAX_ITERATIONS", 1)
     order = [(wiggle, 0.5), (wiggle.T, 5.0)]
     for poses in (order, order[::-1]):
         assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [0.5, 5.0]

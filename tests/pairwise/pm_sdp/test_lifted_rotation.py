@@ -5,7 +5,7 @@ import pytest
 
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.support import assignment_support
+from pairwise.problem.problem import assignment_support
 from tests.problems import random_rotation
 
 

@@ -10,8 +10,7 @@ from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import _InteriorPoint
 from pairwise.pm_sdp.moment_basis import cauchy_factor
 from pairwise.pm_sdp.newton import NewtonSystem
-from pairwise.pm_sdp.step_length import longest_dual, longest_primal
-from pairwise.pm_sdp.step_targets import aim
+from pairwise.pm_sdp.steps import aim, longest_dual, longest_primal
 from pairwise.pm_sdp.variables import Direction, move_dual, move_primal
 from pairwise.problem.problem import Problem
 
