@@ -20,7 +20,7 @@ from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_again
 from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_indices, as_rotations, read_only
 from data_tools.checks import check_known
-from data_tools.embedding.own_points import OwnPoints
+from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin

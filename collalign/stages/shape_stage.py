@@ -11,9 +11,8 @@ from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.store.layout import NUM_FILES
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
-from data_tools.embedding.embedding import Samples
-from data_tools.embedding.own_points import OwnPoints
-from data_tools.embedding.sampled_file import sample_file
+from data_tools.embedding.embedding import Samples, sample_file
+from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape

@@ -1,4 +1,4 @@
-"""From a shape to what is matched: samples, their normalised positions, spectral coordinates and invariants."""
+"""From a shape, or its file, to what is matched: samples, normalised positions, spectral coordinates, invariants."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
-from data_tools.embedding.own_points import OwnPoints
+from data_tools.embedding.sampling import OwnPoints
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
 from data_tools.local_surface import LocalSurface
 from data_tools.notes import Note
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
@@ -270,3 +272,48 @@ def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray
     chosen = surface.farthest_points(num, "euclidean", seeded=False)
     _, first = np.unique(surface.to_original[chosen], return_index=True)
     return chosen[np.sort(first)]
+
+
+def sample_file(
+    file: Origin,
+    cleaning: CleaningOptions,
+    sampling: SamplingOptions,
+    embedding: EmbeddingOptions,
+    *,
+    name: str,
+    digest: str | None = None,
+    own: OwnPoints | None = None,
+) -> Samples:
+    """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
+
+    A shape of fewer points than ``sampling.num_points`` is sampled at all that it has.
+
+    Parameters
+    ----------
+    file : Path or Source
+    cleaning : CleaningOptions
+    sampling : SamplingOptions
+    embedding : EmbeddingOptions
+    name : str
+    digest : str, optional
+        Of the content that is expected: a file that has changed since is refused.
+    own : OwnPoints, optional
+        What the caller gives of this shape.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has changed or holds no usable shape.
+    """
+    shape = read_shape(file, cleaning, name=name, digest=digest)
+    surface = WorkingSurface(shape, sampling)
+    num = len(surface.shape.vertices)
+    fewer = MIN_POINTS <= num < sampling.num_points
+    samples = sample_shape(
+        shape,
+        replace(sampling, num_points=num) if fewer else sampling,
+        embedding,
+        surface=surface,
+        own=None if own is None else own.of_shape(shape),
+    )
+    return replace(samples, vertex_indices=read_only(shape.file_indices[samples.vertex_indices]))

@@ -13,8 +13,7 @@ from collalign.matching_input import dense_points, pair_problem
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
-from data_tools.embedding.embedding import Samples
-from data_tools.embedding.sampled_file import sample_file
+from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import location
 from data_tools.poses import Similarity
