@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
+from collalign.engine.store.file import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes

@@ -25,7 +25,7 @@ from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
-from collalign.engine.store.layout import FINISHED, STAGE
+from collalign.engine.store.file import FINISHED, STAGE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection

@@ -7,7 +7,7 @@ from pathlib import Path
 from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, UNFINISHED
 from collalign.console.talk import say, tell
-from collalign.engine.store.layout import FINISHED, NUM_FILES, STAGE, STORE_FILE
+from collalign.engine.store.file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.output.evidence.loading import load
 from collalign.output.methods import methods_paragraph

@@ -18,7 +18,7 @@ from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import KINDS, STAGE
+from collalign.engine.store.file import KINDS, STAGE
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 

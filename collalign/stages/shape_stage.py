@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Wanted
-from collalign.engine.store.layout import NUM_FILES
+from collalign.engine.store.file import NUM_FILES
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
 from data_tools.embedding.embedding import Samples, sample_file

@@ -12,7 +12,7 @@ import numpy as np
 import collalign
 from collalign.analysis.procrustes import generalized_procrustes
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.layout import STORE_FILE
+from collalign.engine.store.file import STORE_FILE
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError

@@ -7,9 +7,8 @@ import tempfile
 from pathlib import Path
 
 from collalign.cli import main
-from collalign.engine.store.records import decode
+from collalign.engine.store.records import decode, from_record
 from collalign.engine.store.store import Store
-from collalign.engine.store.typed import from_record
 from collalign.stages.pairs.match import PairPoses
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError

@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 
 from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.keys import fingerprint
+from collalign.engine.store.records import Reader, fields_of, from_record, to_record
 from collalign.engine.store.store import Store
-from collalign.engine.store.typed import Reader, fields_of, from_record, to_record
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -24,7 +24,7 @@ class Shared:
     key : str
         Of its record in the table.
     reader : type or callable
-        What is made of the record, see :func:`collalign.engine.store.typed.from_record`; several tasks get the same
+        What is made of the record, see :func:`collalign.engine.store.records.from_record`; several tasks get the same
         object, which none of them may change.
     kind : str
         Of the store's records that it is one of; empty for a table that the caller has made.
@@ -45,14 +45,14 @@ class Job(Generic[T]):
     Attributes
     ----------
     kind : str
-        One of :data:`collalign.engine.store.layout.KINDS`: what its results are.
+        One of :data:`collalign.engine.store.file.KINDS`: what its results are.
     version : str
         Changes whenever the same settings and contents would give another result.
     run : callable
         Of a module, so that workers can import it; called with the arguments of a :class:`Wanted`, it must depend on
         nothing else. Returns a frozen dataclass or a record.
     reader : type or callable
-        What its records are when they are read, see :func:`collalign.engine.store.typed.from_record`.
+        What its records are when they are read, see :func:`collalign.engine.store.records.from_record`.
     """
 
     kind: str

@@ -15,8 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from collalign.engine.store.records import Record, decode, encode
-from collalign.engine.store.typed import Reader, from_record
+from collalign.engine.store.records import Reader, Record, decode, encode, from_record
 from data_tools.errors import StoreError
 
 Made = TypeVar("Made")
@@ -80,8 +79,8 @@ class SharedTable:
         ----------
         key : str
         reader : type or callable
-            See :func:`collalign.engine.store.typed.from_record`, and of a module. Several tasks get the same object,
-            which none of them may change.
+            See :func:`collalign.engine.store.records.from_record`, and of a module. Several tasks get the same
+            object, which none of them may change.
         growth : float
             About how many times the record's bytes that object takes.
         """

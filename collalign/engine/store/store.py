@@ -15,8 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.store.file import open_connection, open_memory, reason_of
-from collalign.engine.store.layout import KINDS, MAX_TEXT, Failure, table_of
+from collalign.engine.store.file import KINDS, MAX_TEXT, Failure, open_connection, open_memory, reason_of, table_of
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 from data_tools.io.files import system_reason

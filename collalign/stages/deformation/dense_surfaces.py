@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.engine.jobs.job import Job, Results, Wanted
-from collalign.engine.store.records import Record
-from collalign.engine.store.typed import to_record
+from collalign.engine.store.records import Record, to_record
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface

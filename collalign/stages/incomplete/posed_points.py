@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.jobs.job import Job, Results
-from collalign.engine.store.records import Record
-from collalign.engine.store.typed import from_record
+from collalign.engine.store.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.map_surfaces import wanted_file

@@ -11,7 +11,7 @@ import numpy as np
 from collalign.engine.jobs.job import Job, Results, Shared, Wanted, table_of_values
 from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
-from collalign.engine.store.typed import to_record
+from collalign.engine.store.records import to_record
 from collalign.products.deformation import VertexMaps
 from collalign.products.posed_file import PosedFile
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim

@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 
-from collalign.engine.store.layout import FORMAT_VERSION
+from collalign.engine.store.file import FORMAT_VERSION
 from collalign.engine.store.store import Store
 from data_tools.errors import StoreError
 

@@ -9,7 +9,7 @@ import pytest
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, candidate_costs, evidence_score
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.typed import from_record
+from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
