@@ -1,4 +1,4 @@
-"""Shape statistics of an aligned collection: generalised Procrustes mean, principal components, Procrustes distances.
+"""Shape statistics: Procrustes mean and distances, principal components, a map of distances, changes of poses.
 
 Everything here takes samples with consistent labels, shape (N, k, 3): row b of every shape is the same landmark.
 """
@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import BoolArray, FloatArray, as_floats, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
-from data_tools.rotations import nearest_orthogonal
+from data_tools.poses import AGREE_DEG
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.threads import one_blas_thread
 
 #: Rounds of superimposition on the mean, at most; it has settled when its squared movement is below this, relative to
@@ -207,3 +208,73 @@ def _cosines(one: FloatArray, others: FloatArray, common: BoolArray) -> FloatArr
     singular[:, 2] *= np.sign(np.linalg.det(cross))
     usable = (counts >= MIN_LABELS) & (norms > 0)
     return np.where(usable, singular.sum(axis=1) / np.where(norms > 0, norms, 1.0), np.nan)
+
+
+#: Coordinates of multidimensional scaling.
+NUM_DIMENSIONS = 2
+
+
+@one_blas_thread()
+def classical_mds(distances: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return principal coordinates (classical multidimensional scaling) of a complete distance matrix.
+
+    Parameters
+    ----------
+    distances : array_like, shape (N, N)
+
+    Returns
+    -------
+    coordinates : ndarray, shape (N, NUM_DIMENSIONS)
+        The largest entry of each column is positive.
+    shares : ndarray, shape (NUM_DIMENSIONS,)
+        Part of the sum of positive eigenvalues that each axis shows.
+
+    References
+    ----------
+    Torgerson, Multidimensional scaling: I. Theory and method, Psychometrika 17 (1952).
+    """
+    squared = as_floats(distances, "distances") ** 2
+    centring = np.eye(len(squared)) - 1.0 / len(squared)
+    values, vectors = np.linalg.eigh(-0.5 * centring @ squared @ centring)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    coordinates = np.zeros((len(squared), NUM_DIMENSIONS))
+    count = min(NUM_DIMENSIONS, len(squared))
+    coordinates[:, :count] = (vectors * np.sqrt(values))[:, :count]
+    largest = np.abs(coordinates).argmax(axis=0)
+    coordinates *= np.where(coordinates[largest, np.arange(NUM_DIMENSIONS)] < 0, -1.0, 1.0)
+    shares = np.zeros(NUM_DIMENSIONS)
+    shares[:count] = values[:count] / max(float(values.sum()), np.finfo(float).tiny)
+    return coordinates, shares
+
+
+def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Return by how much each pose differs, and whether it is mirrored as before, in the frame that most agree with.
+
+    The common frame of an alignment is arbitrary. So the second one is turned as the shape asks with which most
+    others are within :data:`AGREE_DEG`, of several such frames as that with the smallest sum of angles.
+
+    Parameters
+    ----------
+    reference, again : ndarray, shape (n, 3, 3)
+        ``R_common_shape`` of the same shapes.
+    part_numbers : ndarray of int, shape (n,)
+        Shapes of different part_numbers are not aligned with each other in the reference.
+
+    Returns
+    -------
+    changes_deg : ndarray, shape (n,)
+        NaN where mirrored differently, and for a shape alone in its group, which has nothing to stand still to.
+    same_chirality : ndarray of bool, shape (n,)
+    """
+    changes_deg, same = np.full(len(part_numbers), np.nan), np.ones(len(part_numbers), dtype=bool)
+    for number in np.unique(part_numbers):
+        members = np.flatnonzero(part_numbers == number)
+        if len(members) < 2:
+            continue
+        before, after = reference[members], again[members]
+        frames = before @ np.swapaxes(after, 1, 2)
+        angles = rotation_angle_deg(frames[:, None] @ after[None], before)
+        worst = np.nan_to_num(angles, nan=180.0)
+        best = np.lexsort((worst.sum(axis=1), -(worst <= AGREE_DEG).sum(axis=1)))[0]
+        changes_deg[members], same[members] = angles[best], ~np.isnan(angles[best])
+    return changes_deg, same

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from collalign.analysis.label_table import known_label
-from collalign.analysis.ordination import classical_mds
+from collalign.analysis.procrustes import classical_mds
 from collalign.engine.store.records import Record
 from collalign.tools.variation.classification import Classification, classify_leave_one_out
 from data_tools.arrays import FloatArray

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.cluster.hierarchy import cophenet, leaves_list, linkage
 from scipy.spatial.distance import squareform
 
-from collalign.analysis.ordination import classical_mds
-from collalign.analysis.procrustes import common_labels, procrustes_distances
+from collalign.analysis.procrustes import classical_mds, common_labels, procrustes_distances
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.members import statistics_members
 from collalign.wording import note_text

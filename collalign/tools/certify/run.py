@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.align import matched_samples
-from collalign.analysis.pose_changes import pose_changes
+from collalign.analysis.procrustes import pose_changes
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection

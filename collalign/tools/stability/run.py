@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from collalign.align import align_listing
-from collalign.analysis.pose_changes import pose_changes
+from collalign.analysis.procrustes import pose_changes
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist, squareform
 
-from collalign.analysis.ordination import classical_mds
+from collalign.analysis.procrustes import classical_mds
 
 
 def test_mds_recovers_points_of_a_plane(rng):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.analysis.pose_changes import pose_changes
+from collalign.analysis.procrustes import pose_changes
 from data_tools.rotations import random_rotation
 
 NUM = 7
