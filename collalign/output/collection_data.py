@@ -16,13 +16,10 @@ from collalign.options import AlignOptions
 from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.moved_files import find_files, is_there
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
-from collalign.products.consistent_maps import ConsistentMaps, position_of
-from collalign.products.deformation import VertexMaps
-from collalign.products.incomplete import Incomplete
+from collalign.products.consistent_maps import ConsistentMaps, VertexMaps, position_of
 from collalign.products.pair import Alternative, Pairs, SettledPair
-from collalign.products.posed_file import PosedFile
 from collalign.products.run_record import Made, RunRecord
-from collalign.products.shapes import Excluded
+from collalign.products.shapes import Excluded, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
 from data_tools.embedding.copies import Copies

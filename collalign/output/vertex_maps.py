@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from data_tools.arrays import FloatArray, as_floats, as_indices, read_only
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays

@@ -1,13 +1,15 @@
-"""Correspondences of samples between all shapes of a collection."""
+"""Correspondences of samples, and maps of all vertices, between all shapes of a collection."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from data_tools.arrays import IntArray, one_line
+from data_tools.arrays import FloatArray, IntArray, one_line
 from data_tools.errors import UnknownName
 from data_tools.io.files import composed
 
@@ -59,3 +61,61 @@ class ConsistentMaps:
         return inverse[self.labels[b]]
 
     __repr__ = one_line
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VertexMaps:
+    """Maps of all vertices between any two shapes, through one of them; arrays are read-only.
+
+    ``maps[a, b]`` sends the vertices of b to those of a: to the one whose place on the reference is nearest. All maps
+    come from these places, so they compose around cycles up to the spacing of vertices.
+
+    Attributes
+    ----------
+    names : tuple of str, length M
+        Shapes that have maps.
+    reference : str
+        The shape that maps go through: the one that the others' maps agree with best.
+    places : tuple of ndarray, each (v_i, 3)
+        Where each vertex of a shape belongs on the reference, as their files count vertices and in the coordinates of
+        the reference's file: a point of its surface, NaN where there is none.
+    confidence : ndarray, shape (M,)
+        Probability that nine in ten of a shape's vertices belong within .1 sqrt(area) of their places, see
+        :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are. Empty in older results.
+    vertex_confidence : tuple of ndarray, each (v_i,)
+        Probability that the place of each vertex is within that; NaN where there is none. Empty in older results.
+    left_out : tuple of (str, str)
+        Names of the other shapes, and why they have none.
+    """
+
+    names: tuple[str, ...]
+    reference: str
+    places: tuple[FloatArray, ...]
+    confidence: FloatArray = field(default_factory=lambda: np.empty(0))
+    vertex_confidence: tuple[FloatArray, ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    def __getitem__(self, pair: tuple[str, str]) -> IntArray:
+        """Return ``map_a_b``, shape (v_b,): the vertex of a for each vertex of b, -1 where there is none."""
+        a, b = (self._position(name) for name in pair)
+        tree, vertices = self._trees[a]
+        known = self._trees[b][1]
+        found = np.full(len(self.places[b]), -1)
+        if len(vertices):
+            found[known] = vertices[tree.query(self.places[b][known])[1]]
+        return found
+
+    @cached_property
+    def _trees(self) -> tuple[tuple[cKDTree, IntArray], ...]:
+        """Of each shape the tree of its places, and the vertices that have them."""
+        known = [np.flatnonzero(np.isfinite(own).all(axis=1)) for own in self.places]
+        return tuple((cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True))
+
+    __repr__ = one_line
+
+    def _position(self, name: str) -> int:
+        name = composed(name)
+        if name not in self.names:
+            reason = dict(self.left_out).get(name, "")
+            raise UnknownName(f"no maps of {name!r}{': ' + reason if reason else ''}")
+        return self.names.index(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from collalign.products.trust import Trust
 from data_tools.arrays import FloatArray
 from data_tools.io.source import Origin

@@ -1,4 +1,4 @@
-"""The shapes of a run, sampled and embedded, what was left out, and what a person has decided."""
+"""The shapes of a run, sampled and embedded, their files, what is incomplete or left out, and what is decided."""
 
 from __future__ import annotations
 
@@ -7,10 +7,72 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
+from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
+from data_tools.options import CleaningOptions
+from data_tools.surface.shape import Shape
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosedFile:
+    """A file of a collection and where it stands.
+
+    Attributes
+    ----------
+    name : str
+    path : Origin
+    digest : str
+        Of the file's content, which is to be the same when it is read.
+    transform : ndarray, shape (4, 4)
+        File coordinates to the common frame.
+    cleaning : CleaningOptions
+    incomplete : bool
+        Whether parts of the shape are missing, which are looked for then.
+    """
+
+    name: str
+    path: Origin
+    digest: str
+    transform: FloatArray
+    cleaning: CleaningOptions
+    incomplete: bool = False
+
+    def read(self, cleaning: CleaningOptions | None = None) -> Shape:
+        """Return the shape in its own coordinates, cleaned as for the alignment or otherwise."""
+        return read_shape(self.path, cleaning or self.cleaning, name=self.name, digest=self.digest)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Incomplete:
+    """A shape that was posed on others by what has a counterpart on them.
+
+    Attributes
+    ----------
+    shape : int
+        Its position in the collection.
+    reason : str
+        Why it counts as incomplete.
+    partners : ndarray of int, shape (n,)
+        The shapes that it was posed on.
+    overlaps : ndarray, shape (n, 2)
+        Share of each partner's points with a counterpart on this shape, and of this shape's points on the partner.
+    beyond : float
+        Share of their points that lie beyond its rim.
+    """
+
+    shape: int
+    reason: str
+    partners: IntArray
+    overlaps: FloatArray
+    beyond: float = float("nan")
+
+    @property
+    def coverage(self) -> float:
+        """The share of its partners' surfaces that it covers."""
+        return float(self.overlaps[:, 0].mean()) if len(self.overlaps) else float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)

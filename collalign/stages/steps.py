@@ -14,10 +14,9 @@ from typing import Literal
 
 from collalign.confidence.pose_model import resembles_none
 from collalign.options import AlignSession
-from collalign.products.deformation import VertexMaps
-from collalign.products.incomplete import Incomplete
+from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import FormerPairs, Pair, SettledPair, are_weighed
-from collalign.products.shapes import Constraints, Excluded, Shapes
+from collalign.products.shapes import Constraints, Excluded, Incomplete, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes

@@ -8,7 +8,7 @@ import pytest
 
 import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from data_tools.datasets.synthetic import bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points

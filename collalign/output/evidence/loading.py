@@ -17,10 +17,9 @@ from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE, EVIDENCE_FILE, EVIDENCE_VERSION
 from collalign.output.evidence.gather import OWN_MAP
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, SettledPair
 from collalign.products.run_record import RunRecord
-from collalign.products.shapes import Excluded
+from collalign.products.shapes import Excluded, Incomplete
 from data_tools.arrays import (
     FloatArray,
     IntArray,

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from collalign.output.collection_data import CollectionData
 from collalign.output.report.payload import pack_mesh
-from collalign.products.incomplete import Incomplete
+from collalign.products.shapes import Incomplete
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import moved_by

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from collalign.output.collection_data import CollectionData
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.incomplete import Incomplete
+from collalign.products.shapes import Incomplete
 from data_tools.arrays import IntArray
 from data_tools.notes import Note
 

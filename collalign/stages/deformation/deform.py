@@ -13,7 +13,7 @@ from collalign.nonrigid.collection.bases import common_bases
 from collalign.nonrigid.collection.choice import choose_maps
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import SettledPair
 from collalign.products.shapes import Shapes
 from collalign.stages.deformation.dense_surfaces import VertexSurface, prepare_all_detailed

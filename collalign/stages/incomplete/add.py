@@ -10,10 +10,9 @@ import numpy as np
 from collalign.confidence.incomplete_model import log_odds
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
-from collalign.products.deformation import VertexMaps
-from collalign.products.incomplete import Incomplete
+from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, SettledPair
-from collalign.products.shapes import Constraints, Shapes
+from collalign.products.shapes import Constraints, Incomplete, Shapes
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_chance
 from collalign.stages.incomplete.posed_points import prepare_points

@@ -9,9 +9,8 @@ import numpy as np
 from collalign.confidence.incomplete_model import MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
-from collalign.products.incomplete import Incomplete
 from collalign.products.pair import SettledPair
-from collalign.products.shapes import Shapes
+from collalign.products.shapes import Incomplete, Shapes
 from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.checks import check_known

@@ -55,7 +55,7 @@ def place_shape(
         ``turns`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
         (2, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
-        :class:`collalign.products.incomplete.Incomplete`.
+        :class:`collalign.products.shapes.Incomplete`.
     """
     source = posed_points(shape)
     targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]

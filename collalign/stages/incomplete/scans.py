@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from collalign.confidence.overlap_model import overlap_chances
-from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative, Pair, SettledPair
-from collalign.products.shapes import Shapes
+from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.add import incomplete_note, label_map
 from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overlaps, join_scans

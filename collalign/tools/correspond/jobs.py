@@ -12,8 +12,8 @@ from collalign.engine.jobs.job import Job, Results, Shared, Wanted, table_of_val
 from collalign.engine.session import Session
 from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import to_record
-from collalign.products.deformation import VertexMaps
-from collalign.products.posed_file import PosedFile
+from collalign.products.consistent_maps import VertexMaps
+from collalign.products.shapes import PosedFile
 from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
 from collalign.registration.register import Registration, register
 from collalign.registration.start import bent_by_map, unbent

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from collalign.registration.arap import MapGoals
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError

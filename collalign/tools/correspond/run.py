@@ -14,7 +14,7 @@ from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import main_part
-from collalign.products.posed_file import PosedFile
+from collalign.products.shapes import PosedFile
 from collalign.tools.correspond.jobs import MAX_FACES, correspond
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray

@@ -22,8 +22,8 @@ from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.poses import offered_poses
 from collalign.output.report.shown import page_members, shown_part
 from collalign.output.report.statistics import shape_map
-from collalign.products.incomplete import Incomplete
 from collalign.products.pair import Alternative
+from collalign.products.shapes import Incomplete
 from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg

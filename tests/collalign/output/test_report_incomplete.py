@@ -8,7 +8,7 @@ import pytest
 from collalign.output.report.content import build_content
 from collalign.output.report.coverage import counterparts_on, incomplete_content
 from collalign.output.write import _incomplete
-from collalign.products.incomplete import Incomplete
+from collalign.products.shapes import Incomplete
 from data_tools.poses import moved_by
 from tests.collalign.output.test_report_content import rendered, unpack
 from tests.view_problems import view_of

@@ -8,7 +8,7 @@ import pytest
 from collalign.output import write
 from collalign.output.contact_sheet import contact_sheet
 from collalign.output.vertex_maps import PlaceColours
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from data_tools.io.output_folder import OutputFolder
 from data_tools.surface.shape import Shape
 from tests.view_problems import bumpy_shapes, view_of

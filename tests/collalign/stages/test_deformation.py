@@ -13,7 +13,7 @@ from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.surface.posed import sampled_surface
 from collalign.nonrigid.surface.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
-from collalign.products.deformation import VertexMaps
+from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes
 from collalign.stages.deformation.places import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface

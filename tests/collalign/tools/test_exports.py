@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from collalign.analysis.procrustes import centroid_sizes
-from collalign.products.incomplete import Incomplete
+from collalign.products.shapes import Incomplete
 from collalign.tools.export.run import FORMATS, export, export_notes
 from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
