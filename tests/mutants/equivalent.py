@@ -17,6 +17,6 @@ EQUIVALENT = {
     "collalign/output/evidence/gather.py shown_pair: '        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),' -> '        rotations=np.ascontiguousarray(pair.rotations[kept, :4, :3]),'": "rotations have three rows",
     "pairwise/certificates/verify_cells.py <module>: 'DEEPEST = 60' -> 'DEEPEST = 61'": "a depth that no proof reaches",
     "collalign/stages/trust/assess.py _votes: '    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))' -> '    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 / PRIOR_VOTES))'": "twice and half of one prior vote are counted alike",
-    "collalign/registration/field.py gaussian_kernel: '    np.maximum(squares, 0.0, out=squares)' -> '    pass'": "squares are below zero by rounding only",
+    "collalign/registration/register.py gaussian_kernel: '    np.maximum(squares, 0.0, out=squares)' -> '    pass'": "squares are below zero by rounding only",
     "data_tools/rotations.py rotation_angle_deg: '    same_handed = np.linalg.det(first) * np.linalg.det(second) > 0' -> '    same_handed = np.linalg.det(first) * np.linalg.det(second) >= 0'": "determinants are 1 or -1",
 }

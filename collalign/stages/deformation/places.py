@@ -10,8 +10,7 @@ from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import trust_of
 from collalign.nonrigid.portfolio import judged, with_others_from_poses
 from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.registration.arap import MapGoals
-from collalign.registration.fit import fitted_by_map
+from collalign.registration.by_map import MapGoals, fitted_by_map
 from collalign.stages.deformation.dense_surfaces import VertexSurface
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.arrays import FloatArray, IntArray

@@ -14,10 +14,14 @@ from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import to_record
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.shapes import PosedFile
-from collalign.registration.missing import mean_of_what_is_there, missing_vertices, with_cloud_rim
+from collalign.registration.by_map import bent_by_map, unbent
 from collalign.registration.register import Registration, register
-from collalign.registration.start import bent_by_map, unbent
-from collalign.registration.surface import RegistrationSurface
+from collalign.registration.surface import (
+    RegistrationSurface,
+    mean_of_what_is_there,
+    missing_vertices,
+    with_cloud_rim,
+)
 from collalign.tools.correspond.map_starts import START_VERSION, BothWays, goals_of, map_starts
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only

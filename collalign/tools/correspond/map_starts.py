@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.products.consistent_maps import VertexMaps
-from collalign.registration.arap import MapGoals
+from collalign.registration.by_map import MapGoals
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape

@@ -14,7 +14,7 @@ from collalign.nonrigid.map_trust import agreements, trust_of
 from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, mended, sharpened
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
-from collalign.registration.fit import fitted_by_map
+from collalign.registration.by_map import fitted_by_map
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only
 from data_tools.checks import as_options
@@ -114,7 +114,7 @@ def vertex_maps(target: SpectralShape, source: SpectralShape, chosen: Refined) -
     """Return the maps of the files' vertices, source to target (v,) and back (u,), that a map of samples leads to.
 
     The target is laid onto the source by that map, as rigidly as it allows, and then by closest points with normals
-    (:func:`collalign.registration.fit.fitted_by_map`); clouds by their functions alone.
+    (:func:`collalign.registration.by_map.fitted_by_map`); clouds by their functions alone.
     """
     found, at_target, at_source = chosen.functional_map, target.dense, source.dense
     if not has_normals(target, source):

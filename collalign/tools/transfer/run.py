@@ -34,8 +34,7 @@ from collalign.landmarks.templates import (
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.products.trust import DOUBT
-from collalign.registration.missing import missing_vertices, with_cloud_rim
-from collalign.registration.surface import RegistrationSurface
+from collalign.registration.surface import RegistrationSurface, missing_vertices, with_cloud_rim
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.transfer.result import (

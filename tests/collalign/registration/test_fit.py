@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.registration.fit import fitted_by_map
-from collalign.registration.start import bent_by_map
+from collalign.registration.by_map import bent_by_map, fitted_by_map
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.surface.closest import SurfaceLocator

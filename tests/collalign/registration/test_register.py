@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.registration import register as module
-from collalign.registration.field import SmoothField
-from collalign.registration.register import MIN_VOLUME_CHANGE, register
+from collalign.registration.register import MIN_VOLUME_CHANGE, SmoothField, register
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
 from collalign.tools.correspond.run import medoid

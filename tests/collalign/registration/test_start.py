@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.registration.start import bent_by_map, unbent
+from collalign.registration.by_map import bent_by_map, unbent
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.poses import fitting_similarity, moved_by

@@ -1,0 +1,206 @@
+"""Where maps of vertices take a surface: as pieces that turn, before closest points pull and in detail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from collalign.registration.tuning import BENT, TUNED
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.poses import fitting_similarity, scales_of
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
+from data_tools.surface.laplacian import surface_operators
+from data_tools.surface.normals import vertex_normals
+from data_tools.surface.shape import Shape
+from data_tools.threads import one_blas_thread
+
+#: Vertices of a surface, each any number of times (p,), and the places where they should go (p, 3).
+MapGoals: TypeAlias = tuple[IntArray, FloatArray]
+
+
+class ArapSolver:
+    """A surface at rest, its edges with cotangent weights, and how each vertex's edges turn.
+
+    Parameters
+    ----------
+    rest : Shape
+        A mesh.
+
+    References
+    ----------
+    Sorkine and Alexa, As-rigid-as-possible surface modeling, SGP 2007.
+    """
+
+    def __init__(self, rest: Shape) -> None:
+        operators = surface_operators(rest)
+        stiffness = coo_array(operators.stiffness)
+        off = (stiffness.row != stiffness.col) & (stiffness.data < 0)
+        self._at, self._to, self._weights = stiffness.row[off], stiffness.col[off], -stiffness.data[off]
+        centred = rest.vertices - rest.vertices.mean(axis=0)
+        self.radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self._rest, self.mass = rest.vertices, operators.mass
+        num, edges = len(rest.vertices), np.arange(int(off.sum()))
+        self._sum = csr_array((np.ones(len(edges)), (self._at, edges)), shape=(num, len(edges)))
+        weights = csc_array((self._weights, (self._at, self._to)), shape=(num, num))
+        self._stiffness = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
+
+    def pull(self, goals: MapGoals, trust: FloatArray, length: float) -> Callable[[FloatArray], FloatArray]:
+        """Return what gives all places (v, 3) by turned edges (v, 3).
+
+        Goals count as far as they are trusted, each vertex by its area at most.
+        """
+        num, (vertices, places) = len(self._rest), goals
+        count = np.maximum(np.bincount(vertices, minlength=num), 1)
+        share = self.mass[vertices] * trust / (count[vertices] * length**2)
+        asked = np.zeros((num, 3))
+        np.add.at(asked, vertices, share[:, None] * places)
+        total = np.bincount(vertices, weights=share, minlength=num)
+        solve = splu(csc_array(self._stiffness + diags_array(total))).solve
+        return lambda edges: np.asarray(solve(edges + asked))
+
+    def rotated_edges(self, moved: FloatArray) -> FloatArray:
+        """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
+        rest, _, turns = self._edges(moved)
+        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", turns, rest)))
+
+    def rotated_back(self, moved: FloatArray) -> FloatArray:
+        """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
+        _, now, turns = self._edges(moved)
+        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", turns, now)))
+
+    def _edges(self, moved: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
+        rest = self._rest[self._at] - self._rest[self._to]
+        now = moved[self._at] - moved[self._to]
+        products = self._sum @ (self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]).reshape(-1, 9)
+        turns = nearest_orthogonal(products.reshape(-1, 3, 3), determinant=1.0)
+        return rest, now, 0.5 * (turns[self._at] + turns[self._to])
+
+
+#: Times that the map is asked where it can be trusted, and for each that places and rotations are found in turn.
+_NUM_TRUSTS, _NUM_ROUNDS = 3, 5
+
+
+@one_blas_thread()
+def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | None:
+    """Return the vertices of a source where a map takes them, shape (v, 3), smoothed; None where it is not believed.
+
+    Least is ``sum_ij w_ij |x_i - x_j - R_i (p_i - p_j)|^2 + sum_i m_i t_i |x_i - g_i|^2 / l^2`` over places ``x`` and
+    rotations ``R`` of the source's vertices ``p``, enlarged to the target's area: cotangent weights ``w``, areas
+    ``m``, goals ``g`` in which the map is trusted by ``t``, Tukey's biweight of their distance from ``x``. Limbs
+    turn, and what a map scatters is smoothed over the length ``l``, without the shrinking of a plain average.
+
+    Not believed are maps of less than half of the surface, those that have no order, and those that turn all of it
+    against the common poses: a symmetric body has a second map, which is as smooth.
+
+    Parameters
+    ----------
+    target, source : Shape
+        Meshes, posed.
+    goals : MapGoals
+
+    References
+    ----------
+    Sorkine and Alexa, As-rigid-as-possible surface modeling, SGP 2007.
+    """
+    size = math.sqrt(target.area / source.area)
+    rest = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
+    solver = ArapSolver(rest)
+    if solver.mass[np.unique(goals[0])].sum() < BENT.least_share * solver.mass.sum():
+        return None
+    moved = laid_by_map(solver, goals, BENT.length)
+    fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
+    is_small = scales_of(fit) < BENT.least_extent
+    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > BENT.most_turn_deg
+    return None if is_small or is_turned else moved
+
+
+def laid_by_map(solver: ArapSolver, goals: MapGoals, length: float) -> FloatArray:
+    """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii."""
+    vertices, places = goals
+    trust, edges = np.ones(len(vertices)), np.zeros((len(solver.mass), 3))
+    for _ in range(_NUM_TRUSTS):
+        pull = solver.pull(goals, trust, length * solver.radius)
+        for _ in range(_NUM_ROUNDS):
+            moved = pull(edges)
+            edges = solver.rotated_edges(moved)
+        distances = np.linalg.norm(moved[vertices] - places, axis=1)
+        scale = TUNED.cutoff * float(np.median(distances)) or 1.0
+        trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
+    return moved
+
+
+@one_blas_thread()
+def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return copies of a source that are bent in other ways in its own posture, each (v, 3).
+
+    The edges of a copy are turned back as each vertex's edges are turned, and a surface is laid through them by least
+    squares: it has the copy's local lengths and the source's posture. The plain mean of bodies in several postures
+    has limbs that are thin where they differ; that of unbent ones has not.
+
+    Parameters
+    ----------
+    source : Shape
+        A mesh.
+    copies : sequence of ndarray, shape (v, 3)
+    """
+    solver = ArapSolver(source)
+    num = len(source.vertices)
+    pull = solver.pull((np.arange(num), source.vertices), np.ones(num), BENT.loose * solver.radius)
+    return [pull(solver.rotated_back(copy)) for copy in copies]
+
+
+#: Correspondences beyond the cutoff, or so many radii where that is more, do not count, nor do those whose normals
+#: differ by more than the cosine says.
+_LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
+#: Times that closest points are asked, and for each that places and rotations are found in turn.
+_NUM_FITS, _NUM_TURNS = 6, 2
+
+
+@one_blas_thread()
+def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
+    """Return the vertices of a source on a target where a map takes them, shape (v, 3), in whatever poses both are.
+
+    The map's goals are smoothed as in :func:`collalign.registration.by_map.bent_by_map`, but over a shorter length;
+    then closest points in positions and normals, both ways, take the place of the goals, and pieces of what the map
+    gave stay rigid: pieces of the source would drag a surface that is stretched, as teddies are, along the target.
+
+    Parameters
+    ----------
+    target, source : Shape
+        Meshes, both outwards.
+    goals : MapGoals
+    """
+    size = math.sqrt(target.area / source.area)
+    enlarged = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
+    moved = laid_by_map(ArapSolver(enlarged), goals, BENT.map_length)
+    solver = ArapSolver(Shape.from_arrays(moved, source.faces, name=source.name))
+    fixed = vertex_normals(target.vertices, target.faces)
+    for _ in range(_NUM_FITS):
+        normals = vertex_normals(moved, source.faces)
+        pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
+        pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
+        for _ in range(_NUM_TURNS):
+            moved = pull(solver.rotated_edges(moved))
+    return moved
+
+
+def _closest_points(
+    places: FloatArray, fixed: FloatArray, moved: FloatArray, normals: FloatArray, radius: float
+) -> tuple[MapGoals, FloatArray]:
+    """Return the target's points that are closest to moved ones and to which those are, and the trust in each."""
+    weight = BENT.normal_weight * radius
+    theirs, ours = np.hstack([places, weight * fixed]), np.hstack([moved, weight * normals])
+    at = np.concatenate([np.arange(len(ours)), cKDTree(ours).query(theirs)[1]])
+    to = np.concatenate([cKDTree(theirs).query(ours)[1], np.arange(len(theirs))])
+    distances = np.linalg.norm(places[to] - moved[at], axis=1)
+    scale = TUNED.cutoff * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
+    trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
+    trust *= (fixed[to] * normals[at]).sum(axis=1) > _MIN_COSINE
+    return (at, places[to]), trust
