@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.checks import check_pattern
-from collalign.synchronization.problem.frames import angles_rad, relative, transposed
+from collalign.synchronization.problem.checks import angles_rad, check_pattern, relative, transposed
 from collalign.synchronization.problem.graph import GraphArguments, PairGraph
 from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, robust_synchronization

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gamma
 
-from collalign.synchronization.problem.frames import relative
+from collalign.synchronization.problem.checks import relative
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import FloatArray, IntArray

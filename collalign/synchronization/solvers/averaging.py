@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.synchronization.problem.frames import relative
+from collalign.synchronization.problem.checks import relative
 from collalign.synchronization.solvers.least_squares import gauss_newton_step
 from collalign.synchronization.solvers.robust import LEAST_SHARE
 from data_tools.arrays import BoolArray, FloatArray, IntArray

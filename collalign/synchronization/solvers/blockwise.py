@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.products.pair import Alternative
-from collalign.synchronization.doubt.confidence import assess
+from collalign.synchronization.doubt import assess
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.frames import transposed
+from collalign.synchronization.problem.checks import transposed
 from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import best_candidates, squared_distances
 from collalign.synchronization.result import SynchronizationResult

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.sparse.linalg import SuperLU, splu
 
-from collalign.synchronization.problem.frames import cayley
+from collalign.synchronization.problem.checks import cayley
 from collalign.synchronization.solvers.spectral import DENSE_LIMIT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 

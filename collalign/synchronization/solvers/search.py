@@ -10,9 +10,14 @@ import numpy as np
 from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.belief_propagation import propagate_beliefs
 from collalign.synchronization.solvers.robust import maximise_likelihood, reweighted_frames, weighted_start
-from collalign.synchronization.solvers.turns import TurnSet, aligned_candidates, propose_turns, turn_costs
+from collalign.synchronization.solvers.turns import (
+    TurnSet,
+    aligned_candidates,
+    propagate_beliefs,
+    propose_turns,
+    turn_costs,
+)
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Costs that fall by less than this, nats, have not fallen.

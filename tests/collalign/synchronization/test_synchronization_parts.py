@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.clusters import pair_affinity, part_turns, spectral_clusters
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.frames import relative, transposed
+from collalign.synchronization.problem.checks import relative, transposed
 from collalign.synchronization.problem.model import (
     EdgeModel,
     _fitted_noise,
@@ -24,7 +24,7 @@ from collalign.synchronization.problem.model import (
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, restricted
 from collalign.synchronization.solvers.search import State, common_costs, ranked
-from collalign.synchronization.solvers.signs import synchronize_signs
+from collalign.synchronization.solvers.spectral import synchronize_signs
 from collalign.synchronization.solvers.turns import (
     FORBIDDEN,
     TurnSet,

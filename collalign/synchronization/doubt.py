@@ -1,4 +1,4 @@
-"""How far each pose can be trusted: beliefs about its turns, and whether other likely answers agree with it."""
+"""How far synchronized poses can be trusted: beliefs about turns, and whether other likely answers agree."""
 
 from __future__ import annotations
 

@@ -1,1 +1,0 @@
-"""How far synchronized poses can be trusted."""
