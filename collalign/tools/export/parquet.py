@@ -15,7 +15,7 @@ from data_tools.errors import UnavailableError
 _GROUP_ROWS = 50_000
 
 
-def write(request: ExportRequest) -> tuple[Path, ...]:
+def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
     """Write ``shapes.parquet``, ``landmarks.parquet`` and ``pairs.parquet``.
 
     Shapes and landmarks have the columns of the CSV tables, pairs those of ``pairs.csv`` that say what was decided.

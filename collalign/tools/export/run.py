@@ -1,4 +1,4 @@
-"""Exports in the formats of the field, one module per format; each writes the whole collection into a folder."""
+"""Exports in the formats of the field, one function per format; each writes the whole collection into a folder."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.report.shown import some_shapes
 from collalign.output.tool_record import write_tool_record
-from collalign.tools.export import itk, meshes, morphologika, parquet, shapeworks, slicer_json, tables, tps
+from collalign.tools.export.landmark_formats import write_markups, write_morphologika, write_tps
+from collalign.tools.export.mesh_formats import mesh_writer, write_shapeworks, write_transforms
+from collalign.tools.export.parquet import write_parquet
 from collalign.tools.export.request import ExportRequest, Space, coordinates_note
+from collalign.tools.export.tables import write_csv
 from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
@@ -28,16 +31,16 @@ __all__ = ["FORMATS", "STATISTICS", "Space", "export", "export_notes", "usual_sp
 
 #: Writer of each format.
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
-    "morphologika": morphologika.write,
-    "tps": tps.write,
-    "slicer-json": slicer_json.write,
-    "shapeworks": shapeworks.write,
-    "csv": tables.write_csv,
-    "parquet": parquet.write,
-    "ply": meshes.writer("ply"),
-    "obj": meshes.writer("obj"),
-    "stl": meshes.writer("stl"),
-    "itk": itk.write,
+    "morphologika": write_morphologika,
+    "tps": write_tps,
+    "slicer-json": write_markups,
+    "shapeworks": write_shapeworks,
+    "csv": write_csv,
+    "parquet": write_parquet,
+    "ply": mesh_writer("ply"),
+    "obj": mesh_writer("obj"),
+    "stl": mesh_writer("stl"),
+    "itk": write_transforms,
 }
 
 #: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
