@@ -11,8 +11,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.tools.certify.arrangement import PairEnergies
-from collalign.tools.certify.multipliers import MOST_ROWS, JointMaster
-from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
+from collalign.tools.certify.rounds import MOST_ROWS, JointMaster, Rounds, bound_arrangements, problem_of
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify_joint import gram_bound
@@ -214,7 +213,7 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them():
 
 
 def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch):
-    monkeypatch.setattr("collalign.tools.certify.multipliers.MOST_ROWS", 6)
+    monkeypatch.setattr("collalign.tools.certify.rounds.MOST_ROWS", 6)
     found = certified(planted(3, 5, 0.3))
     assert not found.proof["tilts"].any()
     assert found.ended.startswith("the shapes are too many")
