@@ -31,8 +31,8 @@ COMPARED_CELLS = 2.4
 #: Descriptors of which any two differ by less than this, usually, are all alike: those of a sphere differ by .001, of
 #: an ellipsoid with axes 1 to .9 by .004, of axes 1 to .6 by .04, of boxes, bones and bodies by .05 and more.
 LEAST_USUAL = 0.02
-#: Added to the squared distance of points whose normals disagree, times what their cosine lacks.
-_FAR = np.float32(1e30)
+#: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
+_FAR = 1e30
 #: Unit of the share of points in front of what was seen: one halves the score by which a search chooses poses.
 FRONT_UNIT = 0.01
 
@@ -284,24 +284,26 @@ def _partners(
 ) -> Iterator[tuple[NDArray[np.float32], IntArray]]:
     """Yield squared distance and index (l,) of each point's nearest other one whose normal agrees, pose by pose.
 
-    Of a thin wall both sides are near: the nearest point alone would be of the wrong one. Distances and cosines are
+    Of a thin wall both sides are near: the nearest point alone would be of the wrong one. One product gives squared
+    distances, another one what normals lack of agreeing, far more than any distance: the larger one counts. All is
     made in place: fresh arrays and masks take ten times as long.
     """
     centre = others.points.mean(axis=0)
     theirs = (others.points - centre).astype(np.float32)
     columns = np.ascontiguousarray(np.column_stack([-2.0 * theirs, (theirs * theirs).sum(axis=1)]).T)
-    directions = np.ascontiguousarray(others.normals.T, dtype=np.float32)
+    directions = np.ones((4, len(theirs)), dtype=np.float32)
+    directions[:3] = others.normals.T
     squares, lacking = np.empty((2, len(points), len(theirs)), dtype=np.float32)
     homogeneous = np.ones((len(points), 4), dtype=np.float32)
+    facing = np.full((len(points), 4), _FAR * PARTNER_COSINE, dtype=np.float32)
+    rows = np.arange(len(points))
     for rotation, shift in zip(rotations, shifts, strict=True):
         mine = homogeneous[:, :3]
         mine[:] = points @ rotation.T + (shift - centre)
+        facing[:, :3] = -_FAR * (normals @ rotation.T)
         np.matmul(homogeneous, columns, out=squares)
-        np.matmul((normals @ rotation.T).astype(np.float32), directions, out=lacking)
-        np.subtract(PARTNER_COSINE, lacking, out=lacking)
-        np.maximum(lacking, 0.0, out=lacking)
-        lacking *= _FAR
-        squares += lacking
+        np.matmul(facing, directions, out=lacking)
+        np.maximum(squares, lacking, out=squares)
         nearest = squares.argmin(axis=1)
-        least = squares[np.arange(len(nearest)), nearest] + (mine * mine).sum(axis=1)
+        least = squares[rows, nearest] + (mine * mine).sum(axis=1)
         yield np.maximum(least, 0.0), nearest
