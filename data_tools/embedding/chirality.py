@@ -170,5 +170,7 @@ def _turning_and_size(
     damped = np.sqrt(surface.areas / np.maximum(lengths, np.finfo(float).tiny))
     rng = np.random.default_rng(0)
     phases = rng.uniform(0.0, 2.0 * np.pi, NUM_WAVES)
-    waves = np.cos(corners.mean(axis=1) @ rng.standard_normal((_NUM_FEATURES, NUM_WAVES)) + phases)
+    angles = corners.mean(axis=1) @ rng.standard_normal((_NUM_FEATURES, NUM_WAVES)) + phases
+    # Random features are far less accurate than single precision, in which a cosine takes a fraction of the time.
+    waves = np.cos(angles.astype(np.float32))
     return ((damped[:, None] * bivectors).T @ waves).ravel(), (damped * lengths) @ waves
