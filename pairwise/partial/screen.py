@@ -38,7 +38,10 @@ def screen_similarities(
         (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
     )
     weight = TUNED.normal_weight if target.oriented and source.oriented else 0.0
-    return _screen(to, of, np.ascontiguousarray(turns), shifts, scale, weight**2)
+    turned, turned_normals = (few[:NUM_POINTS] @ np.swapaxes(turns, 1, 2) for few in (source.points, source.normals))
+    unturned, unturned_normals = (few[:NUM_POINTS] @ turns for few in (target.points, target.normals))
+    back = -(shifts @ turns) / scale
+    return _screen(to, of, (turned, turned_normals), (unturned, unturned_normals), shifts, back, scale, weight**2)
 
 
 @numba.njit(cache=True)
@@ -76,25 +79,19 @@ def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-
 
 
 @numba.njit(cache=True)
-def _screen(target, source, turns, shifts, scale, weight):  # type: ignore[no-untyped-def]
-    costs = np.full(turns.shape[0], np.inf)
-    which_shift = np.zeros(turns.shape[0], np.int64)
-    to, to_normals = target[3][:NUM_POINTS], target[4][:NUM_POINTS]
-    of, of_normals = source[3][:NUM_POINTS], source[4][:NUM_POINTS]
-    back = np.empty(3)
-    for r in range(turns.shape[0]):
-        turn = np.ascontiguousarray(turns[r].T)
-        turned = of @ turn, of_normals @ turn
-        unturned = to @ turns[r], to_normals @ turns[r]
+def _screen(target, source, turned, unturned, shifts, back, scale, weight):  # type: ignore[no-untyped-def]
+    """Return what :func:`screen_similarities` does; products of matrices, made outside, take seconds to compile."""
+    num = back.shape[0]
+    costs, which_shift = np.empty(num), np.zeros(num, np.int64)
+    for r in range(num):
+        costs[r] = np.inf
+        there, home = (turned[0][r], turned[1][r]), (unturned[0][r], unturned[1][r])
         for t in range(shifts.shape[0]):
-            shift = shifts[t]
-            cost = _mean_cost(target, turned, scale, shift, (1.0, weight), 2.0 * costs[r])
+            cost = _mean_cost(target, there, scale, shifts[t], (1.0, weight), 2.0 * costs[r])
             if cost >= 2.0 * costs[r]:
                 continue
-            for a in range(3):
-                back[a] = -(shift[0] * turns[r, 0, a] + shift[1] * turns[r, 1, a] + shift[2] * turns[r, 2, a]) / scale
             rest = 2.0 * costs[r] - cost
-            cost += _mean_cost(source, unturned, 1.0 / scale, back, (scale**2, weight), rest)
+            cost += _mean_cost(source, home, 1.0 / scale, back[r, t], (scale**2, weight), rest)
             if cost < 2.0 * costs[r]:
                 costs[r], which_shift[r] = 0.5 * cost, t
     return costs, which_shift
