@@ -126,8 +126,6 @@ SWITCHES: dict[str, Switch] = {
     ),
     # refinement
     "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
-    "first round of refinement": Switch(patches={"collalign.stages.poses.refinement.MOST_STEPS": (16,)}, where=RIGID),
-    "second round of refinement": Switch(patches={"collalign.stages.poses.refinement.MOST_STEPS": (4,)}, where=RIGID),
     "weights of near pairs in refinement": Switch(
         patches={"collalign.stages.poses.refinement._weights": np.ones_like}, where=RIGID
     ),

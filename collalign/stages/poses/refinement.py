@@ -30,13 +30,13 @@ from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, beside a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Most steps of closest points in both rounds.
-MOST_STEPS = (4, 16)
+#: Most steps of closest points.
+MOST_STEPS = 16
 #: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
 LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
-def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray, steps: int) -> tuple[FloatArray, float]:
+def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
@@ -46,7 +46,7 @@ def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray, ste
     energy : float
         In squares of the target's radius.
     """
-    found = refine_pose(target, source, start, max_iterations=steps)
+    found = refine_pose(target, source, start, max_iterations=MOST_STEPS)
     return found.pose.rotation, found.energy / target.radius**2
 
 
@@ -132,23 +132,18 @@ def refine_rotations(
     local = local_pairs(len(samples), edges, energies)
     pattern = RotationPattern.from_user(None, 3, group)
     points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
+    starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
+    tasks = {(i, j): {"target": points[i], "source": points[j], "start": start} for (i, j), start in starts.items()}
     with table_of_values(samples) as table:
-        for steps in MOST_STEPS:
-            starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
-            tasks = {
-                (i, j): {"target": points[i], "source": points[j], "start": start, "steps": steps}
-                for (i, j), start in starts.items()
-            }
-            poses = list(session.map_parallel("refinements", refine_pair, tasks, shared=table).values())
-            graph = PairGraph.of_candidates(
-                local,
-                [(rotation[None], np.array([energy])) for rotation, energy in poses],
-                num_shapes=len(samples),
-                pattern=pattern,
-            )
-            weights = _weights(np.array([energy for _, energy in poses]))
-            rotations = synchronize_graph(replace(graph, weights=weights), fixed=fixed).rotations
-    return rotations
+        poses = list(session.map_parallel("refinements", refine_pair, tasks, shared=table).values())
+    graph = PairGraph.of_candidates(
+        local,
+        [(rotation[None], np.array([energy])) for rotation, energy in poses],
+        num_shapes=len(samples),
+        pattern=pattern,
+    )
+    weights = _weights(np.array([energy for _, energy in poses]))
+    return synchronize_graph(replace(graph, weights=weights), fixed=fixed).rotations
 
 
 def _weights(energies: FloatArray) -> FloatArray:

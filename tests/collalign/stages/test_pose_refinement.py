@@ -93,21 +93,3 @@ def test_every_shape_names_its_nearest_pairs_beside_the_tree():
     assert len(local_pairs(5, edges, energies, num=1)) == 4
     named = {tuple(pair) for pair in local_pairs(5, edges, energies, num=2).tolist()}
     assert named == {(0, 1), (0, 2), (0, 3), (0, 4), (1, 4), (2, 3), (2, 4)}
-
-
-def test_rounds_start_from_the_poses_of_the_round_before(session, rng, monkeypatch):
-    samples, truth = posed_crowns(rng, 3)
-    disturbed = Rotation.from_rotvec(0.1 * rng.standard_normal((3, 3))).as_matrix() @ truth
-    starts = []
-    map_parallel = session.map_parallel
-
-    def noted(label, function, tasks, **others):
-        starts.append(np.stack([task["start"] for task in tasks.values()]))
-        return map_parallel(label, function, tasks, **others)
-
-    monkeypatch.setattr(type(session), "map_parallel", staticmethod(noted))
-    refine_rotations(session, samples, disturbed, all_edges(3), np.ones(3), group="O", fixed={0: disturbed[0]})
-    right = np.stack([truth[i].T @ truth[j] for i, j in all_edges(3)])
-    errors = [rotation_angle_deg(found, right).max() for found in starts]
-    assert len(errors) == 2
-    assert errors[1] < 0.2 * errors[0]
