@@ -21,7 +21,7 @@ from collalign.products.pair import Pair
 from collalign.stages.poses.agreement import solve_again
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.problem.checks import transposed
-from collalign.synchronization.solvers.averaging import average_frames, residuals_deg
+from collalign.synchronization.solvers.robust import average_frames, residuals_deg
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG
