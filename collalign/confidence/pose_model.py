@@ -12,7 +12,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from collalign.products.trust import KINDS, UNCERTAIN, Trust
+from collalign.products.trust import (
+    COLLECTION_VOTES,
+    LEAD,
+    LOCAL_MARGIN,
+    LOCAL_MISFIT,
+    MARGIN,
+    MISFIT,
+    MISMATCH,
+    PARTNERS,
+    UNCERTAIN,
+    VOTES,
+    Trust,
+)
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Limits of agreement, margin, local margin and lead: beyond them nothing was seen when the weights were fitted.
@@ -75,9 +87,7 @@ def terms(evidence: FloatArray) -> FloatArray:
     evidence : ndarray, shape (N, len(KINDS))
         As :class:`collalign.products.trust.Trust` holds it.
     """
-    votes, margin, collection, lead, local = (
-        evidence[:, KINDS.index(kind)] for kind in ("votes", "margin", "collection votes", "lead", "local margin")
-    )
+    votes, margin, collection, lead, local = evidence[:, [VOTES, MARGIN, COLLECTION_VOTES, LEAD, LOCAL_MARGIN]].T
     local = np.where(np.isnan(local), margin, local)
     seen = np.column_stack([np.sqrt(votes * collection), margin, local, lead])
     return np.clip(seen, LIMITS[:, 0], LIMITS[:, 1])
@@ -90,7 +100,7 @@ def resembles_none(evidence: FloatArray) -> BoolArray:
     ----------
     evidence : ndarray, shape (N, len(KINDS))
     """
-    mismatch, misfit = (evidence[:, KINDS.index(kind)] for kind in ("mismatch", "local misfit"))
+    mismatch, misfit = evidence[:, [MISMATCH, LOCAL_MISFIT]].T
     return np.asarray((mismatch + MISFIT_SHARE * misfit > STRANGE) & (misfit > LEAST_MISFIT))
 
 
@@ -105,10 +115,9 @@ def ceiling(evidence: FloatArray) -> FloatArray:
     weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen among seven rules on 12 of these
     collections, where the wrong ones were two shapes, drawn often.
     """
-    margin, misfit, local, partners, collection = (
-        evidence[:, KINDS.index(kind)]
-        for kind in ("margin", "misfit", "local margin", "partners", "collection votes")
-    )
+    margin, misfit, local, partners, collection = evidence[
+        :, [MARGIN, MISFIT, LOCAL_MARGIN, PARTNERS, COLLECTION_VOTES]
+    ].T
     limit = np.where(misfit > 2.0 * np.maximum(margin, TIED), UNCERTAIN, MOST_CONFIDENT)
     is_clear = np.column_stack([margin + np.where(np.isnan(local), margin, local), local, collection]) > CLEAR
     limit = np.where((partners > FEW_PARTNERS) | is_clear.any(axis=1), limit, np.minimum(limit, FEW_LIMIT))

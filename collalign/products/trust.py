@@ -16,6 +16,9 @@ KINDS = (
     *("votes", "margin", "collection votes", "lead", "misfit"),
     *("local margin", "mismatch", "local misfit", "partners"),
 )
+#: The positions of these columns.
+VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
+LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

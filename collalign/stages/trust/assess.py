@@ -13,7 +13,19 @@ from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
-from collalign.products.trust import KINDS, Trust
+from collalign.products.trust import (
+    COLLECTION_VOTES,
+    KINDS,
+    LEAD,
+    LOCAL_MARGIN,
+    LOCAL_MISFIT,
+    MARGIN,
+    MISFIT,
+    MISMATCH,
+    PARTNERS,
+    VOTES,
+    Trust,
+)
 from collalign.stages.trust.near_symmetry import near_symmetries
 from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
 from collalign.synchronization import SynchronizationResult
@@ -21,8 +33,6 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, pose_angle_deg
 
-VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
-LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
 #: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).

@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.confidence.pose_model import resembles_none, symmetric_confidence
 from collalign.products.shapes import Constraints
-from collalign.products.trust import DOUBT, KINDS, Trust
+from collalign.products.trust import DOUBT, MISMATCH, VOTES, Trust
 from collalign.stages.trust.near_symmetry import describe_rotations
 from data_tools.arrays import FloatArray
 from data_tools.notes import Note
@@ -42,7 +42,7 @@ def trust_notes(
     ]
     free = [i for i in range(len(names)) if i not in {*constraints.by_hand, *constraints.fixed_transforms}]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
-    votes = trust.evidence[:, KINDS.index("votes")]
+    votes = trust.evidence[:, VOTES]
     if doubted and np.nanmean(votes) < FEWEST_VOTES:
         notes.append(Note("most-pairs-disagree"))
     if doubted:
@@ -52,7 +52,7 @@ def trust_notes(
 
 
 def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) -> list[Note]:
-    votes = trust.evidence[:, KINDS.index("votes")]
+    votes = trust.evidence[:, VOTES]
     return [
         Note("contradicted-by-hand" if i in constraints.by_hand else "contradicted-kept", (names[i],))
         for i in sorted(constraints.fixed)
@@ -62,7 +62,7 @@ def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) 
 
 def _strange(names: Sequence[str], trust: Trust) -> list[Note]:
     """Return the note about shapes that match no other."""
-    mismatch = trust.evidence[:, KINDS.index("mismatch")]
+    mismatch = trust.evidence[:, MISMATCH]
     strange = np.flatnonzero(resembles_none(trust.evidence)).tolist()
     if not strange:
         return []
