@@ -10,7 +10,13 @@ from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
 from collalign.products.pair import are_weighed
 from collalign.stages import steps
 from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import MIN_SHAPES, OPEN, find_incomplete, turned_out_complete
+from collalign.stages.incomplete.detect import (
+    MIN_SHAPES,
+    OPEN,
+    find_incomplete,
+    match_like_copies,
+    turned_out_complete,
+)
 from collalign.stages.incomplete.scans import align_scans, may_be_scans
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.steps import Matched, Posed, Run, with_group
@@ -34,7 +40,17 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
         scans = align_scans(decided, matched, missing if all_named else {})
         if scans is not None:
             return replace(matched, notes=()), scans  # which are about whole shapes
-    matched, posed = _pose_on_complete(run, missing, known)
+    if OPEN in missing.values():
+        return _pose_few_open(run, missing)
+    return _pose_on_complete(run, missing, known)
+
+
+def _pose_few_open(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
+    """Pose shapes a few of which are open: those that match like copies, or turn out to be complete, are complete."""
+    known = steps.match(run)
+    alike = match_like_copies(known[1].pairs)
+    missing = {i: why for i, why in missing.items() if why != OPEN or i not in alike}
+    matched, posed = _pose_on_complete(run, missing, None if missing else known)
     whole = turned_out_complete(posed.incomplete)
     if whole:
         matched, posed = _pose_on_complete(run, {i: why for i, why in missing.items() if i not in whole})

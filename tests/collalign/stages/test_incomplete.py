@@ -13,7 +13,7 @@ from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
-from collalign.stages.incomplete.detect import find_incomplete, named_incomplete, open_among_closed
+from collalign.stages.incomplete.detect import find_incomplete, match_like_copies, named_incomplete, open_among_closed
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _tries_scans, _without_found
@@ -282,6 +282,20 @@ def test_open_shapes_are_broken_where_most_and_enough_are_not():
     for num, found in ((6, [6]), (4, [])):
         assert list(open_among_closed(SimpleNamespace(samples=[*[closed] * num, other]))) == found
     assert open_among_closed(SimpleNamespace(samples=[*[closed] * 5, *[other] * 6])) == {}
+
+
+def test_open_shapes_that_match_like_copies_are_posed_with_the_others():
+    pairs = [
+        SimpleNamespace(target=target, source=source, mismatches=np.array(mismatches))
+        for target, source, mismatches in (
+            (0, 1, [0.1, 0.6]),
+            (0, 2, [0.7, 0.2]),
+            (1, 2, [0.9]),
+            (2, 3, [0.5]),
+            (3, 4, []),
+        )
+    ]
+    assert match_like_copies(pairs) == {0}
 
 
 def test_broken_bones_are_found_among_closed_ones_and_a_bone_with_a_hole_is_whole(tmp_path):
