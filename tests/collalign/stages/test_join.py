@@ -17,7 +17,7 @@ from pairwise.features.overlap import LocalPoses
 
 NUM = 8
 #: Share of consistent matches of a pair that is sure, and of one that is not.
-SURE, WEAK = 1.0, 0.1
+SURE, WEAK = 1.0, 0.05
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def link(poses, i, j, *consensus, wrong=None):
     return LocalPoses(
         rotations=rotations,
         shifts=shifts,
-        overlaps=np.full((num, 2), 0.7),
+        overlaps=np.full((num, 2), 0.8),
         mismatch=np.zeros(num),
         consensus=np.array(consensus),
         in_front=np.full((num, 2), np.nan),
