@@ -99,6 +99,8 @@ def step(
 ) -> Similarity:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
 
+    ``scale_range`` holds the least and the largest scale, numbers or arrays of shape (p,), one per pose.
+
     Weights are Tukey's biweight of the costs at the cutoff (in radii), zero where either point lies on a rim, each
     surface's in sum its share of counterparts. Without a cutoff each pose sets its own, by how well it fits.
     """

@@ -114,7 +114,8 @@ def refine(
 ) -> Similarity:
     """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
 
-    With ``hold_turns`` only shifts and scales change.
+    With ``hold_turns`` only shifts and scales change. ``scale_range`` is the least and the largest scale, numbers or
+    arrays of shape (p,), one per pose.
     """
     for cutoff in cutoffs:
         poses = step(
