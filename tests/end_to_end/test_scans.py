@@ -119,8 +119,9 @@ def test_complete_open_shapes_are_no_scans():
 
 
 def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
-    def said(rims, mismatches, num_seen=0):
-        local = [SimpleNamespace(sights=np.zeros((int(n < num_seen), 3))) for n in range(len(rims))]
+    def said(rims, mismatches, num_seen=0, num_points=100):
+        points = np.zeros((num_points, 3))
+        local = [SimpleNamespace(points=points, sights=np.zeros((int(n < num_seen), 3))) for n in range(len(rims))]
         samples = [SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)]
         shapes = SimpleNamespace(names=rims, samples=samples)
         return may_be_scans(shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches])
@@ -135,6 +136,7 @@ def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
     assert said(["open"] * 3, [[0.5]] * 3, num_seen=2)
     assert not said(["open"] * 3, [[0.5]] * 3, num_seen=1)
     assert not said(["closed"] * 3, [[0.5]] * 3, num_seen=3)
+    assert not said(["open"] * 3, [[0.8]] * 3, num_points=99)
 
 
 def test_shapes_that_were_all_seen_from_the_front_are_no_scans():

@@ -66,7 +66,8 @@ def incomplete_content(collection: CollectionData) -> tuple[dict[str, Any], Mesh
     }
     for entry, one in zip(content["shapes"], drawn, strict=False):
         own = moved_by(collection.transforms[one.shape], vertices[one.shape])
-        shares = np.mean([has[i](own) for i in one.partners.tolist()], axis=0)
+        found = [has[i](own) for i in one.partners.tolist()]
+        shares = np.mean(found, axis=0) if found else np.zeros(len(own))
         entry["own"] = name = f"coverage-{one.shape}"
         meshes[name] = pack_mesh(vertices[one.shape], faces[one.shape], _NONE, shares)
     return content, meshes

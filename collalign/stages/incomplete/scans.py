@@ -24,6 +24,7 @@ from data_tools.errors import CollectionError, InputError
 from data_tools.local_surface import LocalSurface
 from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
+from data_tools.sight import TUNED
 from pairwise.features.overlap import LocalPoses
 from pairwise.status import Status
 
@@ -45,6 +46,8 @@ def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
     if not (3 <= len(shapes.names) <= MAX_ALL_PAIRS and opened > 0.5):
         return False
     local = [item.local for item in shapes.samples if item.local is not None]
+    if not local or np.median([len(one.points) for one in local]) < TUNED.least_points:
+        return False
     return _match_badly(pairs) or sum(bool(len(one.sights)) for one in local) > 0.5 * len(shapes.names)
 
 
