@@ -222,11 +222,10 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
         is_weighed = len(pair.log_odds) > 0
-        doubt = (
-            -pair.log_odds
-            if is_weighed
-            else np.log(np.maximum(candidate_costs(pair.energies, pair.mismatches), LEAST_COST))
-        )
+        if is_weighed:
+            doubt = -pair.log_odds
+        else:
+            doubt = np.log(np.maximum(candidate_costs(pair.energies, pair.mismatches), LEAST_COST))
         order = np.argsort(doubt, kind="stable")
         order = order[np.isfinite(doubt[order])]
         turns, excess = pair.rotations[order, :3, :3], doubt[order] - doubt[order[0]]
