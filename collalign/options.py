@@ -117,14 +117,14 @@ class AlignOptions:
     up : str
         Which way of the reference is up: an axis of its file (z, -y), which then is that axis of the common frame;
         from one of its landmarks to another (base:vertex); or a direction in its file (0.1,0,0.9). Landmarks and
-        numbers turn the common frame, so that z is up and x to the front. Pages and pictures look at the front.
+        numbers rotate the common frame, so that z is up and x to the front. Pages and pictures look at the front.
     front : str
         Which way its front is, in the same words.
     origin : str
         Where the common frame has its origin: at a landmark of the reference, at a point of its file (1,2,3), or at
         the origin of that (file); by default in the middle of each shape.
     clusters : int
-        Parts that a mixed folder is split into, each aligned on its own and then turned to the others; 0 finds their
+        Parts that a mixed folder is split into, each aligned on its own and then rotated to the others; 0 finds their
         number, 1 aligns all shapes together.
     seed : int
         Seed of everything random; the same seed gives the same bytes.
@@ -199,8 +199,8 @@ class AlignOptions:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
 
     @property
-    def turns_frame(self) -> bool:
-        """Whether landmarks or numbers turn the common frame."""
+    def rotates_frame(self) -> bool:
+        """Whether landmarks or numbers rotate the common frame."""
         return not {self.up, self.front} <= {"", *FRAME_AXES}
 
     def _check_frame(self) -> None:

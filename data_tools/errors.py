@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-#: Control characters, ends of lines and marks that turn the direction of writing: a file's name may hold any of them,
-#: and a terminal, a log or a table would obey it.
+#: Control characters, ends of lines and marks that reverse the direction of writing: a file's name may hold any of
+#: them, and a terminal, a log or a table would obey it.
 _UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 

@@ -27,7 +27,7 @@ class CleaningOptions:
         Merge vertices at exactly the same place (STL files repeat each vertex in every triangle).
     largest_component : bool
         Keep only the connected part of the largest area, with those within 20 % of it, and without the few vertices
-        far from all others; fragments otherwise attract samples, and vertices out of place turn poses.
+        far from all others; fragments otherwise attract samples, and outliers change poses.
     """
 
     merge_vertices: bool = True

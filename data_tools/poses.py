@@ -112,7 +112,7 @@ def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = Non
     return kept
 
 
-def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, turns: bool = True) -> FloatArray:
+def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, may_rotate: bool = True) -> FloatArray:
     """Return the similarity that brings points to their counterparts best, shape (4, 4), never a mirror image.
 
     Parameters
@@ -120,7 +120,7 @@ def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, t
     to, of : ndarray, shape (p, 3)
     weights : ndarray, shape (p,)
         Not negative, and not all zero.
-    turns : bool
+    may_rotate : bool
         Whether it may rotate, beside shifting and scaling.
 
     References
@@ -132,7 +132,7 @@ def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, t
     mean_to, mean_of = shares @ to, shares @ of
     centred_to, centred_of = to - mean_to, of - mean_of
     products = centred_to.T @ (shares[:, None] * centred_of)
-    rotation = nearest_orthogonal(products, determinant=1.0) if turns else np.eye(3)
+    rotation = nearest_orthogonal(products, determinant=1.0) if may_rotate else np.eye(3)
     sizes = [float(shares @ (points**2).sum(axis=1)) for points in (centred_to, centred_of)]
     scale = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0 else 1.0
     pose = np.eye(4)

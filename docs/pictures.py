@@ -204,10 +204,10 @@ def _median_error_deg(share: float, method: str) -> float:
     num = 40
     true = np.stack([random_rotation(rng) for _ in range(num)])
     edges = [(i, j) for i in range(num) for j in range(i + 1, num)]
-    turns = [np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])]
+    rotations = [np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])]
     measured = []
     for i, j in edges:
-        wrong = turns[rng.integers(3)] if rng.random() < share else np.eye(3)
+        wrong = rotations[rng.integers(3)] if rng.random() < share else np.eye(3)
         noise = random_rotation_near(rng, 0.17)
         measured.append(true[i].T @ noise @ wrong @ true[j])
     found = collalign.synchronize(edges, np.array(measured), method=method).rotations

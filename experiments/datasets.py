@@ -222,13 +222,13 @@ def read_canonical_class(folder: Path | str) -> Dataset:
     try:
         rows = json.loads(existing_file(folder / "truth.json").read_text())["shapes"]
         to_file = {row["name"]: np.asarray(row["pose_common_to_file"], dtype=np.float64)[:3, :3] for row in rows}
-        turns = np.stack([to_file[name].T for name in listing.names])
+        rotations = np.stack([to_file[name].T for name in listing.names])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder / 'truth.json'}: not the poses of the meshes ({error})") from error
     return Dataset(
         names=listing.names,
         loaders=tuple(partial(read_shape, file) for file in listing.files),
-        rotations=read_only(as_rotations(turns, f"{folder}: poses", group="SO")),
+        rotations=read_only(as_rotations(rotations, f"{folder}: poses", group="SO")),
     )
 
 

@@ -29,7 +29,7 @@ class Candidate:
     origin : str
         What found it: ``"search"``, ``"axes"``, ``"around"``, ``"relaxation"``, ``"start"``, ...
     translation : ndarray, shape (d,), or None
-        Added to the turned source's points; None unless it was asked for.
+        Added to the rotated source's points; None unless it was asked for.
     """
 
     R_target_source: FloatArray
@@ -60,7 +60,7 @@ class MatchResult:
         ``PROVEN_OPTIMAL`` only where the answer has the energy that is proven; ``TIME_LIMIT`` where the limit stopped
         the relaxation or the proof.
     translation : ndarray, shape (d,), or None
-        Added to the turned source's points; None unless it was asked for.
+        Added to the rotated source's points; None unless it was asked for.
     certificate : Certificate or None
         Of the relaxation, where one was solved.
     log : tuple of str

@@ -56,7 +56,7 @@ def quick_search():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
-        patch.setattr(match, "TUNED", match.TUNED._replace(num_turns=500, num_starts=80, num_refined=15))
+        patch.setattr(match, "TUNED", match.TUNED._replace(num_rotations=500, num_starts=80, num_refined=15))
         yield
 
 

@@ -13,7 +13,7 @@ from tests.test_layers import ROOT, sources
 CALLED_ALIKE = (re.compile(r"/command\.py$"), re.compile(r"stages/steps\.py$"), re.compile(r"tools/export/\w+\.py$"))
 #: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
-    "turn": {"synchronization/solvers"},
+    "hypotheses": {"synchronization/solvers"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense", "stages/deformation"},
     "maps": {"products", "output", "nonrigid", "stages/deformation", "tools/correspond", "tools/match"},
@@ -80,8 +80,8 @@ def test_the_checks_see_a_name_and_a_word_in_two_places():
     twice = public_names({"a/x.py": "def pose(): ...", "b/y.py": "class pose: ..."})
     assert twice["pose"] == ["a/x.py", "b/y.py"]
     assert not public_names({"collalign/tools/match/command.py": "def match(): ..."})
-    assert strays(["collalign/engine/turns.py", "collalign/engine/returns.py"]) == [
-        ("turn", "collalign/engine/turns.py")
+    assert strays(["collalign/engine/partial.py", "collalign/engine/impartial.py"]) == [
+        ("partial", "collalign/engine/partial.py")
     ]
     assert strays(["collalign/output/certify.py", "pairwise/pm_sdp/certify.py"]) == [
         ("certify", "collalign/output/certify.py")

@@ -250,7 +250,7 @@ def classical_mds(distances: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArray) -> tuple[FloatArray, BoolArray]:
     """Return by how much each pose differs, and whether it is mirrored as before, in the frame that most agree with.
 
-    The common frame of an alignment is arbitrary. So the second one is turned as the shape asks with which most
+    The common frame of an alignment is arbitrary. So the second one is rotated as the shape asks with which most
     others are within :data:`AGREE_DEG`, of several such frames as that with the smallest sum of angles.
 
     Parameters

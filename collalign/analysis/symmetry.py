@@ -14,7 +14,7 @@ from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
-#: Points of which a second direction is inverted by so large a part of the first are not mirrored but turned.
+#: Points of which a second direction is inverted by so large a part of the first are not mirrored but rotated.
 _MOST_INVERTED = 0.5
 #: The mirror plane is x = 0.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -137,8 +137,8 @@ def mirror_image(points: FloatArray, partner: IntArray) -> FloatArray:
 def mirror_normal(points: FloatArray, partner: IntArray) -> FloatArray:
     """Return the normal of the plane that mirrors centred points, shape (k, 3), to their partners best, shape (3,).
 
-    The products of points and partners are a symmetric matrix; the best reflection turns around the direction of its
-    only negative eigenvalue.
+    The products of points and partners are a symmetric matrix; the best reflection rotates around the direction of
+    its only negative eigenvalue.
 
     Raises
     ------

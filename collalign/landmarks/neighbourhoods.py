@@ -58,8 +58,8 @@ class Neighbourhoods:
         tilts, reliefs = [], []
         for wide, narrow in zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True):
             here, there = (points[wide] - points[wide].mean(axis=0) for points in (source, target))
-            turned = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
-            cosines = np.abs((normals[0][wide] * turned).sum(axis=1))
+            rotated = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
+            cosines = np.abs((normals[0][wide] * rotated).sum(axis=1))
             tilts.append(np.sqrt(np.mean(2.0 - 2.0 * np.minimum(cosines, 1.0))))
             reliefs.append(np.linalg.svd(source[narrow] - source[narrow].mean(axis=0), compute_uv=False)[-1])
             reliefs[-1] /= np.sqrt(len(narrow)) * self._unit

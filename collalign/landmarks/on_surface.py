@@ -190,7 +190,7 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
         return [Note("landmarks-close", (name,), {"times": times})] if crowded and near <= SURE else []
     unit = "{:.4g} times as large they lie on it: the files are in different units"
     found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
-    found += [(_TURNED, surface.median(points * LPS_RAS))]
+    found += [(_OTHER_SYSTEM, surface.median(points * LPS_RAS))]
     for other, vertices, faces in meshes:
         near = _Surface(Shape.from_arrays(vertices, faces)).median(points)
         found.append((f"they lie on {other}: is the file that of another specimen?", near))
@@ -205,7 +205,7 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
     return []
 
 
-_TURNED = "with x and y negated they lie on it: one of the files is in RAS, the other in LPS"
+_OTHER_SYSTEM = "with x and y negated they lie on it: one of the files is in RAS, the other in LPS"
 
 
 def _rescaled(points: FloatArray, surface: _Surface, *, larger: bool = False) -> list[tuple[float, float]]:

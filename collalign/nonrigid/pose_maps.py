@@ -43,10 +43,10 @@ def axis_poses(target: PosedSurface, source: PosedSurface, *, mirrored: bool) ->
     24 rotations, and with ``mirrored`` 24 reflections as well: crude poses, but evenly spread, and the same for
     shapes in any pose.
     """
-    turns = Rotation.create_group("O").as_matrix()
+    rotations = Rotation.create_group("O").as_matrix()
     if mirrored:
-        turns = np.concatenate([turns, -turns])
-    return np.asarray(_principal_axes(target.points) @ turns @ _principal_axes(source.points).T)
+        rotations = np.concatenate([rotations, -rotations])
+    return np.asarray(_principal_axes(target.points) @ rotations @ _principal_axes(source.points).T)
 
 
 def _principal_axes(points: FloatArray) -> FloatArray:
@@ -82,8 +82,8 @@ class PoseMapper:
             for one in (self.target, self.source)
         )
         unsigned, starts = cdist(target, source, "sqeuclidean"), []
-        for turned in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
-            gaps = unsigned + (target[:, :NUM_SIGNS] * turned) @ source[:, :NUM_SIGNS].T
+        for flips in product((0.0, 4.0), repeat=NUM_SIGNS):  # |t + s|^2 = |t - s|^2 + 4 t s
+            gaps = unsigned + (target[:, :NUM_SIGNS] * flips) @ source[:, :NUM_SIGNS].T
             loss = gaps.min(axis=0).mean() + gaps.min(axis=1).mean()
             starts.append((loss, gaps.argmin(axis=0), gaps.argmin(axis=1)))
         best = sorted(range(len(starts)), key=lambda i: starts[i][0])[:num]
@@ -99,9 +99,9 @@ class PoseMapper:
 
     def surface_gap(self, R_target_source: FloatArray) -> float:
         """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""
-        turn, source = R_target_source.T, self.source
+        rotation, source = R_target_source.T, self.source
         fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
-        moved = np.hstack([source.points @ turn, SURFACE_NORMAL_WEIGHT * source.normals @ turn])
+        moved = np.hstack([source.points @ rotation, SURFACE_NORMAL_WEIGHT * source.normals @ rotation])
         there, back = mutual_nearest_rows(fixed, moved)
         gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
         return float((gaps**2).sum(axis=1).mean())

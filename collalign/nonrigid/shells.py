@@ -84,8 +84,8 @@ def _compared(
     carried = fitted_map(goals, of.basis, *maps, SMOOTHNESS * of.frequencies)
     pairs = np.vstack([fixed.samples[maps[0]], fixed.samples]), np.vstack([moving.samples, moving.samples[maps[1]]])
     centred = [one - one.mean(axis=0) for one in pairs]
-    turn = nearest_orthogonal(centred[0].T @ centred[1], determinant=chirality)
-    laid = moving.unresolved(size) @ turn.T + moving.basis[:, :size] @ carried[:, size:]
+    rotation = nearest_orthogonal(centred[0].T @ centred[1], determinant=chirality)
+    laid = moving.unresolved(size) @ rotation.T + moving.basis[:, :size] @ carried[:, size:]
     weight = float(np.sqrt((to.own**2).sum(axis=1).mean()))
     return (
         np.hstack([to.own, weight * fixed.unmoved]),

@@ -104,7 +104,7 @@ def seen_panel(
     Parameters
     ----------
     vertices, faces : ndarray
-        Turned to the screen: to the right, upwards and to the viewer.
+        Rotated to the screen: to the right, upwards and to the viewer.
     corner : ndarray, shape (2,)
     colours : ndarray, shape (3,) or (v, 3)
         Of all or each of the vertices, in [0, 1].

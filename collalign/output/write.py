@@ -171,7 +171,7 @@ def _by_hand(collection: CollectionData, name: str) -> dict[str, Any]:
 
 
 def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
-    """Return the turns that leave a shape's class as it is, and the confidence up to them; nothing without any."""
+    """Return the rotations that leave a shape's class unchanged, and the confidence up to them; {} without any."""
     if trust is None or len(trust.symmetries[shape]) < 2:
         return {}
     up_to = float(symmetric_confidence(trust)[shape])

@@ -27,8 +27,8 @@ class NamedFrame:
 
     @classmethod
     def of(cls, options: AlignOptions) -> NamedFrame:
-        """Return the names that a result has: axes stay, and what turns the frame comes to z and x."""
-        if not options.turns_frame:
+        """Return the names that a result has: axes stay, and what rotates the frame comes to z and x."""
+        if not options.rotates_frame:
             return cls(up=options.up, front=options.front)
         return cls(up="z", front="x" if options.front else "")
 
@@ -60,7 +60,7 @@ def without_names(options: AlignOptions, marks: Mapping[str, FloatArray]) -> Ali
     return replace(options, up=up, front=front, origin=origin)
 
 
-def frame_turn(options: AlignOptions) -> FloatArray:
+def frame_rotation(options: AlignOptions) -> FloatArray:
     """Return the rotation from the reference's file to a frame with z up and x to the front, shape (3, 3).
 
     What is to the front is made perpendicular to what is up.

@@ -151,8 +151,8 @@ class Constraints:
         ``R_i_j`` of pairs i < j that the caller proposes.
     weights : mapping of (int, int) to float
         How much pairs i < j count in synchronization; 0 leaves a pair out.
-    turn : ndarray, shape (3, 3), optional
-        ``R_common_reference``, where no shape is fixed; by default the reference is not turned.
+    rotation : ndarray, shape (3, 3), optional
+        ``R_common_reference``, where no shape is fixed; by default the reference is not rotated.
     origin : ndarray, shape (3,), optional
         Point of the reference, in the coordinates of its file, at which the common frame has its origin, where no
         whole transform is fixed; by default that is in the middle of each shape.
@@ -164,7 +164,7 @@ class Constraints:
     reference: int = 0
     candidates: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
     weights: Mapping[tuple[int, int], float] = field(default_factory=dict)
-    turn: FloatArray | None = None
+    rotation: FloatArray | None = None
     origin: FloatArray | None = None
 
     def some(self, chosen: Sequence[int]) -> Constraints:
@@ -177,7 +177,7 @@ class Constraints:
             reference=at.get(self.reference, 0),
             candidates={(at[i], at[j]): of for (i, j), of in self.candidates.items() if i in at and j in at},
             weights={(at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at},
-            turn=self.turn,
+            rotation=self.rotation,
             origin=self.origin,
         )
 

@@ -54,9 +54,10 @@ class Trust:
     leads : tuple of ndarray, each (r,)
         The lead over each of them.
     symmetries : tuple of ndarray, each (t, 3, 3)
-        Turns of the common frame after which the shapes of its part look alike, the identity first; for each shape.
+        Rotations of the common frame after which the shapes of its part look alike, the identity first; for each
+        shape.
     up_to_symmetry : ndarray, shape (N, len(KINDS))
-        The evidence where poses that differ by such a turn count as one.
+        The evidence where poses that differ by such a rotation count as one.
     """
 
     evidence: FloatArray

@@ -1,4 +1,4 @@
-"""Where maps of vertices take a surface: as pieces that turn, before closest points pull and in detail."""
+"""Where maps of vertices take a surface: as pieces that rotate, before closest points pull and in detail."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MapGoals: TypeAlias = tuple[IntArray, FloatArray]
 
 
 class ArapSolver:
-    """A surface at rest, its edges with cotangent weights, and how each vertex's edges turn.
+    """A surface at rest, its edges with cotangent weights, and how each vertex's edges rotate.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ArapSolver:
         self._stiffness = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
 
     def pull(self, goals: MapGoals, trust: FloatArray, length: float) -> Callable[[FloatArray], FloatArray]:
-        """Return what gives all places (v, 3) by turned edges (v, 3).
+        """Return what gives all places (v, 3) by rotated edges (v, 3).
 
         Goals count as far as they are trusted, each vertex by its area at most.
         """
@@ -66,21 +66,21 @@ class ArapSolver:
 
     def rotated_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
-        rest, _, turns = self._edges(moved)
-        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", turns, rest)))
+        rest, _, rotations = self._edges(moved)
+        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", rotations, rest)))
 
     def rotated_back(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
-        _, now, turns = self._edges(moved)
-        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", turns, now)))
+        _, now, rotations = self._edges(moved)
+        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", rotations, now)))
 
     def _edges(self, moved: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
         rest = self._rest[self._at] - self._rest[self._to]
         now = moved[self._at] - moved[self._to]
         products = self._sum @ (self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]).reshape(-1, 9)
-        turns = nearest_orthogonal(products.reshape(-1, 3, 3), determinant=1.0)
-        return rest, now, 0.5 * (turns[self._at] + turns[self._to])
+        rotations = nearest_orthogonal(products.reshape(-1, 3, 3), determinant=1.0)
+        return rest, now, 0.5 * (rotations[self._at] + rotations[self._to])
 
 
 #: Times that the map is asked where it can be trusted, and for each that places and rotations are found in turn.
@@ -117,8 +117,8 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     moved = laid_by_map(solver, goals, BENT.length)
     fit = fitting_similarity(moved, rest.vertices, solver.mass)[:3, :3]
     is_small = scales_of(fit) < BENT.least_extent
-    is_turned = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > BENT.most_turn_deg
-    return None if is_small or is_turned else moved
+    is_rotated = rotation_angle_deg(nearest_orthogonal(fit), np.eye(3)) > BENT.most_rotation_deg
+    return None if is_small or is_rotated else moved
 
 
 def laid_by_map(solver: ArapSolver, goals: MapGoals, length: float) -> FloatArray:
@@ -140,9 +140,9 @@ def laid_by_map(solver: ArapSolver, goals: MapGoals, length: float) -> FloatArra
 def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
     """Return copies of a source that are bent in other ways in its own posture, each (v, 3).
 
-    The edges of a copy are turned back as each vertex's edges are turned, and a surface is laid through them by least
-    squares: it has the copy's local lengths and the source's posture. The plain mean of bodies in several postures
-    has limbs that are thin where they differ; that of unbent ones has not.
+    The edges of a copy are rotated back as each vertex's edges are rotated, and a surface is laid through them by
+    least squares: it has the copy's local lengths and the source's posture. The plain mean of bodies in several
+    postures has limbs that are thin where they differ; that of unbent ones has not.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
 #: differ by more than the cosine says.
 _LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
 #: Times that closest points are asked, and for each that places and rotations are found in turn.
-_NUM_FITS, _NUM_TURNS = 6, 2
+_NUM_FITS, _NUM_SWEEPS = 6, 2
 
 
 @one_blas_thread()
@@ -186,7 +186,7 @@ def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
         normals = vertex_normals(moved, source.faces)
         pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
         pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
-        for _ in range(_NUM_TURNS):
+        for _ in range(_NUM_SWEEPS):
             moved = pull(solver.rotated_edges(moved))
     return moved
 

@@ -131,7 +131,7 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[
     """Deform a source onto a target that it is posed on already, and return the field that does it before the pose.
 
     The common poses of a collection fit a pair but roughly, above all in size. So the source is shifted and scaled,
-    and in a second attempt turned as well, by closest points; kept is the attempt from which the surface has to be
+    and in a second attempt rotated as well, by closest points; kept is the attempt from which the surface has to be
     bent less to fit as well, since closest points slide around a surface of revolution.
 
     The field is the posterior mean of a Gaussian process, given the closest points of both surfaces on each other
@@ -150,21 +150,21 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[
     Medioni 1992 (offsets along normals count more than those along the surface); Tukey's biweight.
     """
     solver = _FieldSolver(source)
-    poses = [settled_pose(target, source, turns=turns) for turns in (False, True)]
+    poses = [settled_pose(target, source, may_rotate=may_rotate) for may_rotate in (False, True)]
     fits = [_Fit.start(target, source, solver, pose) for pose in poses]
     fits = [fit.iterated(TUNED.noise[: TUNED.num_compared]) for fit in fits]
     best = min(fits, key=lambda fit: fit.energy(TUNED.noise[TUNED.num_compared - 1]))
     return best.iterated(TUNED.noise[TUNED.num_compared :]).result(TUNED.noise[-1])
 
 
-def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, turns: bool) -> FloatArray:
+def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, may_rotate: bool) -> FloatArray:
     """Return the similarity, shape (4, 4), that lays a source onto a target best by what corresponds on both."""
     few = [replace(one, spread=one.spread[: TUNED.num_pose_points]) for one in (target, source)]
     search = _Search(few[0], few[1], tangential=1.0, cutoff=TUNED.pose_cutoff)
     pose, moved = np.eye(4), source.vertices
     for noise in TUNED.pose_noise:
         at, offsets, weights = search.pulls(moved, noise)
-        pose = fitting_similarity(moved[at] + offsets, source.vertices[at], weights, turns=turns)
+        pose = fitting_similarity(moved[at] + offsets, source.vertices[at], weights, may_rotate=may_rotate)
         moved = moved_by(pose, source.vertices)
     return pose
 

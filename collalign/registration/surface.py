@@ -28,7 +28,7 @@ class RegistrationSurface:
     ----------
     vertices : ndarray, shape (v, 3)
     faces : ndarray of int, shape (f, 3)
-        Turned so that normals point outwards; empty for a cloud.
+        Oriented so that normals point outwards; empty for a cloud.
     oriented : bool
         Whether there are normals; without them only positions are compared.
     on_rim : ndarray of bool, shape (v,)

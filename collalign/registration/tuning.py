@@ -44,7 +44,7 @@ class RegistrationTuning(NamedTuple):
     pose_noise: tuple[float, ...] = (0.06,) * 3 + (0.03,) * 9
     """How far correspondences are trusted on the way to the pose."""
     pose_cutoff: float = 6.0
-    """As ``cutoff``, while the pose settles; 3 leaves sizes of skulls .1 % worse and turns .03 deg."""
+    """As ``cutoff``, while the pose settles; 3 leaves sizes of skulls .1 % worse and rotations .03 deg."""
 
 
 class BentTuning(NamedTuple):
@@ -64,9 +64,9 @@ class BentTuning(NamedTuple):
     """A map with goals for less than this share of the surface starts nothing."""
     least_extent: float = 0.5
     """Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle."""
-    most_turn_deg: float = 60.0
-    """Nor one that turns the whole surface by more than this against its pose: maps are right that turn it by up to
-    16 degrees; those by 176 and more take the head for the tail."""
+    most_rotation_deg: float = 60.0
+    """Nor one that rotates the whole surface by more than this against its pose: maps are right that rotate it by up
+    to 16 degrees; those by 176 and more take the head for the tail."""
     map_length: float = 0.05
     """What a map says of neighbours is averaged over so far before closest points pull. The bodies err .0144 to .0147
     sqrt(area) with .03 to .1, and .0163 with .2; the centaur errs least with .06."""

@@ -42,8 +42,8 @@ def local_evidence(
         chosen = are_proper == proper
         if chosen.any():
             of = source.local.mirrored() if other is None else other
-            turns = space[chosen] * flip
-            shares, costs = closeness(target.local, of, turns, np.zeros((len(turns), 3)), num_points=num_points)
+            flipped = space[chosen] * flip
+            shares, costs = closeness(target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points)
             mismatch[chosen], overlap[chosen] = costs, np.sqrt(shares.prod(axis=1))
     return read_only(mismatch), read_only(overlap)
 

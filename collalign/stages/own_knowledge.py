@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from collalign.engine.jobs.job import table_of_values
 from collalign.engine.store.records import MAX_INDEX
 from collalign.options import AlignOptions, AlignSession
-from collalign.products.named_frame import frame_origin, frame_turn, without_names
+from collalign.products.named_frame import frame_origin, frame_rotation, without_names
 from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
@@ -136,7 +136,7 @@ def given_constraints(
         check_known(argument, names, shapes.names)
     by_hand, fixed = {*fixed}, {**kept, **fixed}
     at = {name: i for i, name in enumerate(shapes.names)}
-    turns, whole = dict(fixed), dict[str, FloatArray]()
+    rotations, whole = dict(fixed), dict[str, FloatArray]()
     for name, pose in fixed.items():
         if np.shape(pose) == (4, 4):
             whole[name] = as_floats(pose, f"fixed[{name}]")
@@ -145,7 +145,7 @@ def given_constraints(
                 raise InputError(f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1")
             if options.scaling == "rigid" and abs(scale - 1.0) > ORTHOGONAL_TOL:
                 raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
-            turns[name] = whole[name][:3, :3] / scale
+            rotations[name] = whole[name][:3, :3] / scale
     candidates, weights = dict[tuple[int, int], FloatArray](), dict[tuple[int, int], float]()
     group = "SO" if options.group == "SO" else "O"
     proposed = [
@@ -163,16 +163,16 @@ def given_constraints(
     for (a, b), weight in own.pair_weights.items():
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
-    if options.turns_frame and by_hand and not kept:
+    if options.rotates_frame and by_hand and not kept:
         raise OptionsError("up: poses set by hand fix the common frame, so nothing can turn it; name an axis")
     return Constraints(
-        fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in turns.items()},
+        fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in rotations.items()},
         fixed_transforms={at[name]: transform for name, transform in whole.items()},
         by_hand=frozenset(at[name] for name in by_hand),
         reference=at[options.reference] if options.reference else 0,
         candidates=candidates,
         weights=weights,
-        turn=frame_turn(options) if options.turns_frame and not fixed else None,
+        rotation=frame_rotation(options) if options.rotates_frame and not fixed else None,
         origin=None if whole else frame_origin(options),
     )
 

@@ -14,8 +14,8 @@ from collalign.stages.incomplete.detect import (
     MIN_SHAPES,
     OPEN,
     find_incomplete,
+    found_complete,
     match_like_copies,
-    turned_out_complete,
 )
 from collalign.stages.incomplete.scans import align_scans, may_be_scans
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
@@ -51,7 +51,7 @@ def _pose_few_open(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed
     alike = match_like_copies(known[1].pairs)
     missing = {i: why for i, why in missing.items() if why != OPEN or i not in alike}
     matched, posed = _pose_on_complete(run, missing, None if missing else known)
-    whole = turned_out_complete(posed.incomplete)
+    whole = found_complete(posed.incomplete)
     if whole:
         matched, posed = _pose_on_complete(run, {i: why for i, why in missing.items() if i not in whole})
     return matched, posed

@@ -24,7 +24,8 @@ PRIOR_CLOSED = 1e-3
 #: Affinities that are averaged into what is typical of a shape, and the least of it, relative to the largest.
 NUM_TYPICAL, LEAST_TYPICAL = 5, 1e-9
 
-#: Turns that the pairs between two parts ask for are counted around this many of them, at most; rounds of k-means.
+#: Rotations that the pairs between two parts ask for are counted around this many of them, at most; rounds of
+#: k-means.
 MAX_MODES, MAX_KMEANS = 256, 100
 
 #: Parts that are looked for, at most.
@@ -132,8 +133,8 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
     return rows[chosen].copy()
 
 
-def part_turns(graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]) -> FloatArray:
-    """Return the turn of each shape that brings its part where the pairs to the parts before it ask for.
+def part_rotations(graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]) -> FloatArray:
+    """Return the rotation of each shape that brings its part where the pairs to the parts before it ask for.
 
     Parameters
     ----------
@@ -142,27 +143,27 @@ def part_turns(graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: 
     rotations : ndarray, shape (N, d, d)
         ``R_common_i``, of each part in a frame of its own.
     stay : set of int
-        Parts that are not turned.
+        Parts that are not rotated.
 
     Returns
     -------
     ndarray, shape (N, d, d)
         The mode of what the pairs ask for, the same for all shapes of a part.
     """
-    turns = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
-    turned = np.isin(labels, list(stay))
+    corrections = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
+    done = np.isin(labels, list(stay))
     i, j = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
     chosen = graph.chosen(graph.best_choice)
     measured = np.concatenate([chosen, transposed(chosen)])
     for part in range(labels.max() + 1):
         inside = labels == part
-        across = turned[i] & inside[j]
+        across = done[i] & inside[j]
         if across.any() and part not in stay:
-            placed = turns[i[across]] @ rotations[i[across]]
+            placed = corrections[i[across]] @ rotations[i[across]]
             asked = placed @ measured[across] @ transposed(rotations[j[across]])
             flat = asked.reshape(len(asked), -1)
             close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(axis=2) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
-            turns[inside] = graph.pattern.project(asked[close[:, mode]].sum(axis=0))
-        turned |= inside
-    return turns
+            corrections[inside] = graph.pattern.project(asked[close[:, mode]].sum(axis=0))
+        done |= inside
+    return corrections

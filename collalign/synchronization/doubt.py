@@ -1,4 +1,4 @@
-"""How far synchronized poses can be trusted: beliefs about turns, and whether other likely answers agree."""
+"""How far synchronized poses can be trusted: beliefs about rotations, and whether other likely answers agree."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
 from collalign.synchronization.problem.graph import degrees
 from collalign.synchronization.problem.priors import PRIORS
+from collalign.synchronization.solvers.hypotheses import SAME_ROTATION
 from collalign.synchronization.solvers.search import State, common_costs
-from collalign.synchronization.solvers.turns import SAME_TURN
 from data_tools.arrays import BoolArray, FloatArray
 
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.999
 
-#: Pairs of turns that are compared at once: more would only take memory.
+#: Pairs of rotations that are compared at once: more would only take memory.
 _MOST_COMPARED = 2048**2
 
 
@@ -47,7 +47,7 @@ def assess(
 def evidence(state: State) -> FloatArray:
     """Return how much the pairs can say about each pose, in units of what makes beliefs trustworthy, shape (N,).
 
-    A pair chooses among m alternatives of probabilities ``pi``: its candidates, or the common turns. The squared
+    A pair chooses among m alternatives of probabilities ``pi``: its candidates, or the common rotations. The squared
     correlation between what it says and what is right is ``(m sum pi^2 - 1) / (m - 1)``, the second eigenvalue,
     squared, of this channel. Where only a share e of the pairs is explained the eigenvalue falls by e: the others say
     nothing. The signal of the graph is this times the mean degree less one. Below one no method can do better than
@@ -72,7 +72,7 @@ def evidence(state: State) -> FloatArray:
 def beliefs_of_answers(states: list[State]) -> FloatArray:
     """Return the probability that each pose is right relative to its group, shape (N,).
 
-    The belief in the reported turn, times the share of the likely answers, by their costs, that agree with it.
+    The belief in the reported rotation, times the share of the likely answers, by their costs, that agree with it.
     """
     best = states[0]
     costs = common_costs(states)
@@ -83,13 +83,13 @@ def beliefs_of_answers(states: list[State]) -> FloatArray:
 
 
 def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
-    """Return for each shape whether two answers agree, up to the one turn that most shapes agree about."""
-    turns = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
+    """Return for each shape whether two answers agree, up to the one rotation that most shapes agree about."""
+    rotations = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
     most = np.zeros(len(frames), dtype=bool)
     rows = max(1, _MOST_COMPARED // max(1, len(frames)))
     for first in range(0, len(frames), rows):
-        apart = 2.0 * frames.shape[-1] - 2.0 * turns[first : first + rows] @ turns.T
-        close = apart <= SAME_TURN
+        apart = 2.0 * frames.shape[-1] - 2.0 * rotations[first : first + rows] @ rotations.T
+        close = apart <= SAME_ROTATION
         best = close[np.argmax(close.sum(axis=1))]
         if best.sum() > most.sum():
             most = best
@@ -108,11 +108,11 @@ def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternativ
     found = []
     for shape, beliefs in enumerate(state.beliefs):
         order = [a for a in np.argsort(-beliefs[1:], kind="stable") + 1 if state.alternatives.offered[shape, a]]
-        turns = state.alternatives.turns[shape]
+        rotations = state.alternatives.rotations[shape]
         found.append(
             tuple(
                 Alternative(
-                    rotation=(frames[shape] @ turns[a]).T,
+                    rotation=(frames[shape] @ rotations[a]).T,
                     log_odds=float(np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))),
                 )
                 for a in order[:MAX_ALTERNATIVES]

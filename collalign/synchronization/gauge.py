@@ -61,7 +61,7 @@ def principal_axes_gauge(samples: Sequence[FloatArray], rotations: FloatArray) -
     """Return ``R_common_i`` in the gauge of the principal axes of all posed samples together.
 
     The first axis has the largest variance. Each axis points to where the cloud's third moment is positive; the last
-    one is turned where the axes would make a reflection. Only the first three coordinates are turned.
+    one is rotated where the axes would make a reflection. Only the first three coordinates are rotated.
 
     Parameters
     ----------
@@ -89,6 +89,6 @@ def principal_axes_gauge(samples: Sequence[FloatArray], rotations: FloatArray) -
     axes = axes * np.where(np.abs(moments) > AXIS_TOL, np.sign(moments), np.sign(largest))[:, None]
     if np.linalg.det(axes) < 0:
         axes[-1] *= -1.0
-    turn = np.eye(frames.shape[-1])
-    turn[:space, :space] = axes
-    return turn @ frames
+    rotation = np.eye(frames.shape[-1])
+    rotation[:space, :space] = axes
+    return rotation @ frames

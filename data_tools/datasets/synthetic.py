@@ -46,25 +46,25 @@ def bumped(shape: Shape, rng: np.random.Generator, *, rms: float = 0.05) -> Shap
 def bent(shape: Shape, rng: np.random.Generator, *, angle: float = 0.8) -> Shape:
     """Return a copy whose outer parts are bent about random axes through the centre: nearly isometric limbs.
 
-    Beyond a third of the radius of the shape, points turn with their distance from the centre, by up to ``angle``
-    radians; four random cones turn each about an own axis.
+    Beyond a third of the radius of the shape, points rotate with their distance from the centre, by up to ``angle``
+    radians; four random cones rotate each about an own axis.
 
     Parameters
     ----------
     shape : Shape
     rng : numpy.random.Generator
     angle : float
-        Largest turn, in radians.
+        Largest rotation, in radians.
     """
     arms = shape.vertices - shape.vertices.mean(axis=0)
     distance = np.linalg.norm(arms, axis=1)
     reach = np.clip(distance / distance.max() - 1.0 / 3.0, 0.0, None) * 1.5
-    turned = arms.copy()
+    rotated = arms.copy()
     for axis in random_rotation(rng):
         cone = np.exp(-2.0 * (1.0 - arms @ axis / np.maximum(distance, 1e-300)))
         hinge = np.cross(axis, rng.standard_normal(3))
-        turned = _turn(turned, hinge / np.linalg.norm(hinge), angle * reach * cone)
-    return _with_vertices(shape, turned + shape.vertices.mean(axis=0))
+        rotated = _rotated(rotated, hinge / np.linalg.norm(hinge), angle * reach * cone)
+    return _with_vertices(shape, rotated + shape.vertices.mean(axis=0))
 
 
 def mirrored(shape: Shape) -> Shape:
@@ -231,7 +231,7 @@ def _with_vertices(shape: Shape, vertices: FloatArray) -> Shape:
     return Shape.from_arrays(vertices, shape.faces, name=shape.name)
 
 
-def _turn(points: FloatArray, axis: FloatArray, angles: FloatArray) -> FloatArray:
+def _rotated(points: FloatArray, axis: FloatArray, angles: FloatArray) -> FloatArray:
     """Rotate each point about one axis by its own angle (Rodrigues)."""
     cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
     along = (points @ axis)[:, None] * axis

@@ -57,8 +57,8 @@ def shape_signature(shape: Shape) -> FloatArray:
     unit = centred / (float(np.sqrt((centred**2).sum(axis=1).mean())) or 1.0)
     radii = np.linalg.norm(unit, axis=1)
     skew, spread = (radii[:, None] ** 2 * unit).mean(axis=0), unit.T @ unit / len(unit)
-    turned = np.array([skew, spread @ skew, spread @ spread @ skew])
-    hand = np.linalg.det(turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), np.finfo(float).tiny))
+    rotated = np.array([skew, spread @ skew, spread @ spread @ skew])
+    hand = np.linalg.det(rotated / np.maximum(np.linalg.norm(rotated, axis=1, keepdims=True), np.finfo(float).tiny))
     return read_only(np.array([*np.quantile(radii, _LEVELS), np.linalg.norm(skew), hand]))
 
 
@@ -75,7 +75,7 @@ def find_copies(
         See :func:`shape_signature`.
     tol : float
         How near signatures of copies are. Those of teeth, mouse skulls and nine classes of SHREC07 change by less
-        than 1e-5 where a copy is turned and saved in single precision or with five decimals; the nearest different
+        than 1e-5 where a copy is rotated and saved in single precision or with five decimals; the nearest different
         specimens of these are .007 apart, the nearest different models (glasses) .0009.
     """
     if not names:

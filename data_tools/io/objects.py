@@ -121,8 +121,8 @@ def _arrays(shape: Any, name: str) -> tuple[FloatArray, IntArray]:
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: not arrays of numbers ({error})") from None
     if points.ndim != 2 or points.shape[1] != 3:
-        turned = "; points are rows: give its transpose" if points.ndim == 2 and points.shape[0] == 3 else ""
-        raise InputError(f"{name}: expected points of shape (n, 3), got {points.shape}{turned}")
+        advice = "; points are rows: give its transpose" if points.ndim == 2 and points.shape[0] == 3 else ""
+        raise InputError(f"{name}: expected points of shape (n, 3), got {points.shape}{advice}")
     if triangles.size == 0:
         return points, np.empty((0, 3), dtype=np.int64)
     if triangles.dtype.kind not in "iu" or triangles.ndim != 2 or triangles.shape[1] != 3:

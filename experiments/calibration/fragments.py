@@ -85,15 +85,17 @@ def complete_shapes(
     points = [spread_points(shape, MOST_POINTS) for shape in shapes]
     transforms = []
     for i, one in zip(chosen, points, strict=True):
-        surface, turn = posed_points(one), dataset.rotation(chosen[0], i)
-        pose = Similarity(rotation=turn, scale=1.0 / surface.radius, shift=-turn @ surface.centre / surface.radius)
+        surface, rotation = posed_points(one), dataset.rotation(chosen[0], i)
+        pose = Similarity(
+            rotation=rotation, scale=1.0 / surface.radius, shift=-rotation @ surface.centre / surface.radius
+        )
         transforms.append(pose.transform)
     still = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
     for _ in range(2):
         posed = [posed_points(one, transform) for one, transform in zip(points, transforms, strict=True)]
         for i, surface in enumerate(posed):
             others = [other for j, other in enumerate(posed) if j != i][:NUM_PARTNERS]
-            moved = refine(others, surface, still, (0.3,) * 8, scale_range=(0.7, 1.4), hold_turns=True)
+            moved = refine(others, surface, still, (0.3,) * 8, scale_range=(0.7, 1.4), hold_rotations=True)
             transforms[i] = moved.transform[0] @ transforms[i]
     return shapes, transforms, cut_or_broken
 
@@ -107,17 +109,17 @@ def pieces(data: Path, collection: str, num: int) -> list[tuple[FloatArray, Bool
     for n in range(num):
         i = n % len(shapes)
         partners = rng.permutation(np.delete(np.arange(len(shapes)), i))[:NUM_PARTNERS].tolist()
-        piece, turn = cut(shapes[i], rng), random_rotation(rng)
-        turned = Shape.from_arrays(piece.vertices @ turn.T, piece.faces, name=piece.name)
+        piece, rotation = cut(shapes[i], rng), random_rotation(rng)
+        rotated = Shape.from_arrays(piece.vertices @ rotation.T, piece.faces, name=piece.name)
         record: Record = place_shape(
-            spread_points(turned, MOST_POINTS),
+            spread_points(rotated, MOST_POINTS),
             tuple(points[j] for j in partners),
             np.stack([transforms[j] for j in partners]),
             "SO",
             estimate_scale=True,
         )
-        true = Similarity.of_transforms(transforms[i][None]).rotation[0] @ turn.T
-        found.append((record["evidence"], rotation_angle_deg(record["turns"], true) <= NEAR_DEG))
+        true = Similarity.of_transforms(transforms[i][None]).rotation[0] @ rotation.T
+        found.append((record["evidence"], rotation_angle_deg(record["rotations"], true) <= NEAR_DEG))
     return found
 
 

@@ -49,11 +49,11 @@ def spoil(data: Path, collection: str, folder: Path, quick: bool) -> Spoiled:
     chosen = rng.permutation(eligible[::2])[: NUM_QUICK if quick else NUM_SHAPES].tolist()
     cut = {dataset.names[which] for which in chosen[: round(CUT * len(chosen))]}
     for which in chosen:
-        shape, turn = dataset.shape(which), random_rotation(rng)
+        shape, rotation = dataset.shape(which), random_rotation(rng)
         if shape.name in cut:
             shape = without_share(shape, rng.standard_normal(3), SHARE)
         write_mesh(
-            folder / f"{shape.name}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
+            folder / f"{shape.name}.ply", Shape.from_arrays(shape.vertices @ rotation.T, shape.faces, name=shape.name)
         )
     options = AlignOptions(group="SO", incomplete="never")
     aligned = align_collection(folder, options=options, run=RunOptions(jobs=1), progress=False)

@@ -24,20 +24,20 @@ NUM_PAIRS, NUM_QUICK, SEED, SHARE = 16, 2, 23, 0.25
 
 
 def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, FloatArray, bool]]:
-    """Return each pair's turns, the logarithms of their energies, and whether the best one is right."""
+    """Return each pair's rotations, the logarithms of their energies, and whether the best one is right."""
     dataset, rng = read_dataset(collection, data), np.random.default_rng(SEED)
     eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
     pairs = list(itertools.combinations(eligible[::2].tolist(), 2))
     found = []
     for number in rng.permutation(len(pairs))[:num]:
         i, j = pairs[number]
-        turn = random_rotation(rng)
+        rotation = random_rotation(rng)
         cut = without_share(dataset.shape(j), rng.standard_normal(3), SHARE)
-        source = Shape.from_arrays(cut.vertices @ turn.T, cut.faces, name=cut.name)
+        source = Shape.from_arrays(cut.vertices @ rotation.T, cut.faces, name=cut.name)
         poses = match_partial(surface_of(dataset.shape(i)), surface_of(source))
-        error = rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ turn.T)
-        turns = np.stack([one.pose.rotation for one in poses])
-        found.append((turns, np.log([one.energy for one in poses]), bool(error <= RIGHT_DEG)))
+        error = rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ rotation.T)
+        rotations = np.stack([one.pose.rotation for one in poses])
+        found.append((rotations, np.log([one.energy for one in poses]), bool(error <= RIGHT_DEG)))
     return found
 
 
@@ -54,7 +54,8 @@ def measure_margins(data: Path, collections: Sequence[str], quick: bool) -> dict
     def score(collection: str, changed: Mapping[str, Constant]) -> float:
         weight = float(changed.get("PAIR_WEIGHT", incomplete_model.PAIR_WEIGHT))  # type: ignore[arg-type]
         chances = [
-            (incomplete_model.share_of_best(turns, -weight * logs), right) for turns, logs, right in pairs[collection]
+            (incomplete_model.share_of_best(rotations, -weight * logs), right)
+            for rotations, logs, right in pairs[collection]
         ]
         return float(np.mean([np.log(chance if right else 1.0 - chance) for chance, right in chances]))
 

@@ -79,9 +79,9 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
         for wanted in _wanted(mirrored[some], rng) if mirrored.any() else [mirrored[some]]:
             swapped = wanted != mirrored[some]
             between = (swapped[:, None] != swapped)[..., None]
-            turned = {look: np.where(between, of_pairs[..., ::-1], of_pairs) for look, of_pairs in part.items()}
+            rotated = {look: np.where(between, of_pairs[..., ::-1], of_pairs) for look, of_pairs in part.items()}
             seen = np.where(between[..., 0], -1.0, 1.0) * scores[np.ix_(some, some)]
-            subsets.append(Subset(descriptors=descriptors[some], energies=turned, scores=seen, mirrored=wanted))
+            subsets.append(Subset(descriptors=descriptors[some], energies=rotated, scores=seen, mirrored=wanted))
     return subsets
 
 

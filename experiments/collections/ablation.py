@@ -180,12 +180,14 @@ def posed_set(settings: dict[str, Any], data: Path, folder: Path) -> PosedCollec
 
 def with_copies(posed: PosedCollection, num: int, rng: np.random.Generator) -> PosedCollection:
     """Add copies of the first shape in random poses."""
-    turns = [random_rotation(rng) for _ in range(num)]
+    rotations = [random_rotation(rng) for _ in range(num)]
     first = read_shape(posed.folder / f"{posed.names[0]}.ply")
     names = tuple(f"copy{i}" for i in range(num))
-    for name, turn in zip(names, turns, strict=True):
-        write_mesh(posed.folder / f"{name}.ply", Shape.from_arrays(first.vertices @ turn.T, first.faces, name=name))
-    to_first = np.stack([*posed.relative[0], *(turn.T for turn in turns)])  # R_first_i
+    for name, rotation in zip(names, rotations, strict=True):
+        write_mesh(
+            posed.folder / f"{name}.ply", Shape.from_arrays(first.vertices @ rotation.T, first.faces, name=name)
+        )
+    to_first = np.stack([*posed.relative[0], *(rotation.T for rotation in rotations)])  # R_first_i
     relative = np.swapaxes(to_first, 1, 2)[:, None] @ to_first
     given = len(posed.names)
     relative[:given, :given] = posed.relative

@@ -66,10 +66,10 @@ def write_posed(cell: Cell, folder: Path) -> LandmarkedFolder:
     chosen = np.sort(rng.permutation(len(dataset))[: settings["num"]]).tolist()
     marks, units = [], []
     for which in chosen:
-        shape, turn = dataset.shape(which), random_rotation(rng)
-        posed = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
+        shape, rotation = dataset.shape(which), random_rotation(rng)
+        posed = Shape.from_arrays(shape.vertices @ rotation.T, shape.faces, name=shape.name)
         write_mesh(folder / f"{shape.name}.ply", posed)
-        marks.append(dataset.landmarks[which] @ turn.T)
+        marks.append(dataset.landmarks[which] @ rotation.T)
         centred = shape.vertices - shape.vertices.mean(axis=0)
         radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         units.append(1.0 if settings["dataset"] in IN_FILE_UNITS else radius)

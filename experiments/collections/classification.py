@@ -62,9 +62,9 @@ neither scored nor neighbours. No counted taxon has a single member.
 
 Both shapes have unit centroid size. *One to one* is the Procrustes distance rho of an exact one-to-one match (full
 and partial Procrustes distance have the same nearest neighbours): of a pair's {NUM_PAIR_POINTS} points at its least
-energy, or of {NUM_DENSE} points at the collection's poses, turned once more to fit that match. *Closest points* is
+energy, or of {NUM_DENSE} points at the collection's poses, rotated once more to fit that match. *Closest points* is
 the root mean square distance of each of {NUM_DENSE} points to the nearest of the other shape, both ways, after
-turning, shifting and scaling one shape to fit best from that pose. The points of two shapes are chosen independently
+rotating, shifting and scaling one shape to fit best from that pose. The points of two shapes are chosen independently
 of each other, and a one-to-one match also measures where they happen to lie; closest points measure the surfaces
 alone. Farthest points are even, so weights by area would change little.
 """

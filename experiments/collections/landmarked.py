@@ -22,7 +22,7 @@ TEETH_FOLDER, CLASSES_FOLDER, OBJECTS_FOLDER = "teeth_pnas116", "shrec07_dev", "
 CLASSES = ("glasses", "ant", "chair", "teddy")
 #: Classes whose members bend, or were added later.
 MORE_CLASSES = ("human", "fish", "armadillo", "plane", "bird")
-#: Classes of objects with canonical poses; vases are not among them, which look the same after any turn.
+#: Classes of objects with canonical poses; vases are not among them, which look the same after any rotation.
 OBJECTS = ("guitar", "spider", "dolphin", "gun", "horse", "piano")
 #: A pose within this angle of the true one is right.
 RIGHT_DEG = 20.0

@@ -135,16 +135,18 @@ def pose_collection(
     """
     chosen = np.sort(chosen)
     group = "SO" if dataset.chirality is None else "O"
-    turns = [random_rotation(rng) for _ in chosen]
-    for turn, which in zip(turns, chosen, strict=True):
+    rotations = [random_rotation(rng) for _ in chosen]
+    for rotation, which in zip(rotations, chosen, strict=True):
         shape = dataset.shape(int(which))
-        posed = Shape.from_arrays(shape.vertices @ turn.T, shape.faces, name=shape.name)
+        posed = Shape.from_arrays(shape.vertices @ rotation.T, shape.faces, name=shape.name)
         write_mesh(folder / f"{shape.name}.ply", posed)
     relative = np.empty((len(chosen), len(chosen), 3, 3))
     for a, b in itertools.product(range(len(chosen)), repeat=2):
         true = np.eye(3) if a == b else dataset.rotation(int(chosen[a]), int(chosen[b]), group=group)
-        relative[a, b] = turns[a] @ true @ turns[b].T
+        relative[a, b] = rotations[a] @ true @ rotations[b].T
     axes = None
     if axis is not None and dataset.rotations is not None:
-        axes = np.array([turn @ dataset.rotations[i].T @ axis for turn, i in zip(turns, chosen, strict=True)])
+        axes = np.array(
+            [rotation @ dataset.rotations[i].T @ axis for rotation, i in zip(rotations, chosen, strict=True)]
+        )
     return PosedCollection(folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative, axes=axes)

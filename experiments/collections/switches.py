@@ -68,7 +68,7 @@ def _priors(**changed: Any) -> Any:
 
 def _without_ties(trust: Trust) -> FloatArray:
     """Return confidences that do not share what rivals that fit as well have."""
-    alike = np.array([len(turns) for turns in trust.symmetries])
+    alike = np.array([len(rotations) for rotations in trust.symmetries])
     single = pose_model.probability(trust.evidence)
     shared = pose_model.symmetric_confidence(trust) / np.maximum(alike, 1)
     return np.where(alike > 1, np.minimum(single, shared), single)
@@ -83,7 +83,7 @@ def _first_start(*arguments: Any) -> Iterator[FloatArray]:
     yield next(iter(_starts(*arguments)))
 
 
-def _no_turns(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> FloatArray:
+def _no_rotations(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> FloatArray:
     return start
 
 
@@ -118,9 +118,9 @@ SWITCHES: dict[str, Switch] = {
         where=BENT,
     ),
     # synchronization
-    "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_turns}),
+    "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_rotations}),
     "start from eigenvectors": Switch(patches={f"{_SYNC}.search._starts": _first_start}),
-    "turns common to wrong pairs": Switch(patches={f"{_SYNC}.turns.PRIORS": _priors(rare_flip=9.0)}),
+    "turns common to wrong pairs": Switch(patches={f"{_SYNC}.hypotheses.PRIORS": _priors(rare_flip=9.0)}),
     "blurred noise where turns are chosen": Switch(
         patches={f"{_SYNC}.search.PRIORS": _priors(label_noise_factors=(1.0, 1.0))}
     ),

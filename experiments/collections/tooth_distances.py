@@ -139,7 +139,7 @@ def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> t
 def one_to_one_distance(target: FloatArray, source: FloatArray) -> float:
     """Return the Procrustes distance rho of centred points of unit norm, matched one to one where they are.
 
-    The match is exact (least sum of squares); the points are then turned once to fit best. Full and partial
+    The match is exact (least sum of squares); the points are then rotated once to fit best. Full and partial
     Procrustes distances, sin(rho) and 2 sin(rho / 2), have the same nearest neighbours.
     """
     rows, columns = linear_sum_assignment(-target @ source.T)

@@ -81,7 +81,7 @@ def left_out(seen: FloatArray, right: BoolArray, kind: FloatArray) -> FloatArray
 def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Return what the model weighs, truth and collection of all shapes that are no intruders and have evidence.
 
-    Poses of the wrong chirality are left out: the evidence is about turns, and sides are judged apart from it.
+    Poses of the wrong chirality are left out: the evidence is about rotations, and sides are judged apart from it.
     """
     parts = []
     for number, record in enumerate(records.values()):

@@ -1,4 +1,4 @@
-"""Synthetic matching problems: random points and a turned, shuffled, noisy copy of them."""
+"""Synthetic matching problems: random points and a rotated, shuffled, noisy copy of them."""
 
 from __future__ import annotations
 

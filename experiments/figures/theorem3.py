@@ -43,8 +43,8 @@ def measure_shape(cell: Cell) -> Record:
     """Count the exact solutions of a shape and its copy."""
     rng = np.random.default_rng(cell.settings["seed"])
     target = shape_points(cell.settings["shape"], rng)
-    turn = random_rotation(rng) * np.array([-1.0, 1.0, 1.0])
-    source = target[rng.permutation(len(target))] @ turn
+    rotation = random_rotation(rng) * np.array([-1.0, 1.0, 1.0])
+    source = target[rng.permutation(len(target))] @ rotation
     found = exact_solutions(target, source, group="O")
     return {
         "points": len(target),

@@ -91,7 +91,7 @@ def _cut_collection(settings: dict[str, Any], data: Path) -> Iterator[tuple[Pose
 
 
 def _to_the_tip(dataset: Dataset, which: int, posed: FloatArray) -> FloatArray:
-    """Return the direction to the front of a skull whose vertices were turned."""
+    """Return the direction to the front of a skull whose vertices were rotated."""
     stored = dataset.shape(which).vertices
     tip = dataset.landmarks[which, list(_SKULL_TIP)].mean(axis=0)  # type: ignore[index]
     ahead = (stored - stored.mean(axis=0)) @ (tip - stored.mean(axis=0))

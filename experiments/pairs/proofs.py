@@ -33,10 +33,10 @@ TOOTH_POINTS = 64
 NUM_TEETH = 116
 
 _ABOUT = f"""
-*Pairs.* Uniform points in the unit square or cube and their noisy, turned, shuffled copy; pairs of teeth by Euclidean
-farthest points of unit size, right teeth mirrored. Each is proven over SO(d) to a gap of {TOL:g} by quasi branch and
-bound; on some of them (*relaxed*) the certificate is verified, and PM-SDP (with cross products) runs, at most
-{LIMIT_S:.0f} s.
+*Pairs.* Uniform points in the unit square or cube and their noisy, rotated, shuffled copy; pairs of teeth by
+Euclidean farthest points of unit size, right teeth mirrored. Each is proven over SO(d) to a gap of {TOL:g} by quasi
+branch and bound; on some of them (*relaxed*) the certificate is verified, and PM-SDP (with cross products) runs, at
+most {LIMIT_S:.0f} s.
 *Share* is the lower bound as a share of the best energy. *Starts below* counts random starts, each followed by local
 minimisation, that end below the proven bound. Processor seconds of one thread.
 

@@ -34,12 +34,12 @@ Seven of the fifteen classes of CAPOD, twelve objects each (P. Papadakis, *The c
 Eurographics workshop on 3D object retrieval, 2014; CC BY 3.0). About ten of the twelve are bent, thinned or broken
 versions of one model.
 
-**Rule.** Every object is turned by a uniformly random rotation, {NUM_DRAWS} times. The truth is the authored pose.
+**Rule.** Every object is rotated by a uniformly random rotation, {NUM_DRAWS} times. The truth is the authored pose.
 All relative rotations of a class count; *gross* are those off by more than {GROSS_DEG:.0f} degrees. Vases look the
 same from all sides of their axis: of their pairs the angle between the axes counts. Dolphins bend, and their authored
 pose differs by up to 39 degrees from the best fit. *Wrong at {DOUBT}*: objects that the toolkit is sure of, off by
-more than {RIGHT_DEG:.0f} degrees (of vases as well: a tool that is sure of a turn about the axis is wrong). CPU time
-is from the files to the rotations, one process, one draw of a class.
+more than {RIGHT_DEG:.0f} degrees (of vases as well: a tool that is sure of a rotation about the axis is wrong). CPU
+time is from the files to the rotations, one process, one draw of a class.
 
 * collalign: default options.
 * Open3D: 10 000 points with the mesh's normals, thinned to a voxel of a tenth of the root mean square radius, FPFH,

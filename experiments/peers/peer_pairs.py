@@ -205,8 +205,8 @@ def _drift(clouds: tuple[FloatArray, FloatArray]) -> FloatArray:
     target, source = (cloud - centre for cloud, centre in zip(clouds, centres, strict=True))
     best, least = np.eye(4), np.inf
     for start in axis_starts(target, source):
-        turned = np.ascontiguousarray(source @ start.T)
-        drift = rustcpd.register_rigid(target, turned, scale=False, parallel=False)
+        rotated = np.ascontiguousarray(source @ start.T)
+        drift = rustcpd.register_rigid(target, rotated, scale=False, parallel=False)
         if drift.objective < least:
             least = drift.objective
             best = np.eye(4)  # the library multiplies rows from the right

@@ -118,10 +118,10 @@ def _flip_margin(wrong: float) -> float:
 
 def pose_errors_deg(rotations: FloatArray, truth: FloatArray) -> FloatArray:
     """Return the angle of each pose to the truth after the common rotation that most shapes agree about, (N,)."""
-    turns = truth @ np.swapaxes(rotations, 1, 2)
-    gram = turns.reshape(len(turns), -1) @ turns.reshape(len(turns), -1).T
+    relative = truth @ np.swapaxes(rotations, 1, 2)
+    gram = relative.reshape(len(relative), -1) @ relative.reshape(len(relative), -1).T
     close = gram > 1 + 2 * np.cos(np.deg2rad(25.0))
-    members = turns[close[np.argmax(close.sum(axis=1))]]
+    members = relative[close[np.argmax(close.sum(axis=1))]]
     u, _, vt = np.linalg.svd(members.sum(axis=0))
     errors = np.linalg.norm((u @ vt) @ rotations - truth, axis=(1, 2)) / np.sqrt(8.0)
     return np.asarray(np.rad2deg(2 * np.arcsin(np.minimum(errors, 1.0))))

@@ -100,7 +100,7 @@ def axis_starts(target: FloatArray, source: FloatArray, *, group: str = "SO") ->
 
 
 def closest_points(target: FloatArray, source: FloatArray, start: FloatArray) -> tuple[FloatArray, float]:
-    """Match one to one and turn in alternation until the match repeats; the start's chirality stays.
+    """Match one to one and rotate in alternation until the match repeats; the start's chirality stays.
 
     Returns
     -------

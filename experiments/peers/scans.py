@@ -97,7 +97,7 @@ class Scans:
 
 
 def read_scans(name: str, data: Path, num: int) -> Scans:
-    """Return the first scans of the bunny, or generated views of an object of CAPOD, turned and moved at random."""
+    """Return the first scans of the bunny, or generated views of an object of CAPOD, rotated and moved at random."""
     rng = np.random.default_rng(SEED)
     if name == BUNNY:
         dataset = read_range_scans(data / SCANS_FOLDER)
@@ -115,10 +115,13 @@ def read_scans(name: str, data: Path, num: int) -> Scans:
         steps = np.abs(np.subtract.outer(np.arange(num), np.arange(num)))
         steps = np.minimum(steps, NUM_VIEWS - steps)
         apart = np.where(np.isin(steps, GAPS), steps - 1, -1)
-    turns = [random_rotation(rng) for _ in points]
+    rotations = [random_rotation(rng) for _ in points]
     radius = float(np.mean([centre_and_radius(Shape.from_arrays(cloud))[1] for cloud in points]))
-    moved = [cloud / radius @ turn.T + rng.standard_normal(3) for cloud, turn in zip(points, turns, strict=True)]
-    poses = np.stack([R @ turn.T for R, turn in zip(true, turns, strict=True)])
+    moved = [
+        cloud / radius @ rotation.T + rng.standard_normal(3)
+        for cloud, rotation in zip(points, rotations, strict=True)
+    ]
+    poses = np.stack([R @ rotation.T for R, rotation in zip(true, rotations, strict=True)])
     return Scans(
         clouds=tuple(Shape.from_arrays(cloud, name=f"scan{i:02d}") for i, cloud in enumerate(moved)),
         relative=np.einsum("ica,jcb->ijab", poses, poses),

@@ -82,34 +82,34 @@ class QuasiBounds:
         """
         from pairwise.branch_and_bound.assignment import bound_assignments
 
-        turns = np.zeros((len(rotations), 3, 3))
-        turns[:, : self.problem.dim, : self.problem.dim] = rotations
-        losses = self._curvature.losses(turns, reach) + self._allowance
-        met = self._moments @ turns.reshape(-1, 9).T + self._constants[:, None]
+        matrices = np.zeros((len(rotations), 3, 3))
+        matrices[:, : self.problem.dim, : self.problem.dim] = rotations
+        losses = self._curvature.losses(matrices, reach) + self._allowance
+        met = self._moments @ matrices.reshape(-1, 9).T + self._constants[:, None]
         best = met.argmin(axis=0)
-        energies = met[best, np.arange(len(turns))]
+        energies = met[best, np.arange(len(matrices))]
         bounds = energies - losses
         tried = np.flatnonzero(bounds > threshold)
         values, found, moments = bound_assignments(
             self._fixed,
             self._source,
-            np.swapaxes(turns[tried], 1, 2) @ self._target,
+            np.swapaxes(matrices[tried], 1, 2) @ self._target,
             potentials := self._potentials[best[tried]],
             threshold + losses[tried],
             _SLACK_SHARE * losses[tried] / self.problem.num_target,
         )
         bounds[tried] = values - losses[tried]
         energies[tried] = np.minimum(energies[tried], found)
-        is_proven = np.zeros(len(turns), dtype=np.bool_)
+        is_proven = np.zeros(len(matrices), dtype=np.bool_)
         is_proven[tried] = True
-        self._keep(turns[tried], found, turns[tried] @ moments, potentials)
+        self._keep(matrices[tried], found, matrices[tried] @ moments, potentials)
         return bounds, losses, is_proven, energies
 
-    def _keep(self, turns: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:
+    def _keep(self, matrices: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:
         """Remember the maps of finite energy, the last ones if they are many."""
         new = np.flatnonzero(np.isfinite(energies))[-_NUM_KEPT:]
         at = (self._num_met + np.arange(len(new))) % _NUM_KEPT
-        self._constants[at] = energies[new] - (moments[new] * turns[new]).sum(axis=(1, 2))
+        self._constants[at] = energies[new] - (moments[new] * matrices[new]).sum(axis=(1, 2))
         self._moments[at], self._potentials[at] = moments[new].reshape(-1, 9), potentials[new]
         self._num_met += len(new)
 
@@ -131,9 +131,9 @@ class Curvature:
         own, other = np.linalg.eigvalsh(self._source), np.linalg.eigvalsh(self._target)
         self._least, self._most = own[0] - other[-1], own[-1] - other[0]
 
-    def losses(self, turns: FloatArray, reach: FloatArray) -> FloatArray:
+    def losses(self, matrices: FloatArray, reach: FloatArray) -> FloatArray:
         """Return how much that is at most, for rotations (m, 3, 3) and corners (m, c, 3), shape (m,)."""
-        forms = self._source - np.swapaxes(turns, 1, 2) @ self._target @ turns
+        forms = self._source - np.swapaxes(matrices, 1, 2) @ self._target @ matrices
         levels = ((reach @ forms) * reach).sum(axis=2).max(axis=1)
         largest = self._most * (reach**2).sum(axis=2).max(axis=1)
         level = np.where(levels <= self._least, levels, largest)

@@ -86,7 +86,7 @@ class Cells(Rows):
     def reach(self) -> tuple[FloatArray, FloatArray]:
         """Return rotations R (m, d, d), and by what the corners turn against them: v = sin(theta / 2) a, (m, c, 3).
 
-        A corner is R exp(theta [a]); one of d = 2 turns about the third axis.
+        A corner is R exp(theta [a]); one of d = 2 rotates about the third axis.
         """
         if self.centres.shape[1] == 1:
             angles = np.pi * self.centres[:, 0]

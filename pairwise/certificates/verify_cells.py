@@ -102,10 +102,10 @@ def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs
     fixed = squares + problem.constant_cost
     values, chunk = np.empty(len(rotations)), max(1, _CHUNK_NUMBERS // fixed.size)
     for first in range(0, len(rotations), chunk):
-        turned = rotations[first : first + chunk] * signs
-        costs = np.where(problem.allowed, fixed - 2.0 * (q @ turned @ (w[:, None] * p).T), np.inf)
+        rotated = rotations[first : first + chunk] * signs
+        costs = np.where(problem.allowed, fixed - 2.0 * (q @ rotated @ (w[:, None] * p).T), np.inf)
         assigned = [cost[linear_sum_assignment(cost)].sum() for cost in costs]
-        values[first : first + chunk] = np.array(assigned) - (turned * tilt).sum(axis=(1, 2))
+        values[first : first + chunk] = np.array(assigned) - (rotated * tilt).sum(axis=(1, 2))
     sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (len(p) + len(q)) + np.abs(tilt).sum()
     return float((values - _drops(problem, tilt, rotations, corners, signs)).min() - _SAFETY * _EPS * sizes)
 
@@ -147,8 +147,8 @@ def _drops(
     balance = np.sqrt(traces[1] / traces[0]) if traces.min() > 0.0 else 1.0
     shares, dim = 2.0 * np.array([balance, 1.0 / balance]), problem.dim
     forms = np.tile((shares @ traces) * np.eye(3), (len(rotations), 1, 1))
-    turned = np.swapaxes(rotations, 1, 2) @ of_target @ rotations
-    forms[:, :dim, :dim] -= shares[0] * of_source + shares[1] * turned
+    rotated = np.swapaxes(rotations, 1, 2) @ of_target @ rotations
+    forms[:, :dim, :dim] -= shares[0] * of_source + shares[1] * rotated
     values = np.einsum("mca,mab,mcb->mc", corners, forms, corners).max(axis=1)
     spectrum = np.linalg.eigvalsh(forms)
     largest = spectrum[:, -1] * (corners**2).sum(axis=2).max(axis=1)
@@ -167,8 +167,8 @@ def cell_corners(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -
         low[is_split, axis] += (upper * side[:, axis])[is_split]
     if dim == 2:
         angles = np.pi * (low[:, 0] + 0.5 * side[:, 0])
-        turns = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
-        return turns.transpose(2, 0, 1), np.sin(0.25 * np.pi * side[:, :, None]) * np.array([0.0, 0.0, 1.0])
+        rotations = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
+        return rotations.transpose(2, 0, 1), np.sin(0.25 * np.pi * side[:, :, None]) * np.array([0.0, 0.0, 1.0])
     middle = _quaternions(faces, low + 0.5 * side)
     corners = []
     for corner in product((0.0, 1.0), repeat=3):

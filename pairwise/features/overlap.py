@@ -243,9 +243,9 @@ def closeness(
         (target, source.points[on_source], source.normals[on_source], rotations, shifts, back),
     )
     overlaps, costs = np.empty((2, len(rotations), 2))
-    for side, (others, points, normals, turns, moves, table) in enumerate(sides):
+    for side, (others, points, normals, matrices, moves, table) in enumerate(sides):
         rows = np.arange(len(points))
-        for p, (squares, nearest) in enumerate(_partners(others, points, normals, turns, moves)):
+        for p, (squares, nearest) in enumerate(_partners(others, points, normals, matrices, moves)):
             overlaps[p, side] = np.mean(squares < (PARTNER_CELLS * cell) ** 2)
             reached = table[rows, nearest] / usual
             costs[p, side] = np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean()
@@ -269,10 +269,10 @@ def shares_in_front(
         Source coordinates to those of the target, with the rotations.
     """
     shares = np.full((len(rotations), 2), np.nan)
-    turned = np.swapaxes(rotations, 1, 2)
+    inverses = np.swapaxes(rotations, 1, 2)
     for side, seen, points in (
         (0, source, (target.points[target.compared] - shifts[:, None]) @ rotations),
-        (1, target, source.points[source.compared] @ turned + shifts[:, None]),
+        (1, target, source.points[source.compared] @ inverses + shifts[:, None]),
     ):
         if seen.depth_images:
             shares[:, side] = np.min([image.share_in_front(points) for image in seen.depth_images], axis=0)

@@ -153,9 +153,9 @@ def refine_on_planes(
         steps[counts < FEWEST_POINTS] = 0.0
         lengths = np.linalg.norm(steps[:, :3], axis=1, keepdims=True)
         steps[:, :3] *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, LONGEST_STEP_RAD))
-        turns = rotations_by(steps[:, :3])
-        shifts = (turns @ (shifts - means)[:, :, None])[:, :, 0] + means + steps[:, 3:]
-        rotations = turns @ rotations
+        corrections = rotations_by(steps[:, :3])
+        shifts = (corrections @ (shifts - means)[:, :, None])[:, :, 0] + means + steps[:, 3:]
+        rotations = corrections @ rotations
     return rotations, shifts
 
 

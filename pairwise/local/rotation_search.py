@@ -73,7 +73,7 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
 
     Lower bounds rank all rotations; the most promising ones take a step with exact assignment; the best distinct ones
     of these are minimised to the end. The set is laid in the frames of the principal axes, so that the answer
-    turns with the points.
+    rotates with the points.
 
     Parameters
     ----------
@@ -121,14 +121,16 @@ def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[Flo
         even = np.concatenate([signs, problem.pattern.project(even, np.zeros(len(even), dtype=bool))])
     found = []
     for reflected in (False,) if problem.pattern.special_blocks else (False, True):
-        turned = axes, even
+        rotated = axes, even
         if is_full:
             source = mirror_points(problem.source) if reflected else problem.source
             left = principal_frame(problem.target, np.ones(problem.num_target))
             right = principal_frame(source, problem.weights)
-            turned = left @ axes @ right.T, left @ even @ right.T
-        found.append([mirror_rotations(turns) for turns in turned] if reflected else turned)
-    return np.concatenate([turns[0] for turns in found]), np.concatenate([turns[1] for turns in found])
+            rotated = left @ axes @ right.T, left @ even @ right.T
+        found.append([mirror_rotations(rotations) for rotations in rotated] if reflected else rotated)
+    return np.concatenate([rotations[0] for rotations in found]), np.concatenate(
+        [rotations[1] for rotations in found]
+    )
 
 
 @lru_cache(maxsize=16)
@@ -137,7 +139,7 @@ def _standard_rotations(dim: int, num: int, seed: int) -> tuple[FloatArray, Floa
 
 
 @lru_cache(maxsize=16)
-def _turns_around(dim: int, seed: int) -> FloatArray:
+def _rotations_around(dim: int, seed: int) -> FloatArray:
     return read_only(small_rotations(dim, _NUM_AROUND, _ANGLE_AROUND_RAD, seed=seed))
 
 
@@ -161,7 +163,7 @@ def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
 
 @one_blas_thread()
 def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> LocalMinima:
-    """Return the minima and those found by turning the best distinct ones a little: many basins are small.
+    """Return the minima and those found by rotating the best distinct ones a little: many basins are small.
 
     Parameters
     ----------
@@ -174,9 +176,9 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
     block = problem.pattern.rotation_block
     centres = apart_rotations(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
     centres = centres[minima.energies[centres] <= _CENTRE_FACTOR * minima.energies[0]]
-    turns = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
-    turns[:, :block, :block] = _turns_around(block, seed)
-    starts = (turns @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
+    rotations = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
+    rotations[:, :block, :block] = _rotations_around(block, seed)
+    starts = (rotations @ minima.rotations[centres, None]).reshape(-1, problem.dim, problem.dim)
     found = minimise(problem, starts, hold_chirality=True, origins="around")
     return merge([minima, found])
 

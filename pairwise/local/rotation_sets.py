@@ -76,7 +76,7 @@ def random_rotations(dim: int, num: int, rng: np.random.Generator) -> FloatArray
 def principal_frame(points: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the principal axes of points about the origin as columns, largest first, shape (d, d), a rotation.
 
-    The sign of every axis but the last is set by the third moment along it, which makes the frame turn with the
+    The sign of every axis but the last is set by the third moment along it, which makes the frame rotate with the
     points wherever axes and moments are distinct.
     """
     axes = np.linalg.eigh(points.T @ (weights[:, None] * points))[1][:, ::-1]
@@ -113,9 +113,9 @@ def small_rotations(dim: int, num: int, angle_rad: float, *, seed: int = 0) -> F
         generators = np.array([[1.0], [-1.0]])[np.arange(num) % 2]
     elif dim == 3:
         height = 1.0 - (2.0 * np.arange(num) + 1.0) / num
-        turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(num)
+        azimuth = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(num)
         radius = np.sqrt(1.0 - height**2)
-        generators = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
+        generators = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)
     else:
         generators = np.random.default_rng(seed).standard_normal((num, len(upper[0])))
         generators /= np.linalg.norm(generators, axis=1, keepdims=True)

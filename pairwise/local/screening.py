@@ -73,9 +73,9 @@ class NearestCosts:
     def _costs(self, rotations: FloatArray) -> Iterator[Singles]:
         """Yield the costs (n, k, m) of as many poses at a time as fit the cache."""
         for first in range(0, len(rotations), self.chunk):
-            turns = rotations[first : first + self.chunk].astype(np.float32)
-            m, d = turns.shape[:2]
-            moved = (turns.reshape(m * d, d) @ self._source_t).reshape(m, d, -1)
+            chunk = rotations[first : first + self.chunk].astype(np.float32)
+            m, d = chunk.shape[:2]
+            moved = (chunk.reshape(m * d, d) @ self._source_t).reshape(m, d, -1)
             moved = np.ascontiguousarray(moved.transpose(1, 2, 0))
             costs = (self._target @ moved.reshape(d, -1)).reshape(len(self._target), -1, m)
             costs += self._fixed

@@ -65,14 +65,14 @@ def counterparts(target: PartialSurface, source: PartialSurface, poses: Similari
     to, of = target.points[:num_points], source.points[:num_points]
     moved, unmoved = poses.apply(of), poses.undo(to)
     of_source, of_target = target.nearest(moved), source.nearest(unmoved)
-    turned = source.normals[:num_points] @ np.swapaxes(poses.rotation, 1, 2)
-    unturned = target.normals[:num_points] @ poses.rotation
+    rotated = source.normals[:num_points] @ np.swapaxes(poses.rotation, 1, 2)
+    rotated_back = target.normals[:num_points] @ poses.rotation
     there = ((moved - target.points[of_source]) ** 2).sum(axis=2) / target.radius**2
     back = ((unmoved - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
     back *= poses.scale[:, None] ** 2
     signed = target.oriented and source.oriented
-    there += TUNED.normal_weight**2 * _apart(turned, target.normals[of_source], signed=signed)
-    back += TUNED.normal_weight**2 * _apart(unturned, source.normals[of_target], signed=signed)
+    there += TUNED.normal_weight**2 * _apart(rotated, target.normals[of_source], signed=signed)
+    back += TUNED.normal_weight**2 * _apart(rotated_back, source.normals[of_target], signed=signed)
     return Counterparts(
         of_source=of_source,
         of_target=of_target,
@@ -95,7 +95,7 @@ def step(
     num_points: int,
     cutoff: float | None,
     scale_range: tuple[float | FloatArray, float | FloatArray],
-    hold_turns: bool = False,
+    hold_rotations: bool = False,
 ) -> Similarity:
     """Move each pose to the similarity that brings counterparts together best, on one or several posed targets.
 
@@ -121,7 +121,7 @@ def step(
         parts.append((target.points[found.of_source], of, there))
         parts.append((to, source.points[found.of_target], back))
     to, of, weights = (np.concatenate([part[n] for part in parts], axis=1) for n in range(3))
-    return _similarities(to, of, weights, poses, scale_range, hold_turns=hold_turns)
+    return _similarities(to, of, weights, poses, scale_range, hold_rotations=hold_rotations)
 
 
 def _similarities(
@@ -131,7 +131,7 @@ def _similarities(
     poses: Similarity,
     scale_range: tuple[float | FloatArray, float | FloatArray],
     *,
-    hold_turns: bool,
+    hold_rotations: bool,
 ) -> Similarity:
     """Return the weighted similarities (Umeyama 1991; symmetric scale) that keep each pose's chirality."""
     total = weights.sum(axis=1, keepdims=True)
@@ -140,15 +140,15 @@ def _similarities(
     to, of = to - mean_to[:, None], of - mean_of[:, None]
     moments = np.swapaxes(share[..., None] * to, 1, 2) @ of
     signs = np.where(np.linalg.det(poses.rotation) < 0, -1.0, 1.0)
-    turns = poses.rotation
-    if not hold_turns:
-        turns = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
+    rotations = poses.rotation
+    if not hold_rotations:
+        rotations = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
     sizes = [(share * (points**2).sum(axis=2)).sum(axis=1) for points in (to, of)]
     scales = np.clip(np.sqrt(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny)), *scale_range)
-    shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", turns, mean_of)
+    shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", rotations, mean_of)
     is_held = total[:, 0] < _LEAST_WEIGHT
     return Similarity(
-        rotation=np.where(is_held[:, None, None], poses.rotation, turns),
+        rotation=np.where(is_held[:, None, None], poses.rotation, rotations),
         scale=np.where(is_held, poses.scale, scales),
         shift=np.where(is_held[:, None], poses.shift, shifts),
     )

@@ -110,12 +110,12 @@ def refine(
     *,
     num_points: int = TUNED.num_points[1],
     scale_range: tuple[float | FloatArray, float | FloatArray],
-    hold_turns: bool = False,
+    hold_rotations: bool = False,
 ) -> Similarity:
     """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
 
-    With ``hold_turns`` only shifts and scales change. ``scale_range`` is the least and the largest scale, numbers or
-    arrays of shape (p,), one per pose.
+    With ``hold_rotations`` only shifts and scales change. ``scale_range`` is the least and the largest scale, numbers
+    or arrays of shape (p,), one per pose.
     """
     for cutoff in cutoffs:
         poses = step(
@@ -125,7 +125,7 @@ def refine(
             num_points=num_points,
             cutoff=cutoff,
             scale_range=scale_range,
-            hold_turns=hold_turns,
+            hold_rotations=hold_rotations,
         )
     return poses
 
@@ -149,22 +149,22 @@ def _starts(
     """Return the best pose of each rotation, the most promising rotations."""
     from pairwise.partial.screen import screen_similarities  # compiled, and loads Numba
 
-    turns = rotation_set(3, TUNED.num_turns)
+    rotations = rotation_set(3, TUNED.num_rotations)
     if group == "O":
-        turns = np.concatenate([turns, -turns])
+        rotations = np.concatenate([rotations, -rotations])
     # Surfaces are searched about their centres, in radii of the target.
     to, of = target.centred(target.radius), source.centred(target.radius)
     num_scales = 1 + int(np.log(scale_range[1] / scale_range[0]) / TUNED.scale_step)
     scales = np.geomspace(*scale_range, num_scales + 2)[1:-1]
     shifts = [centres_of_parts(to, float(scale) * of.radius) for scale in scales]
-    found = [screen_similarities(to, of, turns, *each) for each in zip(shifts, scales, strict=True)]
+    found = [screen_similarities(to, of, rotations, *each) for each in zip(shifts, scales, strict=True)]
     which = np.argmin([costs for costs, _ in found], axis=0)
     costs = np.array([found[s][0][r] for r, s in enumerate(which)])
     best = np.argsort(costs, kind="stable")[: TUNED.num_starts * (2 if group == "O" else 1)]
     places = np.array([shifts[which[r]][found[which[r]][1][r]] for r in best])
-    turns, factors = turns[best], scales[which[best]]
-    shift = target.centre + target.radius * places - factors[:, None] * (turns @ source.centre)
-    return Similarity(rotation=turns, scale=factors, shift=shift)
+    rotations, factors = rotations[best], scales[which[best]]
+    shift = target.centre + target.radius * places - factors[:, None] * (rotations @ source.centre)
+    return Similarity(rotation=rotations, scale=factors, shift=shift)
 
 
 def centres_of_parts(surface: PartialSurface, radius: float) -> FloatArray:

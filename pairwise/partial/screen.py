@@ -14,7 +14,7 @@ NUM_POINTS, CUTOFF = 64, 0.35
 
 
 def screen_similarities(
-    target: PartialSurface, source: PartialSurface, turns: FloatArray, shifts: FloatArray, scale: float
+    target: PartialSurface, source: PartialSurface, rotations: FloatArray, shifts: FloatArray, scale: float
 ) -> tuple[FloatArray, IntArray]:
     """Return the least mean truncated cost at each rotation, and which shift it has.
 
@@ -25,7 +25,7 @@ def screen_similarities(
     ----------
     target, source : PartialSurface
         In radii of the target.
-    turns : ndarray, shape (r, 3, 3)
+    rotations : ndarray, shape (r, 3, 3)
     shifts : ndarray, shape (t, 3)
     scale : float
 
@@ -38,10 +38,14 @@ def screen_similarities(
         (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
     )
     weight = TUNED.normal_weight if target.oriented and source.oriented else 0.0
-    turned, turned_normals = (few[:NUM_POINTS] @ np.swapaxes(turns, 1, 2) for few in (source.points, source.normals))
-    unturned, unturned_normals = (few[:NUM_POINTS] @ turns for few in (target.points, target.normals))
-    back = -(shifts @ turns) / scale
-    return _screen(to, of, (turned, turned_normals), (unturned, unturned_normals), shifts, back, scale, weight**2)
+    rotated, rotated_normals = (
+        few[:NUM_POINTS] @ np.swapaxes(rotations, 1, 2) for few in (source.points, source.normals)
+    )
+    rotated_back, normals_rotated_back = (few[:NUM_POINTS] @ rotations for few in (target.points, target.normals))
+    back = -(shifts @ rotations) / scale
+    return _screen(
+        to, of, (rotated, rotated_normals), (rotated_back, normals_rotated_back), shifts, back, scale, weight**2
+    )
 
 
 @numba.njit(cache=True)
@@ -67,11 +71,11 @@ def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-
         n = _nearest(grid, corner, cell, place)
         cost = most
         if n >= 0:
-            squared, turned = 0.0, 0.0
+            squared, rotated = 0.0, 0.0
             for a in range(3):
                 squared += (place[a] - points[n, a]) ** 2
-                turned += (normals[m, a] - directions[n, a]) ** 2
-            cost = min(factor * squared + weight * turned, most)
+                rotated += (normals[m, a] - directions[n, a]) ** 2
+            cost = min(factor * squared + weight * rotated, most)
         total += cost
         if total > enough * num:
             break
@@ -79,13 +83,13 @@ def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-
 
 
 @numba.njit(cache=True)
-def _screen(target, source, turned, unturned, shifts, back, scale, weight):  # type: ignore[no-untyped-def]
+def _screen(target, source, rotated, rotated_back, shifts, back, scale, weight):  # type: ignore[no-untyped-def]
     """Return what :func:`screen_similarities` does; products of matrices, made outside, take seconds to compile."""
     num = back.shape[0]
     costs, which_shift = np.empty(num), np.zeros(num, np.int64)
     for r in range(num):
         costs[r] = np.inf
-        there, home = (turned[0][r], turned[1][r]), (unturned[0][r], unturned[1][r])
+        there, home = (rotated[0][r], rotated[1][r]), (rotated_back[0][r], rotated_back[1][r])
         for t in range(shifts.shape[0]):
             cost = _mean_cost(target, there, scale, shifts[t], (1.0, weight), 2.0 * costs[r])
             if cost >= 2.0 * costs[r]:

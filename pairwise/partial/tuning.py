@@ -13,7 +13,7 @@ class PartialTuning(NamedTuple):
     are, 75 % of glasses, 50 % of ants; of classes on which nothing was chosen, 88 % of chairs and 62 % of teddies.
     """
 
-    num_turns: int = 1500
+    num_rotations: int = 1500
     """Rotations that are searched, about 20 degrees apart; per chirality."""
     reach: float = 0.6
     """Shifts of the centroids of large sources that are searched, ..."""

@@ -85,8 +85,8 @@ class NewtonSystem:
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
             dbeta, dg = self._row_steps(potentials)
-            turned, pushed = self._of_rows(dbeta, dg)
-            dx, local = self.blocks.solve(targets.moments - moments - turned, pushes + pushed)
+            rotated, pushed = self._of_rows(dbeta, dg)
+            dx, local = self.blocks.solve(targets.moments - moments - rotated, pushes + pushed)
             imbalance = basis.reduce(self._imbalance(targets, local, dg, moments))
             row_rhs = self._row_residual(targets, dx, local, dbeta, dg, moments)
             error = max(float(np.abs(imbalance).max(initial=0.0)), float(np.abs(row_rhs).max()))
@@ -110,15 +110,15 @@ class NewtonSystem:
     def _of_rows(self, dbeta: FloatArray, dg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what steps of the rows add to the moment equations (k, s+1, s+1), and their push (k, c)."""
         data, primal, dual = self.data, self.primal, self.dual
-        turned, pushed = np.zeros(self.blocks.T.shape), dbeta[data.index]
+        rotated, pushed = np.zeros(self.blocks.T.shape), dbeta[data.index]
         if data.tied.any():
             shift = dg[data.index]
             pushed -= 2.0 * (dual.mean * shift).sum(axis=2)
             solved = shift @ dual.inverse
-            turned[:, 0, 1:] = turned[:, 1:, 0] = (primal.x[:, None] @ solved)[:, 0]
+            rotated[:, 0, 1:] = rotated[:, 1:, 0] = (primal.x[:, None] @ solved)[:, 0]
             mixed = np.swapaxes(primal.B, 1, 2) @ solved
-            turned[:, 1:, 1:] = mixed + np.swapaxes(mixed, 1, 2)
-        return turned, pushed
+            rotated[:, 1:, 1:] = mixed + np.swapaxes(mixed, 1, 2)
+        return rotated, pushed
 
     def _imbalance(self, targets: Targets, local: FloatArray, dg: FloatArray, moments: FloatArray) -> FloatArray:
         """Return the sum of the new u, g and F, in coordinates: it must be spanned by the equations."""
@@ -159,8 +159,8 @@ class NewtonSystem:
         """Return dY (q, 4, 4) of the dual point for a step of R."""
         T, weights = self.quaternion_operators
         rhs = targets.quaternions - self.data.lifted.quaternion_change(dR)
-        turned = np.swapaxes(T, 1, 2)
-        return turned @ ((T @ rhs @ turned) * weights) @ T
+        transposed = np.swapaxes(T, 1, 2)
+        return transposed @ ((T @ rhs @ transposed) * weights) @ T
 
     def _direction(
         self,
@@ -173,8 +173,8 @@ class NewtonSystem:
     ) -> Direction:
         data, primal, dual = self.data, self.primal, self.dual
         dF, du = local[:, 1:, 1:], local[:, 1:, 0]
-        turned, shift = dual.mean @ dF, du[:, None] + dg[data.index]
-        bend, ds = -shift - turned, ((turned + 2.0 * shift) * dual.mean).sum(axis=2)
+        rotated, shift = dual.mean @ dF, du[:, None] + dg[data.index]
+        bend, ds = -shift - rotated, ((rotated + 2.0 * shift) * dual.mean).sum(axis=2)
         dB = self._step_of_B(targets, dx, local, dg)
         dR, dalpha = moments[0, 1:], -local[:, 0, 0]
         dY = self._quaternion_step(targets, dR)

@@ -72,10 +72,10 @@ class LocalBlocks:
         centred = np.sqrt(primal.x)[..., None] * (primal.mean - middle[:, None])
         spread = np.swapaxes(centred, 1, 2) @ centred + 0.5 * primal.G
         values, vectors = np.linalg.eigh(np.swapaxes(dual.factor, 1, 2) @ spread @ dual.factor)
-        turns = np.swapaxes(dual.factor @ vectors, 1, 2)
+        rotations = np.swapaxes(dual.factor @ vectors, 1, 2)
         self.T = np.zeros((len(total), *np.add(spread.shape[1:], 1)))
-        self.T[:, 0, 0], self.T[:, 1:, 1:] = total**-0.5, turns
-        self.T[:, 1:, 0] = -(turns @ middle[..., None])[..., 0]
+        self.T[:, 0, 0], self.T[:, 1:, 1:] = total**-0.5, rotations
+        self.T[:, 1:, 0] = -(rotations @ middle[..., None])[..., 0]
         self.eigenvalues = eigenvalues = np.maximum(values, TINY)
         W = np.ones(self.T.shape)
         W[:, 1:, 1:] = np.sqrt(1.0 / (eigenvalues[:, :, None] + eigenvalues[:, None, :]))
@@ -152,9 +152,9 @@ class LocalBlocks:
         W = basis.unpack(self.root_weights[points] ** 2 * basis.scale)
         left = (np.swapaxes(self.T[points], 1, 2)[:, None] * means[:, :, None]).reshape(k, c * size, size) @ W
         right = (units[..., None] * self.T[points][:, None]).transpose(0, 2, 1, 3).reshape(k, size, -1)
-        turned = (left @ right).reshape(k, c, size, -1, size).transpose(0, 1, 3, 2, 4).reshape(k, c, -1, size * size)
-        moves = turned.take(basis.flat, axis=3)
-        moves += turned.take(basis.cols * size + basis.rows, axis=3)
+        rotated = (left @ right).reshape(k, c, size, -1, size).transpose(0, 1, 3, 2, 4).reshape(k, c, -1, size * size)
+        moves = rotated.take(basis.flat, axis=3)
+        moves += rotated.take(basis.cols * size + basis.rows, axis=3)
         moves *= basis.scale
         return features, moves
 
@@ -181,14 +181,14 @@ class LocalBlocks:
 
     def solve(self, rhs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return dx (k, c) and Delta of every point for a right hand side (k, s+1, s+1) and a push (k, c)."""
-        basis, turned = self.basis, np.swapaxes(self.T, 1, 2)
-        inner = basis.pack(self.T @ rhs @ turned) * self.root_weights
+        basis, transposed = self.basis, np.swapaxes(self.T, 1, 2)
+        inner = basis.pack(self.T @ rhs @ transposed) * self.root_weights
         pushed = (push - (self.features @ inner[..., None])[..., 0]) * self.ones
         reaction = (np.swapaxes(self.root, 1, 2) @ (self.root @ pushed[..., None]))[..., 0]
         excess = reaction.sum(axis=1) + rhs[:, 0, 0]
         dx = reaction - self.share * excess[:, None]
         inner += (np.swapaxes(self.features, 1, 2) @ dx[..., None])[..., 0]
-        local = turned @ basis.unpack(inner * self.root_weights) @ self.T
+        local = transposed @ basis.unpack(inner * self.root_weights) @ self.T
         local = 0.5 * (local + np.swapaxes(local, 1, 2))
         local[:, 0, 0] += excess / self.inverse_total
         return dx, local

@@ -82,10 +82,10 @@ def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, le
     """
     size = min(_longest_linear(point.x[data.valid], step.x[data.valid], least), 1.0)
     size = min(_longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size)
-    turned = data.lifted.quaternion_change(step.R)
+    rotated = data.lifted.quaternion_change(step.R)
 
     def keeps(trial: float) -> bool:
-        if not are_positive((1.0 - least) * point.Y + trial * turned):
+        if not are_positive((1.0 - least) * point.Y + trial * rotated):
             return False
         moved = (one + trial * change for one, change in zip((point.x, point.B, point.C), steps, strict=True))
         return are_positive(conditional_moments(data, *moved)[1] - least * point.G)
@@ -105,9 +105,9 @@ def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least:
     size = min(_longest_linear(point.beta[~data.equality], step.beta[~data.equality], least), 1.0)
 
     root = np.linalg.inv(point.factor)
-    # (F + t dF)^-1 = root^T turns diag(1 / (1 + t rates)) turns^T root
-    rates, turns = np.linalg.eigh(root @ step.F @ np.swapaxes(root, 1, 2))
-    bends = (step.bend @ (np.swapaxes(root, 1, 2) @ turns)) ** 2
+    # (F + t dF)^-1 = root^T V diag(1 / (1 + t rates)) V^T root, V the eigenvectors
+    rates, eigenvectors = np.linalg.eigh(root @ step.F @ np.swapaxes(root, 1, 2))
+    bends = (step.bend @ (np.swapaxes(root, 1, 2) @ eigenvectors)) ** 2
 
     def keeps(trial: float) -> bool:
         if (1.0 - least + trial * rates).min() <= 0.0 or not are_positive((1.0 - least) * point.Y + trial * step.Y):
@@ -191,8 +191,8 @@ def aim(
         products += weight * product_terms
         gram += weight * gram_terms
         slacks += weight * former.slack * former.beta
-        turned = dual.Y_inverse @ former.Y @ data.lifted.quaternion_change(former.R)
-        quaternions -= weight * _symmetric(turned)
+        rotated = dual.Y_inverse @ former.Y @ data.lifted.quaternion_change(former.R)
+        quaternions -= weight * _symmetric(rotated)
     solved = ratio @ dual.inverse
     moments = np.empty((len(gram), *np.add(gram.shape[1:], 1)))
     moments[:, 0, 0] = primal.x.sum(axis=1) - 1.0

@@ -101,7 +101,7 @@ class RotationPattern:
 
     @cached_property
     def rotation_block(self) -> int:
-        """Size of the first block of R, the one that turns the shape.
+        """Size of the first block of R, the one that rotates the shape.
 
         It is the block of determinant +1 where there is one, the first diagonal block of two or three coordinates, or
         all of R.

@@ -9,8 +9,8 @@ import numpy as np
 from collalign.products.named_frame import NamedFrame
 from data_tools.arrays import FloatArray, IntArray
 
-#: A picture shows the front turned to the left by the first and from above by the second, which shows three sides.
-_TURN_RAD, _ABOVE_RAD = np.deg2rad([30.0, 20.0])
+#: A picture shows the front rotated to the left by the first and from above by the second, which shows three sides.
+_AZIMUTH_RAD, _ABOVE_RAD = np.deg2rad([30.0, 20.0])
 #: No direction has a name.
 UNNAMED = NamedFrame()
 
@@ -41,16 +41,16 @@ def camera(surfaces: Iterable[tuple[FloatArray, IntArray]], frame: NamedFrame = 
             third = np.einsum("ijk,ia,jb,kc->abc", third, level, level, level, optimize=True)
             front = _principal(level @ second @ level, third)[1]
         view = np.stack([np.cross(up, front), up, front])
-    (c, s), (a, b) = ((np.cos(angle), np.sin(angle)) for angle in (_TURN_RAD, _ABOVE_RAD))
-    turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    (c, s), (a, b) = ((np.cos(angle), np.sin(angle)) for angle in (_AZIMUTH_RAD, _ABOVE_RAD))
+    rotation = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
     above = np.array([[1.0, 0.0, 0.0], [0.0, a, -b], [0.0, b, a]])
-    return np.asarray(above @ turn @ view)
+    return np.asarray(above @ rotation @ view)
 
 
 def principal_view(surfaces: Iterable[tuple[FloatArray, IntArray]]) -> FloatArray:
     """Return the rotation that shows the longest axis level and the shortest to the viewer, shape (3, 3).
 
-    The axes are the principal ones of all surfaces, each centred and brought to one size, so they turn with the
+    The axes are the principal ones of all surfaces, each centred and brought to one size, so they rotate with the
     collection. Of the three directions the two in which mass lies least evenly (by skewness) have the thin end in
     front, handedness decides the third.
     """

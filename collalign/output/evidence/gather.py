@@ -53,8 +53,8 @@ def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
     chosen = _some_triangles(found.keys(), num_shapes)
     if not chosen:
         return np.empty(0)
-    turns = np.array([found[i, j] @ found[j, k] @ found[k, i] for i, j, k in chosen])
-    return np.degrees(rotation_angles(turns, np.eye(3)))
+    cycles = np.array([found[i, j] @ found[j, k] @ found[k, i] for i, j, k in chosen])
+    return np.degrees(rotation_angles(cycles, np.eye(3)))
 
 
 def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[tuple[int, int, int]]:

@@ -181,7 +181,7 @@ def _pairs(collection: CollectionData) -> tuple[Fields, str, list[str]]:
     statuses = sorted(set(advice))
     own = own_disagreements_deg(collection)
     energies = np.concatenate([np.empty(0), *(pair.energies for pair in pairs)])
-    turns, mirrored = quaternions(np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]))
+    packed, mirrored = quaternions(np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]))
 
     def column(name: str, dtype: type) -> NDArray[Any]:
         return np.array([getattr(pair, name) for pair in pairs], dtype=dtype)
@@ -200,7 +200,7 @@ def _pairs(collection: CollectionData) -> tuple[Fields, str, list[str]]:
             "status": np.array([statuses.index(words) for words in advice], dtype=np.uint16),
             "poseCount": np.array([len(pair.energies) for pair in pairs], dtype=np.uint8),
             "poseEnergy": energies.astype(np.float32),
-            "poseRotation": np.round(32767 * turns).astype(np.int16),
+            "poseRotation": np.round(32767 * packed).astype(np.int16),
             "poseMirrored": mirrored,
             "map": _pair_maps(collection),
         }

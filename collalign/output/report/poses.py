@@ -21,10 +21,10 @@ def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], 
 
     Wrong poses are mostly half turns, and a shape whose pairs agree on a wrong pose has no alternative of its own.
     """
-    turns = _half_turns(collection)
+    half_turns = _half_turn_rotations(collection)
     offered = []
     for R, poses in zip(collection.rotations, collection.alternatives, strict=True):
-        known = (*poses, *(Alternative(rotation=turn @ R, origin="half turn") for turn in turns))
+        known = (*poses, *(Alternative(rotation=half_turn @ R, origin="half turn") for half_turn in half_turns))
         rotations = np.stack([R, *(one.rotation for one in known)])
         offered.append(tuple(known[at - 1] for at in keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)[1:]))
     return tuple(offered)
@@ -43,7 +43,7 @@ def own_disagreements_deg(collection: CollectionData) -> FloatArray:
     return angles
 
 
-def _half_turns(collection: CollectionData) -> FloatArray:
+def _half_turn_rotations(collection: CollectionData) -> FloatArray:
     """Return rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
     points = collection.aligned_landmarks.reshape(-1, 3)
     points = points[~np.isnan(points).any(axis=1)]

@@ -94,7 +94,7 @@ def _merged(
     for c, i in enumerate(at):
         alternatives[i] = solution.alternatives[c]
     for i, record in found.items():
-        rotations[i] = record["turns"][0]
+        rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
         confidence[i] = pose_chance(record)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
@@ -143,12 +143,12 @@ def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -
 
 def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alternative, ...]:
     """Return the rivals of a pose, the likeliest first, in the frame in which it is ``transform`` (4, 4)."""
-    apart = pose_angle_deg(record["turns"], record["turns"][0]) > AGREE_DEG
+    apart = pose_angle_deg(record["rotations"], record["rotations"][0]) > AGREE_DEG
     odds = log_odds(record["evidence"])
     poses = transform @ np.linalg.inv(record["transforms"][0]) @ record["transforms"]
     return tuple(
         Alternative(
-            rotation=read_only(record["turns"][m]),
+            rotation=read_only(record["rotations"][m]),
             log_odds=float(odds[0] - odds[m]),
             transform=read_only(poses[m]),
         )
@@ -165,7 +165,7 @@ def incomplete_pairs(
         first, second = min(i, partner), max(i, partner)
         energies = np.asarray(record["energies"])[:, n]
         order = np.argsort(energies, kind="stable")
-        asked = rotations[partner].T @ np.asarray(record["turns"])[order]
+        asked = rotations[partner].T @ np.asarray(record["rotations"])[order]
         asked = asked if second == i else np.swapaxes(asked, 1, 2)
         angles = pose_angle_deg(asked, rotations[first].T @ rotations[second])
         agrees = bool(angles[0] <= AGREE_DEG)

@@ -78,7 +78,7 @@ def match_like_copies(pairs: Iterable[Pair]) -> set[int]:
     }
 
 
-def turned_out_complete(incomplete: Iterable[Incomplete]) -> set[int]:
+def found_complete(incomplete: Iterable[Incomplete]) -> set[int]:
     """Return the shapes that were taken for broken, but are open at a hole: no part of them is missing."""
     return {one.shape for one in incomplete if one.reason == OPEN and one.beyond < MISSING_SHARE}
 
@@ -116,9 +116,9 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
     """Return the dense samples of a shape at its transform (4, 4); what has wide gaps around it is the rim."""
     raw = samples.dense_positions * samples.scale + samples.offset
     points = moved_by(transform, raw)
-    turn = transform[:3, :3] / scales_of(transform)
+    rotation = transform[:3, :3] / scales_of(transform)
     is_oriented = len(samples.dense_normals) > 0
-    normals = samples.dense_normals @ turn.T if is_oriented else plane_normals(points, points)
+    normals = samples.dense_normals @ rotation.T if is_oriented else plane_normals(points, points)
     return OrientedPoints(points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented)
 
 

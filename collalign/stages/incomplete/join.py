@@ -197,9 +197,9 @@ def _refined(
         full = moments.reshape(6 * num, 6 * num)
         damping = 1e-6 * np.trace(full) / len(full) + np.finfo(float).tiny
         steps = np.linalg.solve(full + damping * np.eye(len(full)), slopes.ravel()).reshape(num, 6)
-        turns = rotations_by(steps[:, :3])
-        shifts = (turns @ shifts[:, :, None])[:, :, 0] + steps[:, 3:]
-        rotations = turns @ rotations
+        corrections = rotations_by(steps[:, :3])
+        shifts = (corrections @ shifts[:, :, None])[:, :, 0] + steps[:, 3:]
+        rotations = corrections @ rotations
     transforms = np.tile(np.eye(4), (num, 1, 1))
     transforms[:, :3, :3], transforms[:, :3, 3] = rotations, shifts
     return transforms
@@ -295,9 +295,9 @@ def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:
 def _same_poses(poses: LocalPoses, target: FloatArray, source: FloatArray, surface: LocalSurface) -> BoolArray:
     """Return which poses of a pair agree with those of its two shapes (4, 4), also in where the source lies."""
     relative, middle = np.linalg.inv(target) @ source, surface.points.mean(axis=0)
-    turned = pose_angle_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
+    agree = pose_angle_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
     moved = np.linalg.norm(poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1)
-    return np.asarray(turned & (moved < AGREE_CELLS * surface.cell))
+    return np.asarray(agree & (moved < AGREE_CELLS * surface.cell))
 
 
 def _weight(chance: float) -> float:

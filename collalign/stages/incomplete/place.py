@@ -52,7 +52,7 @@ def place_shape(
     Returns
     -------
     dict
-        ``turns`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
+        ``rotations`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
         (2, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
         :class:`collalign.products.shapes.Incomplete`.
@@ -88,7 +88,7 @@ def pose_record(
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
     found = [counterparts(target, source, poses, TUNED.num_points[1]) for target in targets]
     return {
-        "turns": poses.rotation,
+        "rotations": poses.rotation,
         "transforms": poses.transform,
         "evidence": pose_evidence(targets, source, poses, found, complete=complete),
         "energies": np.stack([item.energies for item in found], axis=1),
@@ -117,7 +117,7 @@ def settle(
     proposed = _likeliest(targets, source, proposed, few, complete=complete)
     low, high = sizes or scales_allowed(targets, source)
     allowed = np.minimum(low, proposed.scale), np.maximum(high, proposed.scale)  # another size may have been proposed
-    poses = refine(targets, source, proposed, scale_range=allowed, hold_turns=fixed is not None)
+    poses = refine(targets, source, proposed, scale_range=allowed, hold_rotations=fixed is not None)
     return _likeliest(targets, source, poses, many, complete=complete)
 
 
@@ -181,7 +181,7 @@ def _logarithms(costs: FloatArray) -> FloatArray:
 
 def pose_chance(record: Record) -> float:
     """Return how probable the best pose of a record is."""
-    return share_of_best(np.asarray(record["turns"]), log_odds(np.asarray(record["evidence"])))
+    return share_of_best(np.asarray(record["rotations"]), log_odds(np.asarray(record["evidence"])))
 
 
 def nearest_labels(positions: FloatArray, consensus: FloatArray) -> IntArray:

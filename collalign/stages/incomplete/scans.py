@@ -137,12 +137,12 @@ def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, 
     """Return what follows from the poses of joined scans."""
     shapes, reference = run.shapes, run.constraints.reference
     num = len(shapes.names)
-    turned = np.linalg.inv(joined.transforms[reference]) @ joined.transforms
-    if run.constraints.turn is not None:
-        turned[:, :3] = run.constraints.turn @ turned[:, :3]
-    transforms = _framed(shapes, turned, run.session.options.scaling, reference)
+    rotated = np.linalg.inv(joined.transforms[reference]) @ joined.transforms
+    if run.constraints.rotation is not None:
+        rotated[:, :3] = run.constraints.rotation @ rotated[:, :3]
+    transforms = _framed(shapes, rotated, run.session.options.scaling, reference)
     transforms = with_origin(transforms, run.constraints)
-    rotations = np.ascontiguousarray(turned[:, :3, :3])
+    rotations = np.ascontiguousarray(rotated[:, :3, :3])
     positions = common_positions(shapes.samples, transforms)
     universe = common_points(positions)
     labels = np.stack([nearest_labels(points, universe) for points in positions])

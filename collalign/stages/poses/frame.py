@@ -37,10 +37,10 @@ def fix_frame(
         In the same frame.
     constraints : Constraints
     """
-    if constraints.fixed or (options.gauge != "axes" and constraints.turn is None):
+    if constraints.fixed or (options.gauge != "axes" and constraints.rotation is None):
         return rotations, solution
-    if constraints.turn is not None:
-        posed = constraints.turn @ rotations[constraints.reference].T @ rotations
+    if constraints.rotation is not None:
+        posed = constraints.rotation @ rotations[constraints.reference].T @ rotations
     else:
         posed = principal_axes_gauge([item.positions for item in samples], rotations)
     turn = posed[0] @ rotations[0].T

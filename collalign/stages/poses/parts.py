@@ -13,7 +13,7 @@ from collalign.products.shapes import Constraints
 from collalign.stages.poses.frame import rotated_solution
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization import SynchronizationResult, find_parts
-from collalign.synchronization.clusters import part_turns
+from collalign.synchronization.clusters import part_rotations
 from data_tools.arrays import IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
@@ -88,7 +88,7 @@ def join_parts(
         merged[e] = pair
     stay = set(labels[[constraints.reference, *constraints.fixed]].tolist())
     graph = pair_graph(pairs, len(labels), options.group)
-    solution = rotated_solution(solution, part_turns(graph, labels, solution.rotations, stay))
+    solution = rotated_solution(solution, part_rotations(graph, labels, solution.rotations, stay))
     return merged, _with_all_pairs(solution, merged, np.array(within), labels)
 
 

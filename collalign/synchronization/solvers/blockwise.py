@@ -165,10 +165,10 @@ def _posed_alternatives(
     """Return the alternatives as full poses in the reported gauge."""
     return tuple(
         tuple(
-            Alternative(rotation=_embedded(turn @ other.rotation, pose, index), log_odds=other.log_odds)
+            Alternative(rotation=_embedded(rotation @ other.rotation, pose, index), log_odds=other.log_odds)
             for other in others
         )
-        for others, pose, turn in zip(draft.alternatives, poses, gauge, strict=True)
+        for others, pose, rotation in zip(draft.alternatives, poses, gauge, strict=True)
     )
 
 

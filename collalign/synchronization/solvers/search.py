@@ -1,4 +1,4 @@
-"""Finding the poses of one component: several starts, discrete turns by beliefs, continuous refinement."""
+"""Finding the poses of one component: several starts, discrete rotations by beliefs, continuous refinement."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.robust import maximise_likelihood, reweighted_frames, weighted_start
-from collalign.synchronization.solvers.turns import (
-    TurnSet,
+from collalign.synchronization.solvers.hypotheses import (
+    Hypotheses,
     aligned_candidates,
+    hypothesis_costs,
     propagate_beliefs,
-    propose_turns,
-    turn_costs,
+    propose_hypotheses,
 )
+from collalign.synchronization.solvers.robust import maximise_likelihood, reweighted_frames, weighted_start
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Costs that fall by less than this, nats, have not fallen.
 COST_TOL = 1e-6
 
-#: Rounds of choosing turns and refining, per start.
+#: Rounds of choosing rotations and refining, per start.
 MAX_ROUNDS = 4
 
 
@@ -36,14 +36,14 @@ class State:
     model : EdgeModel
     frames : ndarray, shape (N, d, d)
     beliefs : ndarray, shape (N, L)
-        Probability of each turn before the last refinement; turn 0 is the pose itself.
-    alternatives : TurnSet
+        Probability of each rotation before the last refinement; rotation 0 is the pose itself.
+    alternatives : Hypotheses
     """
 
     model: EdgeModel
     frames: FloatArray
     beliefs: FloatArray
-    alternatives: TurnSet
+    alternatives: Hypotheses
 
 
 def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]:
@@ -78,8 +78,8 @@ def common_costs(states: list[State]) -> FloatArray:
     """Return minus the log-likelihood of the pairs in each state, nats, all at one noise, shape (S,).
 
     Each state fits its own noise, and a wrong one fits a large noise at which every misfit costs little. States are
-    therefore compared at the smallest noise that any of them fits, blurred as where turns are chosen. What else each
-    has fitted (share of outliers, power and odds of energies) stays its own: those are normalised probabilities.
+    therefore compared at the smallest noise that any of them fits, blurred as where rotations are chosen. What else
+    each has fitted (share of outliers, power and odds of energies) stays its own: those are normalised probabilities.
     """
     noise_rad = min(state.model.noise_rad for state in states)
     return np.array([_cost_at(state, noise_rad) for state in states])
@@ -89,30 +89,30 @@ def _cost_at(state: State, noise_rad: float) -> float:
     """Return minus the log-likelihood of the pairs in a state at some noise, nats."""
     model = _blurred(replace(state.model, noise_rad=noise_rad))
     own = replace(
-        state.alternatives, turns=state.alternatives.turns[:, :1], offered=state.alternatives.offered[:, :1]
+        state.alternatives, rotations=state.alternatives.rotations[:, :1], offered=state.alternatives.offered[:, :1]
     )
-    costs = turn_costs(model, aligned_candidates(model.graph, state.frames), own)
+    costs = hypothesis_costs(model, aligned_candidates(model.graph, state.frames), own)
     return float((costs[:, 0, 0] + model.log_scale).sum())
 
 
 def _blurred(model: EdgeModel) -> EdgeModel:
-    """Return the model with the noise by which turns are chosen."""
+    """Return the model with the noise by which rotations are chosen."""
     several = model.graph.candidates.shape[1] > 1
     return replace(model, noise_rad=PRIORS.label_noise_factors[several] * model.noise_rad)
 
 
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
-    """Alternate turns chosen by beliefs with refinement, from given frames, while the likelihood grows.
+    """Alternate rotations chosen by beliefs with refinement, from given frames, while the likelihood grows.
 
-    Where no shape is ``fixed`` by hand the one that holds the gauge may turn like all others, so that the answer does
-    not depend on which one holds it.
+    Where no shape is ``fixed`` by hand the one that holds the gauge may rotate like all others, so that the answer
+    does not depend on which one holds it.
     """
     model, frames = maximise_likelihood(model, frames, free, estimate=False)
     state = _with_beliefs(model, frames, free, fixed)
     for _ in range(MAX_ROUNDS):
         shapes = np.arange(len(frames))
         chosen = np.argmax(state.beliefs, axis=1)
-        moved = state.frames @ state.alternatives.turns[shapes, chosen]
+        moved = state.frames @ state.alternatives.rotations[shapes, chosen]
         model, frames = maximise_likelihood(state.model, moved, free)
         fresh = _with_beliefs(model, frames, free, fixed)
         settled = not chosen.any()
@@ -126,12 +126,12 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolAr
 
 
 def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
-    """Return the state with the beliefs about every shape's turns."""
+    """Return the state with the beliefs about every shape's rotations."""
     graph = model.graph
     aligned = aligned_candidates(graph, frames)
-    alternatives = propose_turns(model, aligned)
-    costs = turn_costs(_blurred(model), aligned, alternatives)
-    start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_turns / (costs.shape[2] - 1))
+    alternatives = propose_hypotheses(model, aligned)
+    costs = hypothesis_costs(_blurred(model), aligned, alternatives)
+    start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_hypotheses / (costs.shape[2] - 1))
     start[:, 0] = PRIORS.own_pose
     beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
@@ -149,8 +149,8 @@ def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
 
 def _in_gauge(frames: FloatArray, gauge: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:
     """Return the frames in the gauge of the given ones, which get exactly their values."""
-    turn = graph.pattern.project(sum(frames[i].T @ gauge[i] for i in gauge))
-    turned = frames @ turn
+    rotation = graph.pattern.project(sum(frames[i].T @ gauge[i] for i in gauge))
+    rotated = frames @ rotation
     for i, frame in gauge.items():
-        turned[i] = frame
-    return turned
+        rotated[i] = frame
+    return rotated

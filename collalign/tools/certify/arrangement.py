@@ -20,10 +20,10 @@ from pairwise.problem.problem import Problem
 _MOST_ROUNDS, _MOST_SWEEPS = 100, 50
 #: Poses and maps stay when the energy falls by less than this share of it; poses alone from this change on.
 _LEAST_GAIN, _LEAST_STEP = 1e-5, 1e-9
-#: Perturbations: turns of this many degrees (one drawn each time) of each shape with one of these probabilities. Of
-#: eight teeth (draws 0 to 4 of ``python -m experiments teeth_jobs``) one has an arrangement that is .9 % cheaper and
-#: was never reached by turns of at most 6 degrees.
-_TURNS_DEG, _SHARES = (2.0, 4.0, 6.0, 10.0, 15.0, 25.0), (0.15, 0.3, 0.5, 1.0)
+#: Perturbations: rotations of this many degrees (one drawn each time) of each shape with one of these probabilities.
+#: Of eight teeth (draws 0 to 4 of ``python -m experiments teeth_jobs``) one has an arrangement that is .9 % cheaper
+#: and was never reached by turns of at most 6 degrees.
+_ANGLES_DEG, _SHARES = (2.0, 4.0, 6.0, 10.0, 15.0, 25.0), (0.15, 0.3, 0.5, 1.0)
 
 
 #: One pose per shape, ``R_common_i`` (N, d, d), and the energy of all pairs with the best map of each.
@@ -69,12 +69,12 @@ class PairEnergies:
         return frames, energy
 
     def perturb(self, known: Arrangement, rng: np.random.Generator, num: int) -> Arrangement:
-        """Turn shapes of the cheapest arrangement a little and descend again, ``num`` times; return the cheapest."""
+        """Rotate shapes of the cheapest arrangement a little and descend again, ``num`` times."""
         best = known
         for _ in range(num):
-            turns = np.deg2rad(rng.choice(_TURNS_DEG)) * rng.standard_normal((self.num_shapes, 3))
-            turns *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
-            found = self.descend(best[0] @ Rotation.from_rotvec(turns).as_matrix())
+            vectors = np.deg2rad(rng.choice(_ANGLES_DEG)) * rng.standard_normal((self.num_shapes, 3))
+            vectors *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
+            found = self.descend(best[0] @ Rotation.from_rotvec(vectors).as_matrix())
             best = min(best, found, key=lambda one: one[1])
         return best
 

@@ -73,8 +73,8 @@ class CertifiedCollection:
         The samples as they are matched.
     joint : JointBound
     changes_deg : ndarray, shape (N,)
-        By how much the cheapest arrangement known turns each shape against the others, compared with the result; NaN
-        where it mirrors it.
+        By how much the cheapest arrangement known rotates each shape against the others, compared with the result;
+        NaN where it mirrors it.
     same_chirality : ndarray of bool, shape (N,)
     confidence : ndarray, shape (N,)
         Of the poses of the result.

@@ -169,7 +169,7 @@ _MOST_ROUNDS, _ENOUGH, _SETTLED = 3, 0.999, 1e-3
 _CHEAPER = 1e-3
 #: Columns kept of each search.
 _NUM_KEPT = 8
-#: What each descent starts from beside the columns in use: turns of the best pose, and some of so many rotations.
+#: What each descent starts from beside the columns in use: rotations of the best pose, and some of so many rotations.
 _NUM_JITTERED, _JITTER_RAD, _NUM_FAR, _NUM_STARTS = 4, 0.1, 6, 16
 #: Smallest energy, as a share of a shape's square size, that tolerances are taken of.
 _LEAST_ENERGY = 1e-6
@@ -315,7 +315,7 @@ def _descend(
 ) -> float:
     """Improve the multipliers by rounds of descents; return what the columns promise.
 
-    Pairs descend from columns with a share, turns of the best pose by a few degrees and some of all rotations.
+    Pairs descend from columns with a share, rotations of the best pose by a few degrees and some of all rotations.
     """
     starts = rotation_set(3, _NUM_STARTS)
     starts = np.concatenate([starts, -starts]) if rounds.session.options.group == "O" else starts
@@ -324,9 +324,9 @@ def _descend(
     for _ in range(int(np.clip(_DESCENT_PAIRS // len(relative), 1, _MOST_DESCENTS))):
         if time.monotonic() >= deadline:
             break
-        turns = Rotation.from_rotvec(_JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))).as_matrix()
+        rotations = Rotation.from_rotvec(_JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))).as_matrix()
         far = starts[rng.choice(len(starts), _NUM_FAR)]
-        known = [np.concatenate([master.used(e), one @ turns, far]) for e, one in enumerate(relative)]
+        known = [np.concatenate([master.used(e), one @ rotations, far]) for e, one in enumerate(relative)]
         _add(master, rounds.descend(master.tilts, known))
         promised = master.run()
     return promised

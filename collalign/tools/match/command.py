@@ -117,12 +117,12 @@ def _summary(found: RigidMatch) -> str:
     words += ", proven to be the best pose" if found.result.status is Status.PROVEN_OPTIMAL else ""
     if len(poses) > 1:
         first, other = (pose.R_target_source[:3, :3] for pose in poses[:2])
-        turned = (
+        apart = (
             "mirrored"
             if poses[0].reflected != poses[1].reflected
             else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
         )
-        words += f"; the next best of {len(poses)} poses: {scores[1]:.4g}, {turned}"
+        words += f"; the next best of {len(poses)} poses: {scores[1]:.4g}, {apart}"
     return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
 
 

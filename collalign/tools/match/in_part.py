@@ -202,9 +202,9 @@ def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> tu
 
 def _chance_of_first(poses: Sequence[PartialPose]) -> float:
     """Return how probable the first pose is, poses of the same rotation counted together."""
-    turns = np.stack([found.pose.rotation for found in poses])
+    rotations = np.stack([found.pose.rotation for found in poses])
     chances = np.array([found.chance for found in poses])
-    return min(float(chances[pose_angle_deg(turns, turns[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
+    return min(float(chances[pose_angle_deg(rotations, rotations[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
 
 
 def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:

@@ -83,12 +83,12 @@ def match_figure(
     of_target, of_source = transferred_colours(target, point_map_target_source)
     view = camera([(target.vertices, target.faces)])
     matched = np.flatnonzero(point_map_target_source >= 0)
-    turned = view
+    rotated = view
     if len(matched):
-        turned = view @ _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched])
-    shown = [(target, of_target, view, target.name), (source, of_source, turned, source.name)]
+        rotated = view @ _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched])
+    shown = [(target, of_target, view, target.name), (source, of_source, rotated, source.name)]
     if confidence is not None:
-        shown.append((source, _confidence_colours(confidence), turned, "confidence: dark 0, yellow 1"))
+        shown.append((source, _confidence_colours(confidence), rotated, "confidence: dark 0, yellow 1"))
     size = (2.0 * len(shown), 1.2)
     figure = new_figure(figsize=(2.25 * size[0], 2.25 * size[1] + 0.4), dpi=130)
     axes = figure.add_axes((0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal")

@@ -183,7 +183,7 @@ def surface_distances(
     """Return the closest-point distances of all pairs, shape (N, N); NaN between shapes of different part_numbers.
 
     A distance is the root mean square of the distances of each point to the nearest of the other shape, both ways, at
-    the poses as they are. Pairs of near neighbours are turned, shifted and scaled to fit best first.
+    the poses as they are. Pairs of near neighbours are rotated, shifted and scaled to fit best first.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
     starts = _best_normals(points) if normal is None else np.asarray(normal)[None]
     found = [refine_pose(points, points, _reflection(start), estimate_scale=False) for start in starts]
     best = min(found, key=lambda one: one.energy)
-    turn = best.pose.rotation
-    pose = Similarity(rotation=turn, scale=1.0, shift=best.pose.shift + centre - turn @ centre)
+    rotation = best.pose.rotation
+    pose = Similarity(rotation=rotation, scale=1.0, shift=best.pose.shift + centre - rotation @ centre)
     image = shape.transformed(pose.transform)
     source = RegistrationSurface.from_shape(image)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices

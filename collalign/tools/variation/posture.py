@@ -88,6 +88,6 @@ def at_mean_posture(vertices: FloatArray, parts: IntArray) -> FloatArray:
         own = whole[:, parts == part]
         centre = own.mean(axis=(0, 1))
         alone = generalized_procrustes(own) * centroid_sizes(own)[:, None, None]
-        turn = best_rotations(own.mean(axis=0) - centre, alone.mean(axis=0))
-        moved[:, parts == part] = alone @ turn.T + centre
+        rotation = best_rotations(own.mean(axis=0) - centre, alone.mean(axis=0))
+        moved[:, parts == part] = alone @ rotation.T + centre
     return read_only(moved * centroid_sizes(vertices)[:, None, None])

@@ -34,7 +34,7 @@ class SurfaceVariation:
     mean : ndarray, shape (v, 3)
         Lengths are in the root mean square radius of a shape.
     shapes : ndarray, shape (N, v, 3)
-        Of unit size, turned and shifted to fit the mean best.
+        Of unit size, rotated and shifted to fit the mean best.
     centroid_sizes : ndarray, shape (N,)
         Square root of the summed squared distances of all vertices from their centroid, in the unit of the vertices
         given.
@@ -92,7 +92,7 @@ def signed_offsets(surface: FloatArray, faces: IntArray, other: FloatArray) -> F
     surface, other : ndarray, shape (v, 3)
         In correspondence.
     faces : ndarray of int, shape (f, 3)
-        Turned so that normals point outwards; without faces, distances are returned.
+        Oriented so that normals point outwards; without faces, distances are returned.
     """
     moved = other - surface
     if not len(faces):

@@ -133,7 +133,7 @@ def test_a_similarity_is_fitted_exactly_and_never_mirrors():
     np.testing.assert_allclose(fitting_similarity(moved_by(pose, points), points, rng.random(30)), pose, atol=1e-12)
     mirrored = fitting_similarity(points * [1, 1, -1], points, np.ones(30))
     assert np.linalg.det(mirrored[:3, :3]) > 0
-    held = fitting_similarity(1.5 * points + 2, points, np.ones(30), turns=False)
+    held = fitting_similarity(1.5 * points + 2, points, np.ones(30), may_rotate=False)
     np.testing.assert_allclose(held[:3], np.hstack([1.5 * np.eye(3), np.full((3, 1), 2.0)]), atol=1e-12)
 
 

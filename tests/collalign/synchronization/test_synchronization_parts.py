@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
-from collalign.synchronization.clusters import pair_affinity, part_turns, spectral_clusters
+from collalign.synchronization.clusters import pair_affinity, part_rotations, spectral_clusters
 from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.checks import relative, transposed
 from collalign.synchronization.problem.model import (
@@ -23,18 +23,18 @@ from collalign.synchronization.problem.model import (
 )
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.blockwise import connectivity_warnings, restricted
-from collalign.synchronization.solvers.search import State, common_costs, ranked
-from collalign.synchronization.solvers.spectral import synchronize_signs
-from collalign.synchronization.solvers.turns import (
+from collalign.synchronization.solvers.hypotheses import (
     FORBIDDEN,
-    TurnSet,
-    _add_single_turns,
+    Hypotheses,
+    _add_own_hypotheses,
     _directed_flips,
     _modes,
-    _turned_distances,
+    _rotated_distances,
     aligned_candidates,
-    turn_costs,
+    hypothesis_costs,
 )
+from collalign.synchronization.solvers.search import State, common_costs, ranked
+from collalign.synchronization.solvers.spectral import synchronize_signs
 from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern
@@ -134,7 +134,7 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
     model, aligned = turned_by(THIRD, shape, 5)
     turns, offered = np.tile(np.eye(3), (5, 3, 1, 1)), np.zeros((5, 3), dtype=bool)
     offered[:, 0] = True
-    _add_single_turns(model, aligned, turns, offered, 1, np.zeros(10))
+    _add_own_hypotheses(model, aligned, turns, offered, 1, np.zeros(10))
     assert offered[shape, 1]
     # the pairs ask for one turn, the same from both of their ends
     assert min(rotation_angle_deg(turns[shape, 1], THIRD), rotation_angle_deg(turns[shape, 1], THIRD.T)) < 1.0
@@ -171,8 +171,8 @@ def test_modes_are_apart_and_the_heaviest_first():
 def turn_set(*turns, num=3, rate=0.1):
     common = np.array(turns)
     every = np.tile(np.concatenate([np.eye(3)[None], common]), (num, 1, 1, 1))
-    return TurnSet(
-        turns=every,
+    return Hypotheses(
+        rotations=every,
         offered=np.ones(every.shape[:2], dtype=bool),
         common=common,
         rates=np.full(len(common), rate),
@@ -212,20 +212,20 @@ def test_states_are_compared_at_one_noise_whatever_each_has_fitted(noises_rad):
 
 
 @pytest.mark.parametrize("shared", [True, False])
-def test_turned_distances_are_those_of_their_definition(shared):
+def test_rotated_distances_are_those_of_their_definition(shared):
     rng = np.random.default_rng(4)
     graph, truth = noisy_graph(3, 30.0)
     aligned = aligned_candidates(graph, transposed(truth))
     alternatives = turn_set(*random_rotations(rng, 2))
     if not shared:
-        turns = np.concatenate([alternatives.turns, random_rotations(rng, 3)[:, None]], axis=1)
-        alternatives = replace(alternatives, turns=turns, offered=np.ones(turns.shape[:2], dtype=bool))
+        turns = np.concatenate([alternatives.rotations, random_rotations(rng, 3)[:, None]], axis=1)
+        alternatives = replace(alternatives, rotations=turns, offered=np.ones(turns.shape[:2], dtype=bool))
     for flip in (None, THIRD):
-        found = _turned_distances(graph, aligned, alternatives, flip=flip)
+        found = _rotated_distances(graph, aligned, alternatives, flip=flip)
         target = np.eye(3) if flip is None else flip
         for e, (i, j) in enumerate(graph.edges):
-            for a, b in itertools.product(range(alternatives.turns.shape[1]), repeat=2):
-                T = alternatives.turns[i, a].T @ aligned[e, 0] @ alternatives.turns[j, b]
+            for a, b in itertools.product(range(alternatives.rotations.shape[1]), repeat=2):
+                T = alternatives.rotations[i, a].T @ aligned[e, 0] @ alternatives.rotations[j, b]
                 assert found[e, 0, a, b] == pytest.approx(((T - target) ** 2).sum(), abs=1e-9)
 
 
@@ -235,7 +235,7 @@ def test_turns_that_are_not_offered_cost_too_much():
     alternatives = turn_set(THIRD)
     offered = alternatives.offered.copy()
     offered[1, 1] = False
-    costs = turn_costs(EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered))
+    costs = hypothesis_costs(EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered))
     for e, (i, j) in enumerate(graph.edges):
         for a, b in itertools.product(range(2), repeat=2):
             assert (costs[e, a, b] == FORBIDDEN) == (not offered[i, a] or not offered[j, b])
@@ -267,7 +267,7 @@ def test_parts_are_turned_to_each_other_and_some_stay():
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
     labels, own = np.repeat([0, 1], 3), np.repeat(random_rotations(np.random.default_rng(7), 2), 3, axis=0)
     for stay in (0, 1):
-        turns = part_turns(graph, labels, own @ truth, {stay})
+        turns = part_rotations(graph, labels, own @ truth, {stay})
         np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (3, 1, 1)))
         np.testing.assert_allclose(exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8)
 

@@ -86,7 +86,7 @@ def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole):
     right, wrong = found.energies
     assert right < 0.5 * wrong
     assert found.overlaps()[0, 1] > found.overlaps()[1, 1]
-    held = refine([to], of, poses[1:], scale_range=scales_allowed([to], of), hold_turns=True)
+    held = refine([to], of, poses[1:], scale_range=scales_allowed([to], of), hold_rotations=True)
     np.testing.assert_array_equal(held.rotation, turns[1:])
     assert not np.allclose(held.shift, 0.0)
 
