@@ -4,7 +4,6 @@ import errno
 import json
 import logging
 import os
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -46,16 +45,6 @@ def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsy
     assert lines[-1].endswith("exit code 3")
 
 
-def test_times_of_a_run_add_up_to_the_time_of_the_command(folder, tmp_path):
-    began_s = time.perf_counter()
-    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 3
-    took_s = time.perf_counter() - began_s
-    times_s = json.loads((tmp_path / "out" / "run.json").read_text())["times_s"]
-    assert {"shapes", "pairs", "synchronization", "confidence", "outputs", "rest"} <= times_s.keys()
-    assert min(times_s.values()) >= 0
-    assert sum(times_s.values()) == pytest.approx(took_s, abs=0.25, rel=0.05)
-
-
 def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path, capsys):
     align = ["align", str(folder), "--out", str(tmp_path), *FLAGS]
     assert main(align) == 3
@@ -65,13 +54,6 @@ def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_pa
     assert main([*align, "--quiet"]) == 3
     assert capsys.readouterr().out == ""
     assert not logging.getLogger("collalign").handlers, "what a command listens by ends with it"
-
-
-def test_every_minute_has_a_line(monkeypatch, caplog):
-    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.0)
-    with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 4, done=1) as bar:
-        bar.advance(2)
-    assert caplog.messages == ["pairs: 1 of 4", "pairs: 3 of 4, 0.0 s", "pairs: 3 of 4, 0.0 s"]
 
 
 def test_a_stage_has_a_line_at_its_start_and_end_and_one_a_minute_between(monkeypatch, caplog):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from data_tools.percent import percent
+from data_tools.percent import listed, percent
 
 
 @pytest.mark.parametrize(
@@ -10,3 +10,8 @@ from data_tools.percent import percent
 )
 def test_what_is_not_certain_is_never_called_so(share, words):
     assert percent(share) == words
+
+
+def test_long_lists_are_cut():
+    assert listed(["a", "b"]) == "a, b"
+    assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"

@@ -10,53 +10,54 @@ from data_tools.landmarks.landmark_files import Landmarks
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 16, "num_dense_points": 200}}
-ALONE = {"run": {"jobs": 1}, "progress": False}
 
 
 @pytest.fixture(scope="module")
 def forms(tmp_path_factory):
-    """A result just made, and the folder it was saved to."""
+    """A result just made, the folder it was saved to, and how tools run: equal work is done once."""
     folder = tmp_path_factory.mktemp("forms")
     write_collection(folder / "shapes", chairs(3))
     made = collalign.align_collection(folder / "shapes", options=OPTIONS, jobs=1, progress=False)
     made.save(folder / "out", report=False)
-    return made, folder / "out"
+    alone = {"run": {"jobs": 1, "store": folder / "store.sqlite"}, "progress": False}
+    return made, folder / "out", alone
 
 
-def transferred(result):
+def transferred(result, alone):
     shape = collalign.load(result)
     marks = {shape.names[0]: Landmarks(labels=("tip",), points=shape.shape_at(0).vertices[:1])}
-    return collalign.transfer_landmarks(result, marks, **ALONE).points
+    return collalign.transfer_landmarks(result, marks, **alone).points
 
 
-def added(result, folder):
+def added(result, alone, folder):
     write_mesh(folder / "late.ply", chairs(4).shapes[3])
-    return collalign.add_to_collection(result, [folder / "late.ply"], **ALONE).transforms
+    return collalign.add_to_collection(result, [folder / "late.ply"], **alone).transforms
+
+
+def repeated(result, alone):
+    few = {"num_points": (), "num_seeds": 1, "num_subsets": 0}
+    return collalign.check_stability(result, options=few, **alone).changes_deg
 
 
 @pytest.mark.parametrize(
     "found",
     [
-        lambda result, _: collalign.dense_correspondence(result, **ALONE).vertices,
-        lambda result, _: transferred(result),
-        lambda result, _: (
-            collalign.check_stability(
-                result, options={"num_points": (), "num_seeds": 1, "num_subsets": 0}, **ALONE
-            ).changes_deg
-        ),
-        lambda result, _: collalign.certify_collection(result, **ALONE).joint.bound,
-        lambda result, folder: collalign.write_surface_variation(result, folder / "to", **ALONE).mean,
+        lambda result, alone, _: collalign.dense_correspondence(result, **alone).vertices,
+        lambda result, alone, _: transferred(result, alone),
+        lambda result, alone, _: repeated(result, alone),
+        lambda result, alone, _: collalign.certify_collection(result, **alone).joint.bound,
+        lambda result, alone, folder: collalign.write_surface_variation(result, folder / "to", **alone).mean,
         added,
     ],
     ids=["correspond", "transfer", "stability", "certify", "variation", "add"],
 )
 def test_a_tool_finds_the_same_of_a_result_in_memory_and_of_its_folder(found, forms, tmp_path):
-    made, out = forms
-    np.testing.assert_allclose(found(made, tmp_path), found(out, tmp_path), rtol=1e-6, atol=1e-9)
+    made, out, alone = forms
+    np.testing.assert_allclose(found(made, alone, tmp_path), found(out, alone, tmp_path), rtol=1e-6, atol=1e-9)
 
 
 def test_an_export_of_a_result_in_memory_has_the_files_of_its_folder(forms, tmp_path):
-    made, out = forms
+    made, out, _ = forms
     written = {one: export(result, "csv", tmp_path / one) for one, result in (("made", made), ("out", out))}
     files = {path.name: path.read_bytes() for path in written["made"]}
     assert files == {path.name: path.read_bytes() for path in written["out"]}
@@ -64,7 +65,7 @@ def test_an_export_of_a_result_in_memory_has_the_files_of_its_folder(forms, tmp_
 
 
 def test_loading_a_result_gives_itself_with_its_files_where_they_are_said_to_be(forms, tmp_path):
-    made, _ = forms
+    made, _, _ = forms
     assert collalign.load(made) is made
     write_collection(tmp_path, chairs(3))
     assert collalign.load(made, sources=tmp_path).files == tuple(str(tmp_path / f"{name}.ply") for name in made.names)

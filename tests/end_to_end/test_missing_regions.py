@@ -11,7 +11,6 @@ import pytest
 import collalign
 from collalign.cli import main
 from collalign.output.evidence.loading import load
-from collalign.tools.export.run import export
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
@@ -48,7 +47,8 @@ class Teeth:
             group="SO", incomplete=BROKEN, sampling=SamplingOptions(num_points=24, num_dense_points=200)
         )
         self.result = folder / "result"
-        collalign.align_collection(folder / "shapes", options=options, progress=False).save(self.result)
+        aligned = collalign.align_collection(folder / "shapes", options=options, jobs=1, progress=False)
+        aligned.save(self.result, report=False)
         left = read_shape(folder / "shapes" / f"{BROKEN}.ply")
         self.broken, self.broken_faces = left.vertices, left.faces
         self.run = collalign.RunOptions(jobs=1, store=folder / "store.sqlite")
@@ -120,30 +120,6 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
     assert found.status[found.names.index("tooth2")] == (CARRIED,) * len(labels)
 
 
-def test_every_export_says_what_is_missing(teeth, tmp_path):
-    view = load(teeth.result)
-    row = view.index(BROKEN)
-    lacking = np.isnan(view.landmarks[row]).any(axis=1)
-    assert lacking.any()
-    assert view.is_incomplete.tolist() == [name == BROKEN for name in view.names]
-    export(teeth.result, "csv", tmp_path / "csv")
-    with (tmp_path / "csv" / "shapes.csv").open() as file:
-        shapes = {line["name"]: line for line in csv.DictReader(file)}
-    assert {name: line["incomplete"] for name, line in shapes.items()} == {
-        name: str(int(name == BROKEN)) for name in view.names
-    }
-    assert float(shapes[BROKEN]["coverage"]) == pytest.approx(view.coverage[row])
-    for kind in ("tps", "morphologika"):
-        export(teeth.result, kind, tmp_path / kind)
-        with (tmp_path / kind / "specimens.csv").open() as file:
-            assert [line["incomplete"] for line in csv.DictReader(file)] == [
-                str(int(name == BROKEN)) for name in view.names
-            ]
-    export(teeth.result, "slicer-json", tmp_path / "slicer-json")
-    markups = json.loads((tmp_path / "slicer-json" / f"{BROKEN}.mrk.json").read_text())["markups"][0]["controlPoints"]
-    assert [one["positionStatus"] == "undefined" for one in markups] == lacking.tolist()
-
-
 def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_variation(
     teeth, tmp_path, capsys
 ):
@@ -155,7 +131,6 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
     assert f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)" in capsys.readouterr().err
-    assert f"{BROKEN} (incomplete)." in (result / "variation" / "variation.html").read_text()
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
@@ -164,26 +139,9 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     assert main(classify) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
-    assert main([*classify, "--include-doubtful"]) == 0
-    assert json.loads(capsys.readouterr().out)["scored"] == NUM_SHAPES
     assert main([*classify, "--include-doubtful", "--exclude", doubted, BROKEN]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["scored"], {*found["left_out"].values()}) == (NUM_SHAPES - 2, {"excluded by name"})
-    other = next(name for name in view.names if name not in (BROKEN, doubted))
-    again = collalign.write_surface_variation(
-        result, tmp_path / "again", exclude=[other], include_doubtful=True, run=teeth.run, progress=False
-    )
-    assert set(again.names) == {*view.names} - {BROKEN, other}
-    assert f"{other},excluded by name" in (tmp_path / "again" / "left_out.csv").read_text()
     write_result(replace(view, confidence=np.full(len(view), 0.5)), result)
     with pytest.raises(CollectionError, match="0 shapes are complete and sure, at least 2 are needed"):
         collalign.write_surface_variation(result, tmp_path / "out", progress=False)
-
-
-def test_the_command_says_which_landmarks_are_missing(teeth, tmp_path, capsys):
-    path = tmp_path / "tooth0.csv"
-    rows = [f"p{at},{','.join(map(str, teeth.whole['tooth0'][at]))}" for at in LANDMARKS]
-    path.write_text("\n".join(["label,x,y,z", *rows]) + "\n")
-    arguments = ["transfer", str(teeth.result), "--landmarks", str(path), "--to", str(tmp_path / "out")]
-    main([*arguments, "--store", str(teeth.run.store), "--jobs", "1"])
-    assert "missing: the shape is incomplete there" in capsys.readouterr().out

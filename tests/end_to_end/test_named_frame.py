@@ -40,18 +40,23 @@ def marks(planted):
     return {name: shape.vertices[at] for name, at in chosen.items()}
 
 
-def align(planted, options_of=None, **keywords):
+@pytest.fixture(scope="module")
+def align(tmp_path_factory):
+    """Aligns the chairs; all runs match the same pairs once."""
+    run = {"jobs": 1, "store": tmp_path_factory.mktemp("frame") / "store.sqlite"}
     shapes = {shape.name: shape for shape in planted.shapes}
-    return align_collection(
-        shapes, options=OPTIONS if options_of is None else options_of.options, progress=False, jobs=1, **keywords
-    )
+
+    def aligned(options=OPTIONS, **keywords):
+        return align_collection(shapes, options=options, run=run, progress=False, **keywords)
+
+    return aligned
 
 
-def test_landmarks_turn_all_shapes_and_set_the_origin(planted, marks):
+def test_landmarks_turn_all_shapes_and_set_the_origin(align, planted, marks):
     name = planted.shapes[1].name
-    found = align(planted, up="floor:top", front="left:right", origin="floor", marks={name: marks})
+    found = align(up="floor:top", front="left:right", origin="floor", marks={name: marks})
     assert found.options.reference == name
-    again = align(planted, options_of=found)
+    again = align(found.options)
     np.testing.assert_array_equal(again.transforms, found.transforms)  # the options alone repeat the run
     floor, top, left, right = (moved_by(found.transforms[1], marks[label]) for label in marks)
     np.testing.assert_allclose(floor, 0.0, atol=1e-12)
@@ -59,16 +64,16 @@ def test_landmarks_turn_all_shapes_and_set_the_origin(planted, marks):
     across = right - left
     assert across[1] == pytest.approx(0.0, abs=1e-12)
     assert across[0] > 0
-    plain = align(planted, reference=name)
+    plain = align(reference=name)
     np.testing.assert_allclose(
         found.rotations[0].T @ found.rotations[2], plain.rotations[0].T @ plain.rotations[2], atol=1e-9
     )
 
 
-def test_axes_keep_the_frame_of_the_reference_and_are_recorded(planted, tmp_path):
+def test_axes_keep_the_frame_of_the_reference_and_are_recorded(align, planted, tmp_path):
     name = planted.shapes[1].name
-    plain = align(planted, reference=name)
-    found = align(planted, reference=name, up="y", front="-x", origin="file")
+    plain = align(reference=name)
+    found = align(reference=name, up="y", front="-x", origin="file")
     np.testing.assert_array_equal(found.rotations, plain.rotations)
     np.testing.assert_allclose(found.transforms[1, :3, 3], 0.0, atol=1e-12)
     found.save(tmp_path / "out", report=False)
@@ -110,9 +115,9 @@ def test_the_command_line_reads_landmarks_and_added_shapes_keep_the_frame(plante
         ({"up": "z", "reference": "chair1"}, "has no landmarks"),
     ],
 )
-def test_what_landmarks_cannot_say_is_refused(planted, marks, given, said):
+def test_what_landmarks_cannot_say_is_refused(align, planted, marks, given, said):
     with pytest.raises(InputError, match=said):
-        align(planted, marks={planted.shapes[1].name: marks}, **given)
+        align(marks={planted.shapes[1].name: marks}, **given)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +140,7 @@ def test_impossible_names_are_refused_at_once(given):
         AlignOptions(**given)
 
 
-def test_landmarks_cannot_turn_what_a_person_fixed(planted, marks):
+def test_landmarks_cannot_turn_what_a_person_fixed(align, planted, marks):
     name = planted.shapes[1].name
     with pytest.raises(OptionsError, match="name an axis"):
-        align(planted, up="floor:top", marks={name: marks}, fixed={name: np.eye(3)})
+        align(up="floor:top", marks={name: marks}, fixed={name: np.eye(3)})

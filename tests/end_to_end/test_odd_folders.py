@@ -21,7 +21,7 @@ from tests.notes import codes, only
 
 @pytest.fixture(scope="module")
 def planted():
-    return chairs(5)
+    return chairs(4)
 
 
 def test_equal_files_do_not_drown_the_one_that_differs(planted, tmp_path):
@@ -46,9 +46,8 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
     assert only(boxes.notes, "symmetric").values["num"] == 6
 
 
-@pytest.mark.parametrize("kind", ["spheres", "boxes"])
-def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path, kind):
-    pose_family(FAMILIES[kind], 5, tmp_path, rng)
+def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path):
+    pose_family(FAMILIES["boxes"], 5, tmp_path, rng)
     sampling = SamplingOptions(num_points=24, num_dense_points=400)
     found = align_collection(tmp_path, options=replace(OPTIONS, sampling=sampling), run=RunOptions(jobs=1))
     assert (found.confidence < 0.3).all()
@@ -58,17 +57,17 @@ def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path,
 def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch, capsys):
     def match_all_but_the_last(*args, **options):
         pairs, failed = match_pairs(*args, **options)
-        return [pair for pair in pairs if 4 not in (pair.target, pair.source)], failed
+        return [pair for pair in pairs if 3 not in (pair.target, pair.source)], failed
 
     monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
     write_collection(tmp_path / "shapes", planted)
     assert main(["align", str(tmp_path / "shapes"), "--out", str(tmp_path / "out"), *FLAGS]) == 0
     printed = capsys.readouterr().out
-    assert "look at them first: chair5 (unknown)" in printed
+    assert "look at them first: chair4 (unknown)" in printed
     assert "No pairs connect" in printed
     shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
-    assert shapes[4]["confidence"] is None
-    assert np.isfinite(shapes[4]["transform"]).all()
+    assert shapes[3]["confidence"] is None
+    assert np.isfinite(shapes[3]["transform"]).all()
 
 
 def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_what(planted, tmp_path, capsys):

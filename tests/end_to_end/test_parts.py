@@ -134,7 +134,12 @@ def test_shapes_are_added_and_a_part_that_changes_is_noticed(folder, out, tmp_pa
 
 def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder):
     fine = align_collection(
-        folder, parts=True, sampling={"num_points": 24, "max_faces": 1000}, progress=False, jobs=1, incomplete="never"
+        folder,
+        parts=True,
+        sampling={"num_points": 24, "num_dense_points": 60, "max_faces": 1000},
+        progress=False,
+        jobs=1,
+        incomplete="never",
     )
     first = dict(read_shape(folder / "s0.*").parts)["cranium"]
     assert 0 < (fine.samples[0] >= first).sum() < 12

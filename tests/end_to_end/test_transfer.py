@@ -25,7 +25,6 @@ from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 from tests.collalign.registration.test_fit import radius
 from tests.finished_runs import finished_run
-from tests.notes import codes
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -105,7 +104,7 @@ def test_radii_of_single_templates_hold(result, templates, planted, run):
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result, monkeypatch):
     module = "collalign.tools.correspond.run.correspond"
     monkeypatch.setattr(module, lambda session, files, lender, maps: (files, lender))
-    files, chosen = collalign.dense_correspondence(result, progress=False)
+    files, chosen = collalign.dense_correspondence(result, run={"jobs": 1}, progress=False)
     for factor in (0.5, 2.0):
         transform = np.array(files[chosen].transform)
         transform[:3] *= factor
@@ -184,11 +183,8 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, "both drawn one way"
         surface = SurfaceLocator(planted.shapes[at].vertices, planted.shapes[at].faces)
         np.testing.assert_allclose(surface.closest(found.points).on(surface.vertices), found.points, atol=1e-6)
-        steps = np.linalg.norm(np.diff(rim.points, axis=0), axis=1)
-        assert steps.std() < 0.35 * steps.mean()
     sliders = list(csv.reader((to / "curveslide.csv").open()))
-    assert sliders[:2] == [["before", "slide", "after"], ["1", "2", "3"]]
-    assert len(sliders) == 1 + 7
+    assert (sliders[:2], len(sliders)) == ([["before", "slide", "after"], ["1", "2", "3"]], 1 + 7)
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
     with pytest.raises(InputError, match="vertices"):
         collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
@@ -243,40 +239,6 @@ def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted
         np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
 
 
-def test_landmarks_are_carried_alike_in_whatever_file_they_come(result, templates, planted, tmp_path, run):
-    """3D Slicer's exported table, a spreadsheet's CSV and Landmark Editor's file; a code for what is missing."""
-    name, marks = planted.shapes[0].name, read_landmarks(templates[0])
-    truth = collalign.transfer_landmarks(result, templates[:1], run=run).points
-    rows = list(zip(marks.labels, marks.points.tolist(), strict=True))
-    slicer = "label,r,a,s,defined,selected,visible,locked,description\n"
-    slicer += "".join(f"{label},{-x!r},{-y!r},{z!r},1,1,1,0,\n" for label, (x, y, z) in rows)
-    spreadsheet = "label;x;y;z;type\n" + "".join(f"{label};{x!r};{y!r};{z!r};I\n" for label, (x, y, z) in rows[:-1])
-    spreadsheet = (spreadsheet + f"{rows[-1][0]};-999;-999;-999;I\n").replace(".", ",")
-    editor = "Version 1.0\n6\n" + "".join(f"S{at:03d} {x!r} {y!r} {z!r}\n" for at, (_, (x, y, z)) in enumerate(rows))
-    for suffix, content in ((".csv", slicer), (".CSV", spreadsheet), ("_LM.pts", editor)):
-        file = tmp_path / suffix[1:] / f"{name}{suffix}"
-        file.parent.mkdir()
-        file.write_text(content, encoding="utf-16")
-        found = collalign.transfer_landmarks(result, [file], run=run)
-        known = slice(0, 5) if suffix == ".CSV" else slice(0, 6)
-        np.testing.assert_allclose(found.points[:, known], truth[:, known], atol=1e-9)
-        assert np.isnan(found.points[:, 5]).all() == (suffix == ".CSV")
-        assert ("landmark-codes" in codes(found.notes)) == (suffix == ".CSV")
-
-
-def test_templates_whose_labels_are_called_after_their_lists_are_the_same(result, templates, tmp_path, run, capsys):
-    files = []
-    for at, template in enumerate(templates[:2]):
-        labels = [f"skull{at}_LM1-{number}" for number in range(1, 7)]
-        file = tmp_path / template.name.replace(".mrk", "_LM1.mrk")
-        files.append(slicer_file(file, read_landmarks(template).points, labels))
-    words = ["transfer", str(result), "--landmarks", *map(str, files), "--to", str(tmp_path / "all"), "--jobs", "1"]
-    assert main([*words, "--store", str(run.store)]) == 0
-    assert "they were matched by their order" in capsys.readouterr().out
-    found = read_landmarks(next(iter(sorted((tmp_path / "all").glob("*.mrk.json")))))
-    assert found.labels == tuple(f"skull0_LM1-{number}" for number in range(1, 7))
-
-
 def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path, capsys):
     marks = read_landmarks(templates[0])
     far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
@@ -284,31 +246,3 @@ def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_
         assert main([command, str(result), "--landmarks", str(far), "--to", str(tmp_path / command)]) == 2
         assert "0.1 times as large they lie on it" in capsys.readouterr().err
         assert not (tmp_path / command).exists()
-
-
-def test_what_cannot_be_used_is_named(result, templates, tmp_path, run):
-    stranger = slicer_file(tmp_path / "stranger.mrk.json", np.zeros((1, 3)), ["a"])
-    with pytest.raises(InputError, match="stranger"):
-        collalign.transfer_landmarks(result, [stranger], run=run)
-    with pytest.raises(InputError, match="second landmark file"):
-        collalign.transfer_landmarks(result, [templates[0], templates[0]], run=run)
-    name = templates[0].name.removesuffix(".mrk.json")
-    twice = Landmarks(labels=("a", "a"), points=read_landmarks(templates[0]).points[:2])
-    with pytest.raises(InputError, match="two landmarks"):
-        collalign.transfer_landmarks(result, {name: twice}, run=run)
-    with pytest.raises(InputError, match="no landmark file"):
-        collalign.transfer_landmarks(result, [], run=run)
-
-
-def test_the_variation_of_the_surfaces_is_shown(result, templates, tmp_path, run):
-    names = load(result).names
-    table = tmp_path / "labels.csv"
-    table.write_text("name,kind\n" + "".join(f"{name},{'ab'[at % 2]}\n" for at, name in enumerate(names)))
-    to = result / "variation"
-    words = ["variation", str(result), "--labels", str(table), "--landmarks", str(templates[0])]
-    assert main([*words, "--jobs", "1", "--store", str(run.store)]) == 0
-    rows = list(csv.DictReader((to / "scores.csv").open()))
-    assert [row["name"] for row in rows] == list(names)
-    assert {row["kind"] for row in rows} == {"a", "b"}
-    assert (to / "variation.html").stat().st_size < 2_000_000
-    assert "tip 3" in (to / "variation.html").read_text()

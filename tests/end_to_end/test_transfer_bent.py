@@ -62,36 +62,41 @@ def with_maps(result, maps, to):
     return to
 
 
-def carried(out, planted):
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return collalign.RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
+
+
+def carried(out, planted, run):
     """Carry landmarks of the first shape to all and return the errors of the others, in radii, by shape."""
     true = np.stack([shape.vertices[at[MARKS]] for shape, at in zip(planted.shapes, places(planted), strict=True)])
     given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
-    found = collalign.transfer_landmarks(out, given, run=collalign.RunOptions(jobs=1), progress=False)
+    found = collalign.transfer_landmarks(out, given, run=run, progress=False)
     assert found.names == NAMES
     units = [np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for s in planted.shapes]
     errors = np.linalg.norm(found.points - true, axis=2) / np.array(units)[:, None]
     return np.asarray(errors[1:].mean(axis=1))
 
 
-def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path):
-    alone = carried(result, planted)
-    mapped = carried(with_maps(result, exact_maps(planted), tmp_path / "mapped"), planted)
+def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path, run):
+    alone = carried(result, planted, run)
+    mapped = carried(with_maps(result, exact_maps(planted), tmp_path / "mapped"), planted, run)
     assert mapped.max() < 0.06
     assert mapped.mean() < 0.5 * alone.mean()
 
 
-def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path):
+def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path, run):
     maps = exact_maps(planted, names=NAMES[:3])
-    some = collalign.dense_correspondence(with_maps(result, maps, tmp_path / "some"), progress=False)
+    some = collalign.dense_correspondence(with_maps(result, maps, tmp_path / "some"), run=run, progress=False)
     assert some.names == NAMES
     elsewhere = replace(exact_maps(planted, names=NAMES[:1]), names=("elsewhere",), reference="elsewhere")
     of_none = with_maps(result, elsewhere, tmp_path / "none")
-    bare, own = (collalign.dense_correspondence(out, progress=False) for out in (result, of_none))
+    bare, own = (collalign.dense_correspondence(out, run=run, progress=False) for out in (result, of_none))
     np.testing.assert_array_equal(own.vertices, bare.vertices)
 
 
-def test_maps_of_other_files_are_refused(result, planted, tmp_path):
+def test_maps_of_other_files_are_refused(result, planted, tmp_path, run):
     maps = exact_maps(planted)
     fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
-        collalign.dense_correspondence(with_maps(result, fewer, tmp_path / "fewer"), progress=False)
+        collalign.dense_correspondence(with_maps(result, fewer, tmp_path / "fewer"), run=run, progress=False)

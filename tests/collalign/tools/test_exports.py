@@ -49,11 +49,6 @@ def rows(path):
     return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
 
 
-def test_every_format_of_the_contract_exists():
-    contract = {"morphologika", "tps", "slicer-json", "shapeworks", "csv", "parquet", "ply", "itk"}
-    assert contract <= set(FORMATS)
-
-
 @pytest.mark.parametrize("format", FORMATS)
 def test_files_are_where_they_are_said_to_be_and_the_same_each_time(view, tmp_path, format):
     first = export(view, format, tmp_path / "one")
@@ -204,37 +199,6 @@ def test_shapeworks_project_holds_together(view, tmp_path):
         np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
 
 
-#: Columns that ShapeWorks knows (``Libs/Project/ProjectReader.cpp`` and ``ProjectUtils.cpp`` of its sources, commits
-#: 13b61921 and 087cc66e): those it needs to show poses and particles, and those that may stand beside them.
-SHAPEWORKS_KEYS = {"name", "shape_1", "groomed_1", "alignment_1", "local_particles_1", "world_particles_1"}
-SHAPEWORKS_PREFIXES = ("group_", "procrustes_", "landmarks_file_", "constraints_", "image_", "feature_")
-SHAPEWORKS_SECTIONS = {"data", "groom", "optimize", "studio", "project", "analysis", "deepssm", "landmarks"}
-
-
-def shapeworks_problems(project):
-    """What the reader of ShapeWorks would refuse or silently ignore: it reads every section as maps of strings."""
-    found = [f"section {name}" for name in project.keys() - SHAPEWORKS_SECTIONS]
-    found += [f"optimize {key}" for key, value in project["optimize"].items() if not isinstance(value, str)]
-    for entry in project["data"]:
-        found += [f"missing {key}" for key in SHAPEWORKS_KEYS - entry.keys()]
-        found += [
-            f"unknown {key}" for key in entry.keys() - SHAPEWORKS_KEYS if not key.startswith(SHAPEWORKS_PREFIXES)
-        ]
-        found += [f"no text {key}" for key, value in entry.items() if not isinstance(value, str)]
-        found += ["alignment"] * (len(entry.get("alignment_1", "").split()) != 16)
-    return found
-
-
-def test_shapeworks_project_follows_its_schema(view, tmp_path):
-    project = json.loads(export(view, "shapeworks", tmp_path)[0].read_text())
-    assert shapeworks_problems(project) == []
-    wrong = json.loads(json.dumps(project))
-    wrong["data"][0]["alignment_1"] = "1 0 0"
-    wrong["data"][1]["extra"] = 3
-    del wrong["data"][2]["groomed_1"]
-    assert shapeworks_problems(wrong) == ["alignment", "unknown extra", "no text extra", "missing groomed_1"]
-
-
 @pytest.mark.parametrize("format", ["ply", "obj", "stl"])
 @pytest.mark.parametrize("space", ["aligned", "unscaled", "raw"])
 def test_meshes_by_trimesh(view, tmp_path, format, space):
@@ -333,6 +297,9 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     assert [at for at, reason in enumerate(marked) if reason] == out
     everybody = export(view, "tps", tmp_path / "all", space="procrustes", include_doubtful=True)
     assert everybody[0].read_text().count("LM3=") == 6
+    for table in (tmp_path / "a" / "shapes.csv", tmp_path / "all" / "specimens.csv"):
+        told = [(row["incomplete"], row["coverage"]) for row in rows(table)] if incomplete else []
+        assert told == [("1", "0.0") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)]
     nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
