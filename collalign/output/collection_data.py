@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, overload
+from typing import Annotated, Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from collalign.products.pair import Alternative, Pairs, SettledPair
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
-from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line
 from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed, file_stems
@@ -76,31 +76,31 @@ class CollectionData:
 
     names: tuple[str, ...]
     files: tuple[str, ...]
-    transforms: FloatArray
-    confidence: FloatArray
-    samples: IntArray
-    positions: FloatArray
+    transforms: Annotated[FloatArray, Holds(shape="n 4 4")]
+    confidence: Annotated[FloatArray, Holds(shape="n", nan=True)]
+    samples: Annotated[IntArray, Holds(shape="n k")]
+    positions: Annotated[FloatArray, Holds(shape="n k 3")]
     maps: ConsistentMaps
-    consensus: FloatArray
-    landmarks: FloatArray
+    consensus: Annotated[FloatArray, Holds(shape="_ 3")]
+    landmarks: Annotated[FloatArray, Holds(shape="n _ 3", nan=True)]
     landmark_names: tuple[str, ...] = ()
     pairs: Sequence[SettledPair]
     alternatives: tuple[tuple[Alternative, ...], ...]
-    part_numbers: IntArray
+    part_numbers: Annotated[IntArray, Holds(shape="n")]
     excluded: tuple[Excluded, ...] = ()
     notes: tuple[Note, ...] = ()
     copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
-    by_hand: Mapping[str, float] = field(default_factory=dict)
+    by_hand: Mapping[str, Annotated[float, Holds(nan=True)]] = field(default_factory=dict)
     options: AlignOptions
     group: str
     own: tuple[str, ...] = ()
     run: RunRecord
-    cycle_errors_deg: FloatArray
+    cycle_errors_deg: Annotated[FloatArray, Holds(shape="_", nan=True)]
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    vertices: tuple[FloatArray, ...] = ()
-    faces: tuple[IntArray, ...] = ()
-    places: tuple[NDArray[np.uint8], ...] = ()
+    vertices: tuple[Annotated[FloatArray, Holds(shape="_ 3")], ...] = ()
+    faces: tuple[Annotated[IntArray, Holds(shape="_ 3")], ...] = ()
+    places: tuple[Annotated[NDArray[np.uint8], Holds(shape="_ _")], ...] = ()
     folder: Path | None = None
     fresh: Made | None = None
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
 
+from collalign.engine.store.records import from_record
 from collalign.products.consistent_maps import VertexMaps
-from data_tools.arrays import FloatArray, as_floats, as_indices, read_only
-from data_tools.errors import InputError
+from data_tools.arrays import FloatArray, as_indices
+from data_tools.errors import InputError, StoreError
 from data_tools.io.archives import load_arrays
 from data_tools.io.source import read_source
 from data_tools.surface.shape import Shape
@@ -53,27 +53,25 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
     path = Path(folder) / VERTEX_MAPS_FILE
     if not path.is_file():
         raise InputError(f"{path}: there is none; align with --deformable to map all vertices")
-    none = np.empty(0)
     try:
         data = load_arrays(read_source(path).content, path.name)
-        names = tuple(str(name) for name in data["names"])
-        starts = as_indices(data["starts"], "starts", upper=len(data["places"]) + 1, shape=(len(names) + 1,))
-        every = _places(data["places"])
-        whole, sure = (data.get(name, none).astype(float) for name in ("confidence", "vertex_confidence"))
-        reference, left_out = str(data["reference"]), data["left_out"]
-        wrong_size = len(whole) not in (0, len(names)) or len(sure) not in (0, len(every))
-        if reference not in names or (np.diff(starts) < 0).any() or wrong_size:
+        names, every, sure = data["names"].tolist(), data["places"], data.get("vertex_confidence", np.empty(0))
+        starts = as_indices(data["starts"], "starts", upper=len(every) + 1, shape=(len(names) + 1,))
+        record = {
+            "names": names,
+            "reference": data["reference"].item(),
+            "places": np.split(every, starts[1:-1]),
+            "confidence": data.get("confidence", np.empty(0)),
+            "vertex_confidence": np.split(sure, starts[1:-1]) if len(sure) else [],
+            "left_out": data["left_out"].tolist(),
+        }
+        maps = from_record(VertexMaps, record, path.name)
+        wrong_size = len(maps.confidence) not in (0, len(names)) or len(sure) not in (0, len(every))
+        if maps.reference not in names or (np.diff(starts) < 0).any() or wrong_size:
             raise InputError("the reference, the starts or the confidences are impossible")
-    except (KeyError, ValueError, OSError) as error:
+    except (KeyError, ValueError, OSError, StoreError) as error:
         raise InputError(f"{path}: not maps of vertices ({error})") from None
-    return VertexMaps(
-        names=names,
-        reference=reference,
-        places=tuple(read_only(every[a:b]) for a, b in itertools.pairwise(starts)),
-        confidence=read_only(whole),
-        vertex_confidence=tuple(read_only(sure[a:b]) for a, b in itertools.pairwise(starts)) if len(sure) else (),
-        left_out=tuple((str(name), str(reason)) for name, reason in left_out),
-    )
+    return maps
 
 
 class PlaceColours:
@@ -112,10 +110,3 @@ def at_vertices(colours: FloatArray, shape: Shape) -> FloatArray:
     shape : Shape
     """
     return np.asarray(colours[np.minimum(shape.file_indices, len(colours) - 1)])
-
-
-def _places(values: FloatArray) -> FloatArray:
-    """Check and return places of vertices: points, or NaN where there are none."""
-    missing = np.isnan(np.asarray(values)).all(axis=-1, keepdims=True)
-    places = as_floats(np.where(missing, 0.0, values), "places", shape=(None, 3))
-    return np.where(missing, np.nan, places)

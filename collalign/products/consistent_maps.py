@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray, IntArray, one_line
+from data_tools.arrays import FloatArray, Holds, IntArray, one_line
 from data_tools.errors import UnknownName
 from data_tools.io.files import composed
 
@@ -50,7 +51,7 @@ class ConsistentMaps:
     """
 
     names: tuple[str, ...]
-    labels: IntArray
+    labels: Annotated[IntArray, Holds(shape="n k", lower=-1)]
 
     def __getitem__(self, pair: tuple[str | int, str | int]) -> IntArray:
         """Return ``map_a_b``, shape (k,): the sample on a of each sample of b, -1 where there is none."""
@@ -90,9 +91,9 @@ class VertexMaps:
 
     names: tuple[str, ...]
     reference: str
-    places: tuple[FloatArray, ...]
-    confidence: FloatArray = field(default_factory=lambda: np.empty(0))
-    vertex_confidence: tuple[FloatArray, ...] = ()
+    places: tuple[Annotated[FloatArray, Holds(shape="_ 3", nan=True)], ...]
+    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)] = field(default_factory=lambda: np.empty(0))
+    vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
 
     def __getitem__(self, pair: tuple[str, str]) -> IntArray:

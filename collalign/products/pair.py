@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray, one_line, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, one_line, read_only
 from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
 
@@ -65,19 +65,19 @@ class Pair:
 
     target: int
     source: int
-    rotations: FloatArray
-    maps: IntArray
-    energies: FloatArray
-    mismatches: FloatArray = field(default_factory=_nothing(0))
-    log_odds: FloatArray = field(default_factory=_nothing(0))
-    evidence: FloatArray = field(default_factory=_nothing(0, 0))
-    lower_bound: float = float("nan")
+    rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
+    maps: Annotated[IntArray, Holds(shape="m _", lower=-1)]
+    energies: Annotated[FloatArray, Holds(shape="m")]
+    mismatches: Annotated[FloatArray, Holds(shape="m?", nan=True)] = field(default_factory=_nothing(0))
+    log_odds: Annotated[FloatArray, Holds(shape="m?")] = field(default_factory=_nothing(0))
+    evidence: Annotated[FloatArray, Holds(shape="m? _", nan=True)] = field(default_factory=_nothing(0, 0))
+    lower_bound: Annotated[float, Holds(nan=True)] = float("nan")
     status: str = ""
     chirality_proven: bool = False
     certificate: Certificate | None = None
-    complete_within: float = float("nan")
-    regions: FloatArray = field(default_factory=_nothing(0, 3, 3))
-    region_radii_rad: FloatArray = field(default_factory=_nothing(0))
+    complete_within: Annotated[float, Holds(nan=True)] = float("nan")
+    regions: Annotated[FloatArray, Holds(shape="r _ _", rotations=True)] = field(default_factory=_nothing(0, 3, 3))
+    region_radii_rad: Annotated[FloatArray, Holds(shape="r")] = field(default_factory=_nothing(0))
     weight: float = 1.0
 
     __repr__ = one_line
@@ -108,9 +108,9 @@ class SettledPair(Pair):
 
     choice: int
     inlier: bool
-    disagreement_deg: float
-    map_target_source: IntArray
-    energy: float
+    disagreement_deg: Annotated[float, Holds(nan=True)]
+    map_target_source: Annotated[IntArray, Holds(shape="k", lower=-1)]
+    energy: Annotated[float, Holds(nan=True)]
 
 
 def are_weighed(pairs: Iterable[Pair]) -> bool:
@@ -165,10 +165,10 @@ class Alternative:
         follow from the rotation.
     """
 
-    rotation: FloatArray
-    log_odds: float = float("nan")
+    rotation: Annotated[FloatArray, Holds(shape="d d", rotations=True)]
+    log_odds: Annotated[float, Holds(nan=True)] = float("nan")
     origin: str = "candidates"
-    transform: FloatArray | None = None
+    transform: Annotated[FloatArray, Holds(shape="4 4")] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,12 +26,11 @@ class RunRecord:
     versions : dict of str to str
         Of Python and of the libraries that the numbers depend on.
     num_reused : int
-        Shapes and pairs that came out of the store; 0 where the result was loaded.
+        Shapes and pairs that came out of the store.
     skipped : tuple of str
-        Files of the folder that are no shapes; none where the result was loaded.
+        Files of the folder that are no shapes.
     known : tuple of str
-        Files that were to be added and whose content the collection has already, each with the shape that has it;
-        none where the result was loaded.
+        Files that were to be added and whose content the collection has already, each with the shape that has it.
     command : str
         The command line; empty where Python called.
     date : str

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -65,9 +66,9 @@ class Incomplete:
 
     shape: int
     reason: str
-    partners: IntArray
-    overlaps: FloatArray
-    beyond: float = float("nan")
+    partners: Annotated[IntArray, Holds(shape="n")]
+    overlaps: Annotated[FloatArray, Holds(shape="n 2")]
+    beyond: Annotated[float, Holds(nan=True)] = float("nan")
 
     @property
     def coverage(self) -> float:

@@ -142,7 +142,7 @@ def outputs(folder):
     files = ("alignment.json", "contact_sheet.png", "correspondences.npz", "pairs.csv")
     found = meshes | {name: (folder / name).read_bytes() for name in files}
     with np.load(folder / "evidence.npz") as arrays:
-        return found | {name: arrays[name].tobytes() for name in arrays.files if name != "text"}
+        return found | {name: arrays[name].tobytes() for name in arrays.files if name != "run"}
 
 
 @pytest.mark.usefixtures("two_cores")

@@ -12,18 +12,19 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import Holds, as_floats, as_indices, as_mask, as_rotations, read_only
+from data_tools.checks import check_choice
 from data_tools.errors import InputError, StoreError
 from data_tools.notes import Note
 
@@ -80,6 +81,24 @@ def decode(data: bytes, name: str) -> Record:
         raise StoreError(f"{name}: not a record but {type(value).__name__}")
     _check_plain(value, name, 0)
     return value
+
+
+def to_arrays(record: Record) -> dict[str, NDArray[Any]]:
+    """Return the fields of a record for an NPZ archive: arrays as they are, and bytes (b,) of whatever else."""
+    packed = {name: encode({name: value}) for name, value in record.items() if not isinstance(value, np.ndarray)}
+    return record | {name: np.frombuffer(content, dtype=np.uint8) for name, content in packed.items()}
+
+
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Record:
+    """Return the record of an archive from :func:`to_arrays`, in which no field is itself an array of bytes (b,).
+
+    Raises
+    ------
+    StoreError
+        If bytes are not a well-formed record.
+    """
+    packed = [name for name, value in arrays.items() if value.dtype == np.uint8 and value.ndim == 1]
+    return {**arrays} | {name: decode(arrays[name].tobytes(), name).get(name) for name in packed}
 
 
 def _plain(value: Any, name: str, depth: int) -> Any:
@@ -226,9 +245,12 @@ def _checked(hint: Any, value: Any, name: str, sizes: dict[str, int]) -> Any:
         return None if value is None else _checked(kind, value, name, sizes)
     if origin is np.ndarray:
         return _array(get_args(inner[1])[0], holds, value, name, sizes)
-    if origin is tuple:
+    if origin is Literal:
+        check_choice(name, value, inner)
+        return value
+    if origin in (tuple, Sequence):
         return tuple(_checked(inner[0], item, name, sizes) for item in _instance(list, value, name))
-    if origin is dict:
+    if origin in (dict, Mapping):
         return {key: _checked(inner[1], item, name, sizes) for key, item in _instance(dict, value, name).items()}
     if hint is Note:
         return Note.from_record(_instance(dict, value, name))
@@ -270,7 +292,8 @@ def _array(scalar: Any, holds: Holds, value: Any, name: str, sizes: dict[str, in
     if issubclass(scalar, np.bool_):
         array: NDArray[Any] = as_mask(value, name, shape=shape)
     elif issubclass(scalar, np.integer):
-        array = as_indices(value, name, lower=holds.lower, upper=MAX_INDEX, shape=shape)
+        upper = min(MAX_INDEX, int(np.iinfo(scalar).max) + 1)
+        array = as_indices(value, name, lower=holds.lower, upper=upper, shape=shape)
     else:
         unknown = np.isnan(value) if holds.nan and value.dtype.kind == "f" else np.zeros(value.shape, dtype=np.bool_)
         array = as_floats(np.where(unknown, 0.0, value), name, shape=shape)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from collalign.output.collection_data import CollectionData
 from collalign.products.pair import Pair, SettledPair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import AGREE_DEG, keep_apart, pose_angle_deg
@@ -77,13 +75,20 @@ def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[t
 def shown_pair(pair: SettledPair) -> SettledPair:
     """Return a pair with the poses that a person would tell apart, the likeliest first, without their maps."""
     kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.doubts, pair.choice)
-    return replace(
-        pair,
+    return SettledPair(
+        target=pair.target,
+        source=pair.source,
         rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),
         maps=np.zeros((len(kept), 0), dtype=np.int64),
         energies=pair.energies[kept],
-        log_odds=pair.log_odds[kept] if len(pair.log_odds) else pair.log_odds,
+        lower_bound=pair.lower_bound,
+        status=pair.status,
+        chirality_proven=pair.chirality_proven,
         choice=choice,
+        inlier=pair.inlier,
+        disagreement_deg=pair.disagreement_deg,
+        map_target_source=pair.map_target_source,
+        energy=pair.energy,
     )
 
 
@@ -142,11 +147,6 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
     for number, members in enumerate(parts):
         numbers[members] = number
     return numbers
-
-
-def options_record(collection: CollectionData) -> dict[str, Any]:
-    """Return the options as asked for, and what was decided, by name."""
-    return asdict(collection.options) | {"decided": {"group": collection.group, "own": list(collection.own)}}
 
 
 def json_types(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence.camera import camera
-from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps, options_record
+from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps
 from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.methods import methods_paragraph
 from collalign.output.report.coverage import incomplete_content
@@ -64,7 +65,7 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
         "places": [_place(at, colours) for at, colours in enumerate(collection.places)] if places else [],
         "cycles": cycle_histogram(collection),
         "excluded": [(one.file, one.reason) for one in collection.excluded],
-        "options": options_record(collection),
+        "options": asdict(collection.options) | {"decided": {"group": collection.group, "own": collection.own}},
         "versions": collection.run.versions,
         "timings": collection.run.times_s,
         "command": collection.run.command,

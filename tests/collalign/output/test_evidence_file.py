@@ -4,12 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign.engine.store.records import from_arrays, to_arrays
 from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import EVIDENCE_FILE
 from collalign.output.evidence.gather import json_types, label_maps
 from collalign.output.evidence.loading import load
 from data_tools.errors import InputError
-from tests.view_problems import view_of, write_result
+from tests.view_problems import NUM_SAMPLES, view_of, write_result
 
 
 def test_a_view_comes_back_as_it_was(tmp_path):
@@ -97,26 +98,36 @@ def test_json_types_know_no_nan():
     assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
 
 
+def first_pair(change):
+    return lambda pairs: [pairs[0] | change(pairs[0]), *pairs[1:]]
+
+
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
         ("transforms", lambda array: array * np.nan),
         ("transforms", lambda array: array * 0),
         ("transforms", lambda array: array * (np.arange(len(array)) > 0)[:, None, None]),
-        ("faces", lambda array: array + 10**6),
-        ("vertices", lambda array: array * np.inf),
-        ("vertices_starts", lambda array: array * 0),
-        ("pose_rotation", lambda array: 2 * array),
-        ("pair_indices", lambda array: array + 10**6),
-        ("groups", lambda array: array + 0.5),
-        ("samples", lambda array: array[:-1]),
+        ("faces", lambda parts: [part + 10**6 for part in parts]),
+        ("vertices", lambda parts: [part * np.inf for part in parts]),
+        ("vertices", lambda parts: parts[1:]),
+        ("pairs", first_pair(lambda pair: {"rotations": 2 * pair["rotations"]})),
+        ("pairs", first_pair(lambda pair: {"rotations": pair["rotations"][:, :2, :2]})),
+        ("pairs", first_pair(lambda pair: {"target": 10**6})),
+        ("pairs", first_pair(lambda pair: {"target": pair["source"]})),
+        ("pairs", first_pair(lambda pair: {"choice": 2})),
+        ("pairs", first_pair(lambda pair: {"map_target_source": pair["map_target_source"] + NUM_SAMPLES})),
+        ("part_numbers", lambda array: array + 0.5),
+        ("landmarks", lambda array: array[:-1]),
+        ("options", lambda options: options | {"group": "SU"}),
     ],
 )
 def test_impossible_numbers_are_refused(tmp_path, name, damage):
     path = write_result(view_of(5), tmp_path)
     with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files}
+        arrays = dict(file)
+    value = from_arrays({name: arrays[name]})[name]
     with np.errstate(invalid="ignore"):
-        np.savez(path, **(arrays | {name: damage(arrays[name])}))
+        np.savez(path, **arrays | to_arrays({name: damage(value)}))
     with pytest.raises(InputError, match=r"evidence\.npz: damaged"):
         load(tmp_path)
