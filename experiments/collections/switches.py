@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
 
+import joblib
 import numpy as np
 
 from collalign.confidence import pose_model
@@ -93,6 +96,52 @@ _TRUST = "collalign.stages.trust.assess"
 _MODEL = "collalign.confidence.pose_model"
 _STEPS = "collalign.stages.steps"
 _ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6])
+
+#: What takes most of a run after its pairs, and depends on nothing but its arguments: no switch reaches below.
+PURE = (
+    "collalign.stages.chirality.pilot.chirality_energies",
+    "collalign.stages.chirality.surfaces.chirality_scores",
+    "collalign.stages.poses.bent.measure_pair",
+    "collalign.stages.poses.refinement.refine_pair",
+    f"{_TRUST}.near_symmetries",
+    f"{_TRUST}.pose_costs",
+)
+
+
+class Remembered:
+    """Results of :data:`PURE` by their arguments, so that runs that differ by a switch compute only what differs.
+
+    Attributes
+    ----------
+    saved_s : float
+        Processor time that all results took that were looked up.
+    """
+
+    def __init__(self) -> None:
+        self.saved_s = 0.0
+        self._results: dict[str, tuple[Any, float]] = {}
+
+    @contextmanager
+    def used(self) -> Iterator[None]:
+        """Look results up within the block, in this process alone."""
+        with ExitStack() as stack:
+            for name in PURE:
+                stack.enter_context(patch(name, self._looked_up(name, resolve_name(name))))
+            yield
+
+    def _looked_up(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def look_up(*arguments: Any, **keywords: Any) -> Any:
+            key = f"{name} {joblib.hash((arguments, keywords))}"
+            if key not in self._results:
+                start_s = time.process_time()
+                value = function(*arguments, **keywords)
+                self._results[key] = value, time.process_time() - start_s
+            else:
+                self.saved_s += self._results[key][1]
+            return self._results[key][0]
+
+        return look_up
+
 
 SWITCHES: dict[str, Switch] = {
     # pairs
