@@ -35,6 +35,8 @@ from data_tools.errors import CollalignError
 _MAX_DEATHS = 3
 #: Deaths in a row, before any task started, after which workers count as unable to start.
 _MAX_STALLS = 10
+#: What joblib warns of where it replaces a worker whose memory has grown, or that waited for long: nothing is lost.
+_REPLACED = "A worker stopped while some jobs were given to the executor"
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
@@ -193,6 +195,7 @@ class _LocalRun:
             **limited,
         )
         _BLOCKS.has_workers = True
+        warnings.filterwarnings("ignore", _REPLACED, UserWarning)  # of a thread that outlives every context
         if parent_process() is not None:
             _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)

@@ -3,11 +3,14 @@
 import os
 import subprocess
 import sys
+import time
+import warnings
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 from joblib import Parallel, delayed
+from joblib.externals.loky import process_executor
 
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.jobs.local import lasting_workers
@@ -75,6 +78,22 @@ def _quiet_process_ids(num_jobs):
 
     warnings.simplefilter("error", UserWarning)
     return process_ids(num_jobs)
+
+
+def grow(payload):
+    """Let this worker look as if it had grown by more than joblib allows; it looks once a second."""
+    process_executor._MAX_MEMORY_LEAK_SIZE = -(2**60)
+    time.sleep(1.1)
+    return os.getpid()
+
+
+def test_a_worker_that_has_grown_is_replaced_without_a_warning():
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        pids = [outcome.value for outcome in run_jobs(grow, [(str(n), n) for n in range(6)], num_jobs=2)]
+    assert len(pids) == 6
+    assert len({*pids}) > 2, "workers were replaced"
+    assert not [str(one.message) for one in said]
 
 
 def test_a_child_process_leaves_nothing_that_joblib_warns_of():
