@@ -1,14 +1,11 @@
 """CONTRIBUTING.md shows the house as it is: its rooms, the way of a pair, and where something new goes."""
 
-import os
 import re
-import shutil
-import subprocess
-import sys
 import tomllib
 
 import pytest
 
+from tests import conftest
 from tests.test_layers import ROOT
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
@@ -79,19 +76,9 @@ def test_the_checks_can_fail():
         section("No such heading")
 
 
-def test_two_workers_share_the_files(tmp_path):
-    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
-    killing = "collalign/engine/test_jobs.py", "collalign/cli/test_main.py"
-    for name in ("test_a.py", "test_b.py", *killing):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text("import pytest\n@pytest.mark.parametrize('n', range(9))\ndef test_it(n): pass\n")
-    command = [sys.executable, "-m", "pytest", "-p", "xdist.plugin", "-n", "2", "-v", "--import-mode=importlib"]
-    environment = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
-    found = re.findall(r"\[(gw.)\].* PASSED (.*)::", said)
-    workers = {
-        name: {worker for worker, one in found if one == name} for name in ("test_a.py", "test_b.py", *killing)
-    }
-    assert len(found) == 36
-    assert all(len(one) == 1 for one in workers.values())
-    assert workers[killing[0]] == workers[killing[1]]
+def test_two_workers_share_the_files_and_one_has_those_that_kill(monkeypatch):
+    monkeypatch.setattr("xdist.scheduler.LoadFileScheduling.__init__", lambda *_: None)
+    scheduler = conftest.pytest_xdist_make_scheduler(None, None)
+    names = ("tests/test_a.py", "tests/test_b.py", *(f"tests/{name}" for name in conftest.KILLING))
+    scopes = [scheduler._split_scope(f"{name}::test_it[a/b.py]") for name in names]
+    assert scopes == [*names[:2], *["killing"] * len(conftest.KILLING)]
