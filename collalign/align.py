@@ -77,9 +77,9 @@ def align_collection(
     Parameters
     ----------
     shapes : str, Path, iterable or mapping of name to shape
-        A folder of meshes (PLY, STL, OBJ, OFF, GLB, GLTF, VTK, VTP) and point clouds (PLY, PCD, PTS, XYZ, TXT, CSV,
-        VTP, NPZ), a pattern (``data/*/*.stl``) or ``@FILE`` of places, one a line; or several of these, files, arrays
-        (n, 3), pairs (V, F), trimesh and Open3D objects.
+        A folder of meshes (PLY, STL, OBJ, OFF, GLB, GLTF, VTK, VTP) and point clouds (PLY, PCD, PTS, XYZ, ASC, TXT,
+        CSV, VTP, NPZ), a pattern (``data/*/*.stl``) or ``@FILE`` of places, one a line; or several of these, files,
+        arrays (n, 3), pairs (V, F), trimesh and Open3D objects.
     options : AlignOptions or mapping, optional
         What decides the result.
     run : RunOptions or mapping, optional

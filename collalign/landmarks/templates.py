@@ -91,15 +91,15 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
         found = read_specimens(path)
         if shape is not None and len(found) > 1:
             raise InputError(f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone")
-        if len(found) > 1:
-            known = {Path(name).stem: name for name in found} | {name: name for name in found}
-            found = {name: found[known[name]] for name in names if name in known}
-            if not found:
-                raise InputError(f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection")
-            if others := {*known.values()} - {known[name] for name in found}:
-                _LOG.warning("%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others)))
-        elif shape is not None or not {*found} & {*names}:
-            found = dict(zip([specimen_among(given, names)], found.values(), strict=True))
+        known = {Path(name).stem: name for name in found} | {name: name for name in found}
+        named = {name: found[known[name]] for name in names if name in known}
+        if len(found) > 1 and not named:
+            raise InputError(f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection")
+        if shape is not None or not named:
+            named = dict(zip([specimen_among(given, names)], found.values(), strict=True))
+        elif others := {*found} - {known[name] for name in named}:
+            _LOG.warning("%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others)))
+        found = named
         bare = [name for name, marks in found.items() if not marks.semilandmarks and np.isnan(marks.points).all()]
         if len(bare) == len(found):
             raise InputError(f"{path}: all its landmarks are missing; give a specimen that has some")

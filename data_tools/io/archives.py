@@ -16,7 +16,9 @@ from data_tools.io.formats.raw_shape import RawShape, no_faces
 from data_tools.io.source import MAX_FILE_BYTES, Source
 
 #: Names of the points in an NPZ archive of a shape, the first found is read.
-POINT_KEYS = ("vertices", "points", "positions", "xyz")
+POINT_KEYS = ("vertices", "points", "positions", "xyz", "verts", "V")
+#: Likewise of the triangles.
+FACE_KEYS = ("faces", "triangles", "F")
 _DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError)
 _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -53,12 +55,12 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
 
 
 def read_npz(source: Source) -> RawShape:
-    """Return ``vertices`` (or ``points``, ``positions``, ``xyz``) and ``faces`` if there are any; no pickles."""
+    """Return the first array of :data:`POINT_KEYS`, and of :data:`FACE_KEYS` if there are any; no pickles."""
     arrays = load_arrays(source.content, str(source.path))
     key = next((k for k in POINT_KEYS if k in arrays), None)
     if key is None:
         raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
-    return RawShape(arrays[key], arrays.get("faces", no_faces()))
+    return RawShape(arrays[key], next((arrays[k] for k in FACE_KEYS if k in arrays), no_faces()))
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:

@@ -160,17 +160,17 @@ def read_any_text(path: Path) -> str:
 
 
 def any_text(content: bytes) -> str:
-    """Return the text of a file's bytes in whatever encoding it is, as :func:`read_any_text`; never fails."""
+    """Return a file's bytes as text with Unix line ends, in any encoding, as :func:`read_any_text`; never fails."""
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
     elif b"\0" in content[:2]:  # the first character of a table is one of ASCII
         encodings = ["utf-16-be" if content[:1] == b"\0" else "utf-16-le"]
     else:
         encodings = ["utf-8-sig", "cp1252"]
-    for encoding in encodings:
+    for encoding in [*encodings, "latin-1"]:
         with suppress(UnicodeDecodeError):
-            return content.decode(encoding)
-    return content.decode("latin-1")
+            return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    raise AssertionError  # Latin-1 decodes everything
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

@@ -37,7 +37,7 @@ READERS: dict[str, Callable[[Source], RawShape]] = {
     ".vtp": read_vtp,
     ".pcd": read_pcd,
     ".pts": read_pts,
-    **dict.fromkeys((".xyz", ".txt", ".csv"), read_text_points),
+    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv"), read_text_points),
     ".npz": read_npz,
 }
 

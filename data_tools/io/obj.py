@@ -15,11 +15,15 @@ from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 from data_tools.notes import Note
 
+#: A comment, which the sign in 1.#QNAN does not begin.
+_COMMENT = re.compile(r"(?<!1\.)#.*")
+
 
 def read_obj(source: Source) -> RawShape:
     """Return the vertices (v, 3) and triangles (t, 3) of an OBJ file; only ``v`` and ``f`` are read, groups joined.
 
-    Polygons are split into triangles at their first corner. Indices count from 1, or from the end where negative.
+    Polygons are split into triangles at their first corner; those of fewer than three corners are left out. Indices
+    count from 1, or from the end where negative.
 
     Raises
     ------
@@ -31,7 +35,7 @@ def read_obj(source: Source) -> RawShape:
     num_before: list[int] = []
     path, text = source.path, source.text().replace("\\\n", " ")
     for line in text.splitlines():
-        content = line.split("#", 1)[0].strip()
+        content = _COMMENT.sub("", line).strip()
         if content[:2] in ("v ", "v\t", "v"):
             points.append(content[1:])
         elif content[:2] in ("f ", "f\t", "f"):
@@ -81,7 +85,7 @@ def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
     triangles: list[list[int]] = []
     for position, (line, before) in enumerate(zip(lines, num_before, strict=True), start=1):
         polygon = [_corner(path, position, word, before) for word in line.split()]
-        if len(polygon) < 3:
+        if len(polygon) < 3 and position == len(lines):
             raise InputError(f"{path}: face {position} has {len(polygon)} corners (truncated?)")
         triangles.extend(fan(polygon))
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)

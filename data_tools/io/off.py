@@ -14,11 +14,19 @@ from data_tools.io.obj import fan, vertices_of_lines
 from data_tools.io.source import Source
 from data_tools.io.text_tables import parse_table
 
+_COMMENT = re.compile(r"(?<!1\.)#.*")
+#: The word OFF, which may be missing or stand before its counts without a blank (ModelNet), and the counts.
+_HEADER = re.compile(
+    r"\s*(?=\d+\s|(?:ST)?C?N?OFF)(?:(?:ST)?(?P<colours>C)?N?OFF)?\s*(?P<binary>BINARY)?"
+    r"(?:(?P<vertices>\d{1,18})[ \t]+(?P<faces>\d{1,18})(?:[ \t]+\d+)?[ \t]*(?:\n|$))?",
+    re.IGNORECASE,
+)
+
 
 def read_off(source: Source) -> RawShape:
     """Return the vertices (v, 3) and triangles (t, 3) of an OFF file; normals, colours and edges are ignored.
 
-    Polygons are split into triangles at their first corner.
+    Polygons are split into triangles at their first corner. The word OFF may be missing.
 
     Raises
     ------
@@ -26,16 +34,16 @@ def read_off(source: Source) -> RawShape:
         If it is not OFF of three dimensions, ends early, or a line is malformed.
     """
     path = source.path
-    lines = [line for line in re.sub("#.*", "", source.text()).split("\n") if line.strip()]
-    first, *counts = " ".join(lines[:2]).split() or [""]
-    if re.fullmatch(r"(ST)?C?N?OFF", first) is None:
+    text = _COMMENT.sub("", source.text())
+    header = _HEADER.match(text)
+    if header is None:
         raise InputError(f"{path}: not an OFF file of three dimensions, its first word is not OFF")
-    if counts[:1] == ["BINARY"]:
+    if header["binary"]:
         raise InputError(f"{path}: is binary OFF, which is not read; save it as text, or as PLY")
-    if len(counts) < 2 or not all(word.isdecimal() for word in counts[:2]):
+    if header["vertices"] is None:
         raise InputError(f"{path}: its OFF header holds no counts of vertices and faces")
-    num_vertices, num_faces = int(counts[0]), int(counts[1])
-    body = lines[1 if len(lines[0].split()) > 1 else 2 :]
+    num_vertices, num_faces = int(header["vertices"]), int(header["faces"])
+    body = [line for line in text[header.end() :].split("\n") if line.strip()]
     if len(body) < num_vertices + num_faces:
         raise InputError(
             f"{path}: truncated, its header promises {num_vertices} vertices and {num_faces} faces, "
@@ -46,7 +54,7 @@ def read_off(source: Source) -> RawShape:
     faces = _triangles(path, rows)
     if faces.size and faces.max() >= num_vertices:
         raise InputError(f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0")
-    return RawShape(vertices, faces, not_kept(["colours"] if "C" in first or _has_colour(rows) else []))
+    return RawShape(vertices, faces, not_kept(["colours"] if header["colours"] or _has_colour(rows) else []))
 
 
 def _has_colour(rows: list[str]) -> bool:

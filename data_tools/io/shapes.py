@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,27 @@ WRITABLE = (".ply", ".off", ".obj", ".stl", ".glb")
 MAX_TRIANGLES_OF_VERTEX = 10_000
 
 
+def _called(suffix: str) -> tuple[str, str]:
+    return suffix, f"its content is that of a {suffix} file; rename it"
+
+
+#: How files begin, the suffix of which that is right, and what to do where they have another one.
+_BEGINNINGS = {
+    rb"\s*ply\s": _called(".ply"),
+    rb"\s*solid\b": _called(".stl"),
+    rb"\s*(?:ST)?C?N?OFF\s": _called(".off"),
+    rb"\s*(?:(?:#|mtllib |[go] )[^\n]*\n\s*)*v[ \t]+[-+.\d]": _called(".obj"),
+    rb"# vtk DataFile": _called(".vtk"),
+    rb"# \.PCD": _called(".pcd"),
+    rb"\s*(?:<\?xml.*\s+)?<VTKFile": _called(".vtp"),
+    rb"glTF": _called(".glb"),
+    rb"PK\x03\x04": (".npz", "it is a ZIP archive; unpack it"),
+    rb"\x1f\x8b": ("", "it is compressed with gzip; unpack it"),
+    rb"\s*<(?:!doctype )?html": ("", "it is a web page; download the file again"),
+    rb"version https://git-lfs": ("", "it is a pointer of Git LFS; get the file with `git lfs pull`"),
+}
+
+
 def read_shape(
     path: Origin | str,
     cleaning: CleaningOptions | None = None,
@@ -39,8 +61,8 @@ def read_shape(
 ) -> Shape:
     """Read and clean a mesh or point cloud; its suffix names the format.
 
-    Meshes: PLY, STL, OBJ, OFF, GLB, GLTF, VTK (legacy) and VTP. Points: PCD, PTS, XYZ, TXT, CSV, and PLY, OBJ, VTK,
-    VTP. Either: NPZ with ``vertices`` (or ``points``) and perhaps ``faces``. Polygons are split into triangles.
+    Meshes: PLY, STL, OBJ, OFF, GLB, GLTF, VTK (legacy) and VTP. Points: PCD, PTS, XYZ, ASC, TXT, CSV, and PLY, OBJ,
+    VTK, VTP. Either: NPZ with ``vertices`` (or ``points``) and perhaps ``faces``. Polygons are split into triangles.
 
     Parameters
     ----------
@@ -89,17 +111,30 @@ def shape_from_source(
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             raw = reader(source)
+    except InputError as error:
+        raise InputError(f"{error}{_other_content(source)}") from None
     except (CollalignError, MemoryError):
         raise
     except ImportError as error:
         raise UnavailableError(f"{path}: cannot be read without the package {error.name}; install it") from error
     except Exception as error:  # readers of damaged files fail in every way there is, and quote them
         kind = source.suffix[1:].upper()
-        raise InputError(f"{path}: not a readable {kind} file, it is damaged or of another format") from error
+        raise InputError(
+            f"{path}: not a readable {kind} file, it is damaged or of another format{_other_content(source)}"
+        ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shape = clean(_checked(source, raw, name or path.stem), cleaning)
     return shape if cleaning is not None and not cleaning.largest_component else without_outliers(shape, cleaning)
+
+
+def _other_content(source: Source) -> str:
+    """Say what a file is that cannot be read, where it begins like another kind of file than its suffix says."""
+    start = source.content[:1000].removeprefix(b"\xef\xbb\xbf")
+    for beginning, (suffix, advice) in _BEGINNINGS.items():
+        if suffix != source.suffix and re.match(beginning, start, re.IGNORECASE):
+            return f"; {advice}"
+    return ""
 
 
 def _of_parts(

@@ -67,7 +67,7 @@ class Source:
 
     def text(self) -> str:
         """Return the content as text with Unix line ends, whatever its encoding."""
-        return any_text(self.content).replace("\r\n", "\n").replace("\r", "\n")
+        return any_text(self.content)
 
     @property
     def digest(self) -> str:

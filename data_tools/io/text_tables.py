@@ -27,11 +27,14 @@ _MIN_NUMBERED_ROWS = 3
 #: First line of PTS files of landmarks.
 _VERSION = re.compile(r"version\b", re.IGNORECASE)
 _WORD = re.compile(r"[^\d\s.,eE+-]")
-_COMMENT = re.compile(r"(?:#|//).*")
+_COMMENT = re.compile(r"(?:(?<!1\.)#|//).*")
+#: NaN and infinity as programs on Windows spell them.
+_NO_NUMBER = re.compile(r"1\.#\w+|nan\(\w*\)", re.IGNORECASE)
 _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
 _BRACKETS = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")  # none inside of others: a heading of brackets takes no time
 _UNIT = re.compile(_BRACKETS.pattern + r"|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
 _AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
+_ON_A_MAP = {"easting": "x", "northing": "y", "elevation": "z", "height": "z", "altitude": "z"}
 #: A number with a decimal comma, and one whose comma may mark thousands instead.
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
@@ -43,14 +46,16 @@ _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
 def parse_table(text: str, *, num_rows: int) -> FloatArray | None:
     """Return lines that hold equally many numbers each, separated by blanks, as an array (num_rows, columns).
 
-    None where they do not: the caller then goes through them one by one, to name the line that is wrong.
+    None where they do not: the caller then goes through them one by one, to name the line that is wrong. Numbers that
+    a program on Windows could not write (``1.#QNAN``, ``-nan(ind)``) are NaN.
     """
     if not text.strip():
         return None
     try:
         values = np.loadtxt(io.StringIO(text), comments=None, ndmin=2)
     except ValueError:
-        return None
+        spelled = _NO_NUMBER.sub("nan", text)
+        return parse_table(spelled, num_rows=num_rows) if spelled != text else None
     return values if len(values) == num_rows else None
 
 
@@ -124,6 +129,7 @@ def read_points_table(text: str, name: str) -> RawShape:
         values, columns = _row_by_row(*_cells(lines, delimiter), width, columns, name), [0, 1, 2]
     if heading is None:
         _refuse_numbered(values[:, 0], width, name)
+        _refuse_grid(values, name)
         if delimiter == "," and width >= 6 and (values == np.floor(values)).all():
             _refuse_split_decimals(_cells(body, delimiter)[1], name)
     num_named = width if heading is None else sum(map(bool, heading))
@@ -246,7 +252,7 @@ def _axis_columns(heading: list[str], name: str) -> list[int]:
     places: list[list[int]] = [[], [], []]
     for place, cell in enumerate(heading):
         word = _UNIT.sub("", cell.strip("\"' ").lower()).strip(" _")
-        found = _AXIS.fullmatch(word)
+        found = _AXIS.fullmatch(_ON_A_MAP.get(word, word))
         if found:
             places[_AXES[found.group(1)]].append(place)
     if all(len(found) == 1 for found in places):
@@ -267,6 +273,18 @@ def _refuse_numbered(first: FloatArray, width: int, name: str) -> None:
         raise InputError(
             f"{name}: its first column counts the rows and it has no heading; it is not clear which columns are x, y "
             "and z. Add a heading"
+        )
+
+
+def _refuse_grid(values: FloatArray, name: str) -> None:
+    """Refuse a table without a heading whose first two columns are the row and column of a scanner's grid."""
+    if values.shape[1] < 5 or len(values) < _MIN_NUMBERED_ROWS:
+        return
+    is_whole = (values == np.floor(values)).all(axis=0)
+    if is_whole[:2].all() and not is_whole[2:5].any():
+        raise InputError(
+            f"{name}: its first two columns are whole numbers, perhaps row and column of a scanner, and it has no "
+            "heading; it is not clear which columns are x, y and z. Add a heading"
         )
 
 

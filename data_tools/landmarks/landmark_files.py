@@ -78,10 +78,10 @@ def read_landmarks(path: Path | str) -> Landmarks:
 
     ``.mrk.json``, ``.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file
     declares; markups of the type Curve or ClosedCurve become curves, which are called as their points are, without
-    the number), ``.csv`` (see :func:`data_tools.landmarks.point_tables.read_point_table`), ``.pts`` (Landmark Editor
-    and others: a row for each landmark, its name and x, y, z, below a version and a number of rows), ``.pp``
-    (picked in MeshLab), ``.landmarkAscii`` (Amira and Avizo, in text). Positions that are undefined, empty or no
-    numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
+    the number), ``.csv``, ``.tsv``, ``.txt`` (see :func:`data_tools.landmarks.point_tables.read_point_table`),
+    ``.pts`` (Landmark Editor and others: a row for each landmark, its name and x, y, z, below a version and a number
+    of rows), ``.pp`` (picked in MeshLab), ``.landmarkAscii`` (Amira and Avizo, in text). Positions that are
+    undefined, empty or no numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
 
     Raises
     ------
@@ -278,7 +278,7 @@ READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".mrk.json": _read_slicer_json,
     ".json": _read_slicer_json,
     ".fcsv": _read_fcsv,
-    ".csv": _read_csv,
+    **dict.fromkeys((".csv", ".tsv", ".txt"), _read_csv),
     ".pts": _read_pts,
     ".pp": _read_picked,
     **dict.fromkeys((".landmarkascii", ".landmarksascii"), _read_amira),

@@ -28,10 +28,10 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
 
     ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
     ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
-    ``.csv`` with columns of specimens and landmarks beside x, y and z: a row for each landmark, as the page of a
-    transfer writes it. Missing landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed
-    specimen, and what else :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen
-    called like the file.
+    ``.csv``, ``.tsv``, ``.txt``: with columns of specimens and landmarks beside x, y and z, a row for each landmark,
+    as the page of a transfer writes it; or a row for each specimen (``nose_x``, ``nose_y``, ``nose_z``). Missing
+    landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
+    :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
 
     Raises
     ------
@@ -88,7 +88,10 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
     for at, line in enumerate(lines):
         key, sign, value = (word.strip() for word in line.partition("="))
         if sign and key.upper() in ("LM", "LM3", "POINTS", "POINTS3"):
-            sets.append(_points(" ".join(lines[at + 1 : at + 1 + int(value)]).split(), int(value)))
+            end = at + 1 + int(value)
+            if end < len(lines) and "=" not in lines[end]:
+                raise ValueError(f"more than {value} points")
+            sets.append(_points(" ".join(lines[at + 1 : end]).split(), int(value)))
         elif sign:
             said[key.upper()] = value
     scale = number(said.get("SCALE", ""))
@@ -114,11 +117,19 @@ def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     num, width = (int(re.sub(r"[lL]$", "", word)) for word in (rows, columns))
     names = words[:num] if rows[-1] in "lL" else []
     words = words[len(names) + (width if columns[-1] in "lL" else 0) :]
-    if not names and width == 3:  # one specimen, a row for each landmark
-        num, width = 1, 3 * num
+    labels = tuple(names)
+    if width == 3:  # one specimen, a row for each landmark
+        names, num, width = [], 1, 3 * num
     every = _specimens(words, num, width // 3)
     every[every == (float(rest[0]) if has_code == "1" else np.inf)] = np.nan
+    if width == 3 * len(labels) and not names:
+        return [("", replace(_landmarks(every[0]), labels=labels))]
     return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
+
+
+def _read_text(path: Path, text: str) -> list[tuple[str, Landmarks]]:
+    is_morphologika = re.search(r"(?im)^\s*\[individuals\]\s*$", text)
+    return _read_morphologika(path, text) if is_morphologika else _read_table(path, text)
 
 
 def _read_morphologika(path: Path, text: str) -> list[tuple[str, Landmarks]]:
@@ -156,8 +167,8 @@ _READERS: dict[str, Callable[[Path, str], list[tuple[str, Landmarks]]]] = {
     ".nts": _read_nts,
     ".dta": _read_nts,
     ".morphologika": _read_morphologika,
-    ".txt": _read_morphologika,
-    ".csv": _read_table,
+    ".txt": _read_text,
+    **dict.fromkeys((".csv", ".tsv"), _read_table),
 }
 #: All suffixes of landmark files, as messages name them.
 READABLE = ", ".join(dict.fromkeys((*OF_ONE_SHAPE, *_READERS)))

@@ -22,6 +22,10 @@ _SPECIMEN = ("specimen", "shape", "file", "filename")
 #: Words and units around the letter of an axis.
 _WORDS = r"(?:pos(?:ition)?|points?|coords?|coordinates?|koordinate|landmark|axis|mm|cm|m|um|µm|in)"
 _AXIS = re.compile(rf"(?:{_WORDS}[ _.:-]*)*([xyz])(?:[ _.:-]*{_WORDS})*")
+#: A column of one coordinate of one landmark: nose_x, 1.X (geomorph), X1 (MorphoJ).
+_COORDINATE = re.compile(
+    r"(?i)(?P<label>.*[^ _.:-])(?:(?<=\d)|[ _.:-]{1,3})(?P<axis>[xyz])|(?P<first>[xyz])[ _.:-]?(?P<number>\d+)"
+)
 #: Of 3D Slicer: what a column of a table or a file says of a control point that is placed.
 _DEFINED = {"defined": ("", "1", "true"), "positionstatus": ("", "2", "defined")}
 _SYSTEM = re.compile(r"(?im)^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,;\s]*)")
@@ -65,7 +69,8 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
 
     Columns are separated by semicolons, tabs, commas or blanks, in this order of preference, and found by the names
     in a heading: ``x, y, z``, or ``r, a, s`` and ``l, p, s`` of 3D Slicer; ``label``, ``landmark`` or ``name``.
-    Without a heading they are three numbers, with a label before or after them. Decimals are marked by points, or by
+    Without a heading they are three numbers, with a label before or after them. A row may also hold all landmarks of
+    a specimen, in columns such as ``nose_x, nose_y, nose_z`` or ``X1, Y1, Z1``. Decimals are marked by points, or by
     commas where these separate no columns.
 
     Parameters
@@ -97,6 +102,8 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
         if not rows:
             raise InputError(f"{name}: holds no landmarks, only a heading")
         rows, heading = _as_wide_as_heading(heading, rows, name)
+    if landmarks := _in_columns(heading):
+        return _of_wide(heading, rows, landmarks, name)
     found = _by_heading(heading, name) if heading else _by_content(rows, name)
     specimens = [_cell(row, found.specimen) for row in rows]
     labels = [_cell(row, found.label) or str(at) for row, at in zip(rows, _numbers(specimens), strict=True)]
@@ -159,8 +166,47 @@ def _as_wide_as_heading(heading: list[str], rows: list[list[str]], name: str) ->
     return [row[: len(heading)] for row in rows], heading
 
 
+def _in_columns(heading: list[str]) -> dict[str, tuple[int, int, int]]:
+    """Return where the coordinates of each landmark are; empty where columns are not those of several landmarks."""
+    words = _words(heading)
+    if _axes([word.lower() for word in words])[0] is not None:
+        return {}
+    places: dict[str, dict[str, int]] = {}
+    for at, word in enumerate(words):
+        if found := _COORDINATE.fullmatch(word):
+            label, axis = found["label"] or found["number"], found["axis"] or found["first"]
+            places.setdefault(label, {})[axis.lower()] = at
+    every = {label: tuple(own[axis] for axis in "xyz" if axis in own) for label, own in places.items()}
+    return {label: (own[0], own[1], own[2]) for label, own in every.items() if len(own) == 3}
+
+
+def _of_wide(
+    heading: list[str], rows: list[list[str]], landmarks: dict[str, tuple[int, int, int]], name: str
+) -> PointTable:
+    """Return the table of rows that hold all landmarks of a specimen each."""
+    taken = {at for axes in landmarks.values() for at in axes}
+    others = {word.lower(): at for at, word in reversed([*enumerate(_words(heading))]) if at not in taken}
+    specimen = next((others[word] for word in (*_SPECIMEN, *_LABEL) if word in others), None)
+    if specimen is None and len(rows) > 1:
+        raise InputError(f"{name}: no column says which specimen each row is; call one 'specimen'")
+    places = [_place(row, _Columns(axes, None), label, name) for row in rows for label, axes in landmarks.items()]
+    points = np.array(places)
+    points[np.isnan(points).any(axis=1)] = np.nan
+    return PointTable(
+        labels=tuple(landmarks) * len(rows),
+        points=read_only(points),
+        system=None,
+        specimens=() if specimen is None else tuple(_cell(row, specimen) for row in rows for _ in landmarks),
+    )
+
+
+def _words(heading: list[str]) -> list[str]:
+    """Return the cells of a heading without units."""
+    return [re.sub(r"[(\[{].*?[)\]}]", "", cell).strip(" _#.:") for cell in heading]
+
+
 def _by_heading(heading: list[str], name: str) -> _Columns:
-    words = [re.sub(r"[(\[{].*?[)\]}]", "", cell.lower()).strip(" _#.:") for cell in heading]
+    words = [word.lower() for word in _words(heading)]
     if {"radius", "status"} <= {*words}:
         raise InputError(
             f"{name}: these landmarks were carried over, not placed by a person; give the files that they were "

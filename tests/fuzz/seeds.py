@@ -49,6 +49,7 @@ def shape_files(folder):
     points = mesh.vertices
     rows = [" ".join(f"{x:.6f}" for x in point) for point in points]
     (folder / "points.xyz").write_text("\n".join(rows))
+    (folder / "points.asc").write_text("\n".join(rows))
     (folder / "points.txt").write_text("\n".join(rows))
     (folder / "points.csv").write_text("x,y,z\n" + "\n".join(row.replace(" ", ",") for row in rows))
     ascii_ply = "ply\nformat ascii 1.0\n" + f"element vertex {len(points)}\n"

@@ -94,8 +94,8 @@ def read_ply(source: Source) -> RawShape:
 
 def _header(path: Path, content: bytes) -> tuple[str, list[_Element], str, int]:
     """Return the byte order (none for text), the elements, the header's text and where the data begins."""
-    begin = re.match(rb"(?:\xef\xbb\xbf)?\s*ply[ \t]*(\r\n|\n|\r)", content[:1000], re.IGNORECASE)
-    end = begin and re.compile(rb"[\r\n]end_header[ \t]*(?:%s|$)" % begin[1]).search(content, 0, 2**20)
+    begin = re.match(rb"(?:\xef\xbb\xbf)?\s*ply[ \t]*[\r\n]", content[:1000], re.IGNORECASE)
+    end = begin and re.compile(rb"(\r\n|\n|\r)end_header[ \t]*(?:\1|$)").search(content, 0, 2**20)
     if begin is None or end is None:
         raise InputError(f"{path}: not a PLY file, it has no header from 'ply' to 'end_header'")
     header = re.sub(r"\r\n?", "\n", content[: end.start()].decode("latin-1"))

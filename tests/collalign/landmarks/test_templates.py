@@ -21,6 +21,8 @@ def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(tmp_path, ca
     files = [tmp_path / "all.tps", tmp_path / "c.csv", tmp_path / "d.tps", f"left/e={tmp_path / 'one.tps'}"]
     with caplog.at_level(logging.WARNING):
         assert read_templates(files, names).keys() == set(names)
+    (tmp_path / "other.tps").write_text(TPS.format("b.ply"))
+    assert [*read_templates([tmp_path / "other.tps"], names)] == ["b"]
     assert "left aside, no shapes of the collection: stranger" in caplog.text
     curves = [f"left/e={tmp_path / 'c.csv'}"]
     (tmp_path / "c.csv").write_text("0,0,0\n1,0,0\n")

@@ -33,7 +33,7 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize("suffix", [".xyz", ".pts", ".txt"])
+@pytest.mark.parametrize("suffix", [".xyz", ".asc", ".pts", ".txt"])
 def test_the_number_of_points_may_come_first(tmp_path, suffix):
     for count in ("", "3\n", "003 \r\n", "# by hand\n\n3\n", "//X Y Z I\n3\n"):
         (tmp_path / f"a{suffix}").write_text(f"{count}0 0 0 1\n1 2 3 1\n4 5 7 1\n")
@@ -74,6 +74,8 @@ def test_what_no_output_keeps_is_noted(tmp_path, name, content, lost):
 def test_npz_holds_meshes_and_clouds(tmp_path, rng):
     shape = blob(rng, num_vertices=50)
     np.savez(tmp_path / "mesh.npz", vertices=shape.vertices, faces=shape.faces)
+    np.savez(tmp_path / "libigl.npz", V=shape.vertices, F=shape.faces)
+    assert read_shape(tmp_path / "libigl.npz").is_mesh
     np.savez_compressed(tmp_path / "cloud.npz", points=shape.vertices.astype(np.float32))
     np.testing.assert_array_equal(read_shape(tmp_path / "mesh.npz").faces, shape.faces)
     assert not read_shape(tmp_path / "cloud.npz").is_mesh

@@ -52,6 +52,7 @@ def test_blank_lines_hold_no_words():
         "tooth a, -1, 2.42, .5\ntooth b, 3.25, 0, -7.75\n".replace("tooth", "name,x,y,z\ntooth", 1),
         "pos_x pos_y pos_z\n-1 2.42 .5\n3.25 0 -7.75\n",
         "a,b,c\n-1,2.42,.5\n3.25,0,-7.75\n",
+        "Point,Easting,Northing,Elevation\nP1,-1,2.42,.5\nP2,3.25,0,-7.75\n",
         "-1e0,2.42,5e-1,,\n3.25,0,-7.75,,\n",
         "-1,00\t2,42\t0,5\n3,25\t0\t-7,75\n",
         'sep=;\n"x";"y";"z"\n-1;"2,42";,5\n3,25;0;-7,75\n',
@@ -76,6 +77,7 @@ AMBIGUOUS = [
     ("nx,ny,nz,z\n1,2,3,4\n5,6,7,8\n", "not all three columns"),
     ("1 0.5 2 3\n2 1 1 1\n3 9 8 7\n", "counts the rows"),
     ("0,0.5,2,3\n1,1,1,1\n2,9,8,7\n", "counts the rows"),
+    ("0 0 1.5 2.5 3.5 9\n0 1 2.5 3.5 4.5 9\n0 2 1.5 0.5 4.5 9\n", "row and column of a scanner"),
     ("1_0 2 3\n4 5 6\n", "holds no points|not numbers|columns"),
     ("x,y,z\n1,2\n", "row 1 has 2 columns, expected 3"),
 ]

@@ -44,13 +44,17 @@ BASE = {"label": "base", "position": [1, 2, 3]}
         ("a.fcsv", FCSV, ("tip", "base")),
         ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
         ("b.csv", "0,0,0\n1,2,3\n", ("0", "1")),
+        ("a.tsv", "label\tx\ty\tz\ntip\t0\t0\t0\nbase\t1\t2\t3\n", ("tip", "base")),
+        ("a.txt", "tip 0 0 0\nbase 1 2 3\n", ("tip", "base")),
+        ("b.txt", "Point #0,0,0,0\nPoint #1,1,2,3\n", ("Point #0", "Point #1")),
         ("c.csv", "sep=;\nlabel;x;y;z\ntip;0;0;0\nbase;1,0;2,0;3,0\n", ("tip", "base")),
         ("a.pp", PICKED, ("tip", "base")),
         ("a.landmarkAscii", AMIRA, ("0", "1")),
+        ("b.landmarkAscii", AMIRA.replace("\n", "\r\n"), ("0", "1")),
     ],
 )
 def test_formats(tmp_path, name, content, labels):
-    (tmp_path / name).write_text(content)
+    (tmp_path / name).write_bytes(content.encode())
     landmarks = read_landmarks(tmp_path / name)
     assert landmarks.labels == labels
     np.testing.assert_array_equal(landmarks.points, [[0, 0, 0], [1, 2, 3]])

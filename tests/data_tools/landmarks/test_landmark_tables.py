@@ -50,10 +50,16 @@ NaN NaN NaN
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("all.tps", TPS), ("all.NTS", NTS), ("all.dta", NTS.replace('"made', "'made")), ("all.txt", MORPHOLOGIKA)],
+    [
+        ("all.tps", TPS),
+        ("all.NTS", NTS),
+        ("all.dta", NTS.replace('"made', "'made")),
+        ("all.txt", MORPHOLOGIKA),
+        ("old.txt", MORPHOLOGIKA.replace("\n", "\r")),
+    ],
 )
 def test_every_specimen_is_read_by_its_name(tmp_path, name, content):
-    (tmp_path / name).write_text(content)
+    (tmp_path / name).write_bytes(content.encode())
     found = read_specimens(tmp_path / name)
     assert [*found] in (["a", "b one"], ["a", "b_one"])
     first, second = found.values()
@@ -82,7 +88,19 @@ def test_what_is_readable_is_said_with_all_suffixes(tmp_path):
     (tmp_path / "a.land").write_text("1 2 3")
     with pytest.raises(InputError) as caught:
         read_specimens(tmp_path / "a.land")
-    for suffix in (".mrk.json", ".json", ".fcsv", ".csv", ".pts", ".tps", ".nts", ".dta", ".morphologika", ".txt"):
+    for suffix in (
+        ".mrk.json",
+        ".json",
+        ".fcsv",
+        ".csv",
+        ".pts",
+        ".tsv",
+        ".tps",
+        ".nts",
+        ".dta",
+        ".morphologika",
+        ".txt",
+    ):
         assert f"{suffix}," in f"{caught.value},"
 
 
@@ -92,6 +110,30 @@ def test_tables_of_several_specimens_keep_their_system(tmp_path):
     found = read_specimens(path)
     assert [*found] == ["A", "B"]
     assert (found["A"].system, found["A"].points.tolist()) == ("RAS", [[1.5, 2.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("heading", "labels"),
+    [
+        ("specimen,sex,nose_x,nose_y,nose_z,chin_x,chin_y,chin_z", ("nose", "chin")),
+        ('"","sex","1.X","1.Y","1.Z","2.X","2.Y","2.Z"', ("1", "2")),
+        ("ID;sex;X1 (mm);Y1 (mm);Z1 (mm);X2 (mm);Y2 (mm);Z2 (mm)", ("1", "2")),
+    ],
+)
+def test_a_row_may_hold_all_landmarks_of_a_specimen(tmp_path, heading, labels):
+    text = f"{heading}\nA,f,0,0,0,1,2.5,3\nB,m,NA,,,4,5,6\n"
+    (tmp_path / "all.csv").write_text(text.replace(",", ";").replace(".5", ",5") if ";" in heading else text)
+    first, second = read_specimens(tmp_path / "all.csv").values()
+    assert (first.labels, first.points.tolist()) == (labels, [[0, 0, 0], [1, 2.5, 3]])
+    np.testing.assert_array_equal(second.points, [[np.nan] * 3, [4, 5, 6]])
+    (tmp_path / "s.csv").write_text("X1,Y1,Z1\n1,2,3\n")
+    assert read_specimens(tmp_path / "s.csv")["s"].points.tolist() == [[1, 2, 3]]
+
+
+def test_rows_of_nts_with_three_columns_are_landmarks(tmp_path):
+    (tmp_path / "a.nts").write_text("1 2L 3 0 DIM=3\nnose chin\n0 0 0\n1 2 3\n")
+    found = read_specimens(tmp_path / "a.nts")["a"]
+    assert (found.labels, found.points.tolist()) == (("nose", "chin"), [[0, 0, 0], [1, 2, 3]])
 
 
 def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
@@ -114,7 +156,8 @@ def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
         ("a.nts", "1 2L 4 0 DIM=2\na b\n0 0 1 1\n0 0 1 1\n", "not a readable NTS"),
         ("a.nts", NTS + "7", "not a readable NTS"),
         ("a.txt", MORPHOLOGIKA.replace("1 2 3", "1 2"), "not a readable TXT"),
-        ("a.txt", "x y z\n0 0 0\n", "not a readable TXT"),
+        ("a.tps", "LM3=1\n0 0 0\n1 2 3\n", "not a readable TPS"),
+        ("a.csv", "X1,Y1,Z1\n0,0,0\n1,2,3\n", "no column says which specimen each row is"),
         ("a.tps", "LM3=400000000\n0 0 0\n", "not a readable TPS"),
         ("a.nts", "1 400000000 0 0 DIM=3\n0 0 0\n", "not a readable NTS"),
         ("a.txt", "[individuals]\n400000000\n[landmarks]\n1\n[dimensions]\n3\n[rawpoints]\n0 0 0\n", "not a read"),

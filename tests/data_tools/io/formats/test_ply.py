@@ -125,6 +125,7 @@ def test_comments_are_in_any_encoding_and_lines_end_in_any_way(mesh, newline):
     body += b"".join(struct.pack("<B3i", 3, *face) for face in mesh.faces)
     content = ply(ORDERS["<"], elements, body, comment="Größe in µm", newline=newline)
     np.testing.assert_array_equal(read(content).faces, mesh.faces)
+    np.testing.assert_array_equal(read(content.replace(newline.encode(), b"\r\n", 1)).faces, mesh.faces)
     text = text_of(mesh.vertices).replace(b"\n", b"  \n") + text_of([3, *face] for face in mesh.faces)
     content = ply("ascii", elements, text.replace(b"\n", newline.encode()), comment="Größe", newline=newline)
     np.testing.assert_array_equal(read(content).faces, mesh.faces)
