@@ -36,6 +36,12 @@ MIN_SHAPES = 6
 #: molars of both sides or with one mirrored at least 15.6e-5 (16 of 17 sets, nine of them held out) and once 6.8e-5.
 #: Mixed hands, nearly symmetric front to back, had 13e-5 for wrong sides that 9 % contradicted.
 LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
+#: Sides that are not confirmed stay open where fits suspect them and surfaces agree with them at least by the first:
+#: molars and rough crowns of both sides that were not mirrored had 1.9e-4 or more. Of 38 sets of 8 of one side in
+#: which fits suspect two, hands and three of flat plates had up to 4.5e-4, all others, bent or not, 1.8e-4 at most.
+#: They stay open as well where the sides that surfaces support best agree at least by the second: sets of one side
+#: had 4.8e-4 at most, but for ellipsoids with one big bump each, which are mirror images but for that.
+LEAST_OPEN, LEAST_OPEN_ALONE = 1.85e-4, 6e-4
 #: Surfaces name the sides alone where the support of every shape is at least this. In sets without a mix, those above
 #: and mugs, starfish and six classes of SHREC07, the best sides had 3.1e-4 or less in their weakest shape; generated
 #: blobs with one mirrored had 1.6e-3 or more, bones with some mirrored, held out, 2.0e-3.
@@ -186,8 +192,8 @@ def are_mixed(fits: Sides, surfaces: SurfaceSides) -> bool:
     )
 
 
-def look_like_posture(fits: Sides, surfaces: SurfaceSides) -> bool:
-    """Whether fits find sides that are none: the surfaces of either side turn the same way. Few shapes never tell.
+def are_open(fits: Sides, surfaces: SurfaceSides) -> bool:
+    """Whether sides that are not confirmed may be real. Few shapes, or surfaces without an outer side, never tell.
 
     Parameters
     ----------
@@ -195,7 +201,38 @@ def look_like_posture(fits: Sides, surfaces: SurfaceSides) -> bool:
     surfaces : SurfaceSides
         Of the same sides.
     """
-    return bool(len(fits.mirrored) >= MIN_SHAPES and fits.are_likely and surfaces.across < 0.0)
+    if len(fits.mirrored) < MIN_SHAPES or not surfaces.are_known:
+        return fits.are_likely
+    return fits.are_suspected and surfaces.agreement >= LEAST_OPEN
+
+
+def look_like_posture(fits: Sides, surfaces: SurfaceSides) -> bool:
+    """Whether fits find sides that are none: the surfaces do not turn the other way.
+
+    Parameters
+    ----------
+    fits : Sides
+    surfaces : SurfaceSides
+        Of the same sides.
+    """
+    return fits.are_likely and not are_open(fits, surfaces)
+
+
+def undecided_sides(fits: Sides, surfaces: SurfaceSides, alone: SurfaceSides) -> BoolArray:
+    """Return which shapes may be mirror images of the others although nothing is mirrored, shape (N,).
+
+    Parameters
+    ----------
+    fits : Sides
+        Not confirmed.
+    surfaces : SurfaceSides
+        Of the same sides.
+    alone : SurfaceSides
+        The sides that surfaces support best.
+    """
+    is_open = are_open(fits, surfaces)
+    is_seen = alone.agreement >= LEAST_OPEN_ALONE or (is_open and surfaces.agreement >= LEAST_OPEN)
+    return ((fits.mirrored | fits.unsure) & is_open) | (alone.mirrored & is_seen)
 
 
 def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from collalign.confidence.pose_model import resembles_none
+from collalign.confidence.side_model import MIN_SHAPES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import FormerPairs, Pair, SettledPair, are_weighed
@@ -122,8 +123,9 @@ def weigh(run: Run, matched: Matched) -> Matched:
     with run.stage("maps"):
         searched = len(run.shapes.names) <= MOST_SEARCHED
         pairs = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
-    # Mirrored energies cannot tell a mirrored body from one in another posture; maps can.
-    side_limits = matched.side_limits if matched.group == "O" else {}
+    # Mirrored energies of few shapes cannot tell a mirrored body from one in another posture; maps can.
+    are_few = matched.group == "SO" and len(run.shapes.names) < MIN_SHAPES
+    side_limits = {} if are_few else matched.side_limits
     return replace(matched, pairs=pairs, solution=None, side_limits=side_limits)
 
 

@@ -29,6 +29,8 @@ NUM_SHAPES, NUM_SUBSETS = 24, 60
 NUM_QUICK_SHAPES, NUM_QUICK_SUBSETS = 7, 2
 #: Mirroring shapes that are no mirror images counts as so many misses of some that are.
 FALSE_ALARM = 10.0
+#: What it counts to put all shapes of one side in doubt in place of mirroring them.
+NAMED = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +43,10 @@ class Subset:
     mirrored: BoolArray
 
     def verdict(self) -> float:
-        """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none."""
+        """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none.
+
+        :data:`NAMED` where none is mirrored but one whole side is in doubt; of one side, the share not in doubt.
+        """
         num = len(self.mirrored)
 
         def energies_of(edges: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
@@ -50,10 +55,14 @@ class Subset:
 
         found, _ = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
         by_surfaces = sides.surface_sides(self.scores, found.mirrored)
-        are_mixed = sides.are_mixed(found, by_surfaces) or sides.surface_sides(self.scores).are_clear
-        if self.mirrored.any() and not self.mirrored.all():
-            return float(are_mixed)
-        return -FALSE_ALARM if are_mixed else 1.0
+        alone = sides.surface_sides(self.scores)
+        are_both = self.mirrored.any() and not self.mirrored.all()
+        if alone.are_clear or sides.are_mixed(found, by_surfaces):
+            return 1.0 if are_both else -FALSE_ALARM
+        doubted = sides.undecided_sides(found, by_surfaces, alone)
+        if not are_both:
+            return float(1.0 - doubted.mean())
+        return NAMED * bool(doubted[self.mirrored].all() or doubted[~self.mirrored].all())
 
 
 def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
@@ -109,6 +118,8 @@ CALIBRATION = Calibration(
         sides,
         "LEAST_CONFIRMED",
         "MOST_CONTRADICTED",
+        "LEAST_OPEN",
+        "LEAST_OPEN_ALONE",
         "LEAST_ALONE",
         "LIKELY_BETWEEN",
         "LIKELY_BALANCE",
@@ -116,5 +127,8 @@ CALIBRATION = Calibration(
     ),
     measure=measure_sides,
     collections=("teeth", "chair", "glasses", "ant", "teddy", "human"),
-    score=f"share of right verdicts on subsets; mirroring without need counts as {FALSE_ALARM:.0f} misses",
+    score=(
+        f"share of right verdicts on subsets; mirroring without need counts as {FALSE_ALARM:.0f} misses, "
+        f"doubt in place of mirroring as {NAMED:g}"
+    ),
 )

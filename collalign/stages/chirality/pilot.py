@@ -24,6 +24,7 @@ from collalign.confidence.side_model import (
     find_sides,
     look_like_posture,
     surface_sides,
+    undecided_sides,
 )
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
@@ -132,11 +133,12 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         sides, energies = staged_sides(edges, descriptors, energies_of)
     surfaces = surface_sides(scores, sides.mirrored)
     if are_mixed(sides, surfaces):
-        return "O", _notes_of_both(sides, shapes.names), {}
-    is_open = sides.are_likely and not look_like_posture(sides, surfaces)
-    doubted = np.flatnonzero(sides.mirrored | sides.unsure).tolist() if is_open else []
+        undecided = np.flatnonzero(sides.unsure).tolist()
+        return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
+    doubted = undecided_sides(sides, surfaces, alone)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
-    return "SO", (_note_of_none(sides, surfaces, num_better, shapes.names),), dict.fromkeys(doubted, ONE_OF_TWO)
+    note = _note_of_none(sides, surfaces, doubted, num_better, shapes.names)
+    return "SO", (note,), dict.fromkeys(np.flatnonzero(doubted).tolist(), ONE_OF_TWO)
 
 
 def staged_sides(
@@ -256,18 +258,19 @@ def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> Note:
     return Note("left-right-mixed", few, {"total": len(names)})
 
 
-def _note_of_none(sides: Sides, surfaces: SurfaceSides, num_better: int, names: tuple[str, ...]) -> Note:
-    """Return the note about shapes that are not mirrored."""
+def _note_of_none(
+    sides: Sides, surfaces: SurfaceSides, doubted: BoolArray, num_better: int, names: tuple[str, ...]
+) -> Note:
+    """Return the note about shapes that are not mirrored, some of whose sides may be in doubt."""
     evidence = {"num_better": num_better, "num_pairs": int(sides.num_pairs)}
-    if not sides.are_likely:
-        if len(names) < MIN_SHAPES:
-            return Note("not-reflected-few", values={"num": len(names)})
-        return Note("not-reflected", values=evidence)
+    if doubted.any():
+        cause = "surfaces" if surfaces.are_known else "no-outer-side"
+        if surfaces.are_known and len(names) < MIN_SHAPES:
+            cause = "few-shapes"
+        meant = tuple(name for name, is_meant in zip(names, doubted, strict=True) if is_meant)
+        return Note("not-reflected-unclear", meant, {**evidence, "cause": cause})
     if look_like_posture(sides, surfaces):
         return Note("not-reflected-posture", values=evidence)
-    meant = sides.mirrored | sides.unsure
-    doubted = tuple(name for name, is_meant in zip(names, meant, strict=True) if is_meant)
-    cause = "surfaces" if surfaces.are_known else "no-outer-side"
-    if surfaces.are_known and len(names) < MIN_SHAPES:
-        cause = "few-shapes"
-    return Note("not-reflected-unclear", doubted, {**evidence, "cause": cause})
+    if len(names) < MIN_SHAPES:
+        return Note("not-reflected-few", values={"num": len(names)})
+    return Note("not-reflected", values=evidence)

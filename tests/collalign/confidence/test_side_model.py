@@ -10,10 +10,12 @@ from collalign.confidence.side_model import (
     Sides,
     SurfaceSides,
     are_mixed,
+    are_open,
     find_sides,
     look_like_posture,
     preferences,
     surface_sides,
+    undecided_sides,
 )
 from collalign.stages.pairs.sparse_pairs import all_pairs
 from data_tools.errors import InputError
@@ -148,13 +150,43 @@ def test_shapes_are_mirrored_where_fits_and_surfaces_agree():
     assert are_mixed(replace(CLEAR, median_all=0.5), replace(CONFIRMED, across=3e-4))
 
 
-def test_sides_whose_surfaces_turn_the_same_way_look_like_posture():
-    same = replace(CONFIRMED, across=-1e-4)
-    assert look_like_posture(CLEAR, same)
-    assert not look_like_posture(CLEAR, replace(CONFIRMED, across=1e-5))
+WEAK = replace(CONFIRMED, support=np.full(6, 1e-4), across=1e-4)
+NOTHING_ALONE = SurfaceSides(mirrored=np.arange(6) == 4, support=np.full(6, 2e-4), across=2e-4)
+
+
+def test_sides_that_surfaces_do_not_confirm_look_like_posture():
+    assert look_like_posture(CLEAR, WEAK)
+    assert look_like_posture(CLEAR, replace(CONFIRMED, across=-1e-4))
+    assert not look_like_posture(CLEAR, replace(CONFIRMED, across=2e-4))
     assert not look_like_posture(CLEAR, replace(CONFIRMED, across=np.nan))
-    assert not look_like_posture(replace(CLEAR, mirrored=np.arange(5) < 2), same)
-    assert not look_like_posture(replace(CLEAR, balance=0.7), same)
+    assert not look_like_posture(replace(CLEAR, mirrored=np.arange(5) < 2), WEAK)
+    assert not look_like_posture(replace(CLEAR, balance=0.7), WEAK)
+
+
+def test_suspected_sides_that_surfaces_share_are_open():
+    suspected = replace(CLEAR, median_between=0.05)
+    assert not suspected.are_likely
+    assert are_open(suspected, CONFIRMED)
+    assert not are_open(suspected, WEAK)
+    assert not are_open(replace(CLEAR, median_between=0.04), CONFIRMED), "not even suspected"
+    unsure = replace(suspected, unsure=np.arange(6) == 5)
+    assert undecided_sides(unsure, CONFIRMED, NOTHING_ALONE).tolist() == [True, True, False, False, True, True]
+    assert not undecided_sides(unsure, WEAK, NOTHING_ALONE).any()
+
+
+def test_few_likely_sides_are_open_by_fits_alone():
+    few = replace(CLEAR, mirrored=np.arange(4) < 1, unsure=np.zeros(4, dtype=bool))
+    alone = replace(NOTHING_ALONE, mirrored=np.arange(4) == 2)
+    assert undecided_sides(few, WEAK, alone).tolist() == [True, False, False, False]
+    assert not undecided_sides(replace(few, balance=0.7), WEAK, alone).any()
+
+
+def test_sides_that_surfaces_alone_support_are_open_whatever_fits_find():
+    none = replace(CLEAR, mirrored=np.zeros(6, dtype=bool), num_between=0, median_between=np.nan)
+    strong = replace(NOTHING_ALONE, support=np.full(6, 7e-4), across=7e-4)
+    assert undecided_sides(none, replace(WEAK, across=np.nan), strong).tolist() == strong.mirrored.tolist()
+    for weak in ({"support": np.full(6, 5e-4)}, {"across": 5e-4}, {"across": np.nan}):
+        assert not undecided_sides(none, replace(WEAK, across=np.nan), replace(strong, **weak)).any(), weak
 
 
 def scores_of(mirrored, size, noise, rng):

@@ -2,12 +2,15 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.cli import main
+from collalign.confidence.side_model import find_sides
+from collalign.engine.session import Session
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
 from collalign.stages.chirality import pilot
@@ -15,6 +18,7 @@ from collalign.stages.chirality.pilot import (
     OF_FEW,
     ONE_OF_TWO,
     chirality_energies,
+    group_of_shapes,
     nearest_pairs,
 )
 from collalign.stages.pairs.sparse_pairs import all_pairs
@@ -142,6 +146,32 @@ def test_bilateral_shapes_that_bend_to_either_side_are_not_mirrored(tmp_path):
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert found.group == "SO"
     assert found.notes[0].code == "not-reflected-posture"
+
+
+@pytest.mark.parametrize(
+    ("agreement", "group", "limited", "code"),
+    [(1e-3, "O", [5], "left-right-mixed"), (2e-4, "SO", [1, 4, 5], "not-reflected-unclear")],
+)
+def test_shapes_of_an_undecided_side_are_limited_to_one_half(monkeypatch, agreement, group, limited, code):
+    sides = np.where(np.isin(np.arange(7), (1, 4)), -1.0, 1.0)
+    fits = find_sides(all_pairs(7), np.exp(np.outer(mixed_preferences(sides), [-0.5, 0.5])), 7)
+    fits = replace(fits, unsure=np.arange(7) == 5)
+    scores = agreement * np.outer(sides, sides)
+    scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
+    np.fill_diagonal(scores, np.nan)
+    monkeypatch.setattr(pilot, "surface_scores", lambda session, shapes: 7 / 5 * scores)
+    monkeypatch.setattr(pilot, "staged_sides", lambda *given: (fits, np.ones((3, 2))))
+    shapes = SimpleNamespace(names=tuple("abcdefg"), samples=())
+    with Session.open(AlignOptions(), ONE) as session:
+        found, notes, limits = group_of_shapes(session, shapes, np.zeros((7, 1)), all_pairs(7))
+    assert (found, notes[0].code) == (group, code)
+    assert limits == dict.fromkeys(limited, ONE_OF_TWO)
+
+
+def mixed_preferences(sides):
+    """Preferences of all pairs, positive for the same side."""
+    edges = all_pairs(len(sides))
+    return 0.3 * sides[edges[:, 0]] * sides[edges[:, 1]]
 
 
 def test_the_energies_of_both_kinds_are_told_apart():
