@@ -106,12 +106,11 @@ class LocalBlocks:
             halves = (projected[points] @ self._moves(points)).reshape(-1, basis.num_coordinates)
             pulls = self._spread(points, np.swapaxes(projected[points], 1, 2), 0)
             if data.tied.any():
-                features, moves = self._row_features(points)
+                features = self._row_features(points)
                 pushes = self._row_pushes(points, projected[points], features)
                 pulls = np.concatenate([pulls, self._spread(points, pushes, 1)], axis=1)
                 rows[num:, num:] -= 0.25 * gram(self._spread(points, features, 1))
-                sums = self._spread(points, moves, 1).reshape(len(moves), -1, unknowns - num).sum(axis=0)
-                coupling[num:] += 0.5 * sums.T
+                coupling[num:] += 0.5 * self._row_moves(points)
             operator -= gram(halves)
             coupling += pulls.T @ halves
             rows += gram(pulls)
@@ -141,22 +140,28 @@ class LocalBlocks:
         kept = np.moveaxis(full[:, :num].reshape(k, -1, q), 2, 1)
         return kept.reshape(k * q, -1)
 
-    def _row_features(self, points: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the features of the multipliers of tied rows, and how the moments move them, (., c, s, m) each."""
+    def _row_features(self, points: slice) -> FloatArray:
+        """Return the features of the multipliers of tied rows, shape (., c, s, m)."""
         basis, means, units = self.basis, self.means[points] * self.x[points][..., None], self.units[points]
         weights = self.root_weights[points] * basis.scale
         heads, tails = means.take(basis.rows, axis=2), means.take(basis.cols, axis=2)
         features = heads[:, :, None] * (units.take(basis.cols, axis=2) * weights[:, None])[:, None]
         features += tails[:, :, None] * (units.take(basis.rows, axis=2) * weights[:, None])[:, None]
-        k, c, size = means.shape
+        return features
+
+    def _row_moves(self, points: slice) -> FloatArray:
+        """Return how the moments move the multipliers of tied rows, by what some points add to it, shape (t s, m)."""
+        basis, means, T = self.basis, self.means[points] * self.x[points][..., None], self.T[points]
+        k, _, size = means.shape
         W = basis.unpack(self.root_weights[points] ** 2 * basis.scale)
-        left = (np.swapaxes(self.T[points], 1, 2)[:, None] * means[:, :, None]).reshape(k, c * size, size) @ W
-        right = (units[..., None] * self.T[points][:, None]).transpose(0, 2, 1, 3).reshape(k, size, -1)
-        rotated = (left @ right).reshape(k, c, size, -1, size).transpose(0, 1, 3, 2, 4).reshape(k, c, -1, size * size)
-        moves = rotated.take(basis.flat, axis=3)
-        moves += rotated.take(basis.cols * size + basis.rows, axis=3)
+        left = (np.swapaxes(T, 1, 2)[:, None] * means[:, :, None]) @ W[:, None]
+        right = (self.units[points][..., None] * T[:, None]).transpose(0, 2, 1, 3).reshape(k * size, -1)
+        rotated = (self._spread(points, left, 1).T @ right).reshape(-1, size, size - 1, size)
+        flat = np.swapaxes(rotated, 1, 2).reshape(-1, size * size)
+        moves = flat.take(basis.flat, axis=1)
+        moves += flat.take(basis.cols * size + basis.rows, axis=1)
         moves *= basis.scale
-        return features, moves
+        return moves
 
     def _row_pushes(self, points: slice, projected: FloatArray, features: FloatArray) -> FloatArray:
         """Return how the tied rows' multipliers push the matches, projected, shape (., c, s, c)."""
