@@ -41,7 +41,7 @@ def marks(planted):
 
 
 @pytest.fixture(scope="module")
-def align(tmp_path_factory):
+def align(planted, tmp_path_factory):
     """Aligns the chairs; all runs match the same pairs once."""
     run = {"jobs": 1, "store": tmp_path_factory.mktemp("frame") / "store.sqlite"}
     shapes = {shape.name: shape for shape in planted.shapes}

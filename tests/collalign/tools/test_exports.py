@@ -270,10 +270,8 @@ def test_csv_tables(view, tmp_path):
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
 def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(view, tmp_path, incomplete):
-    none = np.zeros(0, dtype=np.int64)
-    lacking = tuple(
-        Incomplete(shape=at, partners=none, overlaps=np.zeros((0, 2)), reason="named") for at in incomplete
-    )
+    half = {"partners": np.array([0]), "overlaps": np.array([[0.5, 1.0]]), "reason": "named"}
+    lacking = tuple(Incomplete(shape=at, **half) for at in incomplete)
     view = dataclasses.replace(view, incomplete=lacking)
     turned = view.transforms.copy()
     turned[[1, *incomplete], :3, :3] = turned[[1, *incomplete], :3, :3][..., ::-1]
@@ -299,7 +297,7 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     assert everybody[0].read_text().count("LM3=") == 6
     for table in (tmp_path / "a" / "shapes.csv", tmp_path / "all" / "specimens.csv"):
         told = [(row["incomplete"], row["coverage"]) for row in rows(table)] if incomplete else []
-        assert told == [("1", "0.0") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)]
+        assert told == [("1", "0.5") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)]
     nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
