@@ -166,8 +166,3 @@ def test_the_plot_has_two_pictures_of_each_shape(result):
     figure = result.plot(["two", 0])
     words = [text.get_text() for text in figure.axes[0].texts]
     assert words[::2] == ["two", "<one>"]
-
-
-def test_a_folder_without_a_result_is_refused(tmp_path):
-    with pytest.raises(InputError, match="there is no such file"):
-        collalign.load(tmp_path)

@@ -68,7 +68,8 @@ def test_a_pose_that_only_the_result_has_is_found(result, tmp_path, monkeypatch)
     sure = np.full(5, 0.99)
     write_result(replace(view, transforms=transforms, confidence=sure), tmp_path)
     few = StabilityOptions(num_points=(), num_seeds=1, num_subsets=1)
-    found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
+    run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
+    found = collalign.check_stability(tmp_path, options=few, run=run, progress=False)
     stays = found.pose_stays
     assert stays[2] == 0.0
     assert (np.delete(stays, 2) == 1.0).all()
@@ -82,7 +83,7 @@ def test_a_pose_that_only_the_result_has_is_found(result, tmp_path, monkeypatch)
     doubted = sure.copy()
     doubted[2] = 0.3
     write_result(replace(view, transforms=transforms, confidence=doubted), tmp_path)
-    found = collalign.check_stability(tmp_path, options=few, run=collalign.RunOptions(jobs=1), progress=False)
+    found = collalign.check_stability(tmp_path, options=few, run=run, progress=False)
     lines = stability_summary(found)
     assert lines[0].startswith("4 of 4 poses")
     assert f"Left out of the statistics: {view.names[2]} (in doubt, confidence 0.30)." in lines

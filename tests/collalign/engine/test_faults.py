@@ -29,7 +29,7 @@ def test_processes_that_are_no_workers_are_not_listed():
 
 @pytest.mark.usefixtures("two_cores")
 def test_a_whole_run_that_is_killed_and_interrupted_loses_nothing(tmp_path):
-    options = argparse.Namespace(kills=1, signals=1, shapes=4, points=16, delay=(0.5, 2.0), seed=1)
+    options = argparse.Namespace(kills=1, signals=1, shapes=3, points=16, delay=(0.5, 2.0), seed=1)
     log = fault_test.compare(tmp_path, options)
     assert (log.kills, log.signals) == (1, 1)
 

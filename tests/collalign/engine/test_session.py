@@ -6,11 +6,19 @@ from dataclasses import dataclass, replace
 import pytest
 
 from collalign.engine.jobs.job import Job, Wanted, table_of_stored
+from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
+
+
+@pytest.fixture(autouse=True, scope="module")
+def workers():
+    """Worker processes that all tests share."""
+    with lasting_workers():
+        yield
 
 
 def root(value):

@@ -161,13 +161,6 @@ def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened, smal
     assert title.inner_text() == "shape_002 – shape_005"
 
 
-def test_matched_points_carry_equal_colours(read):
-    read.page.locator("#pairs table button").first.click()
-    first, second = (read.pixels("dialog[open] canvas", at) for at in (0, 1))
-    assert abs(first["share"] - second["share"]) < 0.2
-    assert read.canvas("dialog[open] canvas", 0).evaluate(NUM_COLOURS) > 500
-
-
 def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     before = opened.image(".tile canvas", 1)
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()

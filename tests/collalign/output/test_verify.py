@@ -19,6 +19,7 @@ from data_tools.io.shapes import write_mesh
 from data_tools.surface.shape import Shape
 from pairwise import Problem, solve_relaxation
 from tests.problems import random_rotation
+from tests.products import settled_pair_of
 
 NAMES = ("=sum", "b", "c")
 K = 5
@@ -43,26 +44,11 @@ def certified():
     certificate = solve_relaxation(
         coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2])
     ).certificate
-    empty = {
-        "rotations": np.zeros((0, 3, 3)),
-        "maps": np.zeros((0, K), dtype=np.int64),
-        "energies": np.zeros(0),
-        "choice": -1,
-        "inlier": False,
-        "disagreement_deg": np.nan,
-        "map_target_source": np.zeros(0, dtype=np.int64),
-    }
+    known = {"lower_bound": certificate.bound, "energy": 1.1 * certificate.bound, "certificate": certificate}
     pairs = (
-        SettledPair(target=0, source=1, lower_bound=0.1, energy=0.2, **empty),
-        SettledPair(
-            target=0,
-            source=2,
-            lower_bound=certificate.bound,
-            energy=1.1 * certificate.bound,
-            certificate=certificate,
-            **empty,
-        ),
-        SettledPair(target=1, source=2, energy=np.nan, **empty),
+        settled_pair_of([], [], lower_bound=0.1, energy=0.2),
+        settled_pair_of([], [], source=2, **known),
+        settled_pair_of([], [], target=1, source=2),
     )
     return Certified(coordinates, invariants, pairs)
 

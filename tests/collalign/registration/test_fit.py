@@ -1,6 +1,7 @@
 """Fitted surfaces: exact maps give the truth, scattered ones a surface nearer to it that lies on the target."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.registration.by_map import bent_by_map, fitted_by_map
@@ -55,19 +56,24 @@ def test_a_scattered_map_is_improved_and_the_figure_comes_to_lie_on_the_target()
     assert gaps[0] < 0.35 * gaps[1]
 
 
-def test_poses_and_sizes_do_not_matter():
-    turn = Rotation.from_euler("xyz", [170.0, 40.0, -80.0], degrees=True).as_matrix()
+@pytest.fixture(scope="module")
+def fitted():
+    """Scattered goals of a map, and the figure fitted by it."""
     goals = scattered(BENT, np.random.default_rng(3), by=0.03)
+    return goals, fitted_by_map(with_faces(BENT), FIGURE, every(goals))
+
+
+def test_poses_and_sizes_do_not_matter(fitted):
+    goals, found = fitted
+    turn = Rotation.from_euler("xyz", [170.0, 40.0, -80.0], degrees=True).as_matrix()
     moved = 3.0 * BENT @ turn.T + 7.0
-    found = fitted_by_map(with_faces(BENT), FIGURE, every(goals))
     again = fitted_by_map(with_faces(moved), FIGURE, every(3.0 * goals @ turn.T + 7.0))
     assert errors(again, 3.0 * found @ turn.T + 7.0).max() < 1e-6
 
 
-def test_how_the_target_numbers_its_vertices_does_not_matter():
-    rng = np.random.default_rng(4)
-    goals, order = scattered(BENT, rng, by=0.03), rng.permutation(len(BENT))
-    found = fitted_by_map(with_faces(BENT), FIGURE, every(goals))
+def test_how_the_target_numbers_its_vertices_does_not_matter(fitted):
+    goals, found = fitted
+    order = np.random.default_rng(4).permutation(len(BENT))
     again = fitted_by_map(Shape.from_arrays(BENT[order], np.argsort(order)[FIGURE.faces]), FIGURE, every(goals))
     assert errors(again, found).max() < 1e-6
 

@@ -22,15 +22,21 @@ NUM = 8
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
 
 
-def said(folder, confidence, pairs, options=OPTIONS, strange=()):
-    """Return what helps a folder of closed blobs of which the first three are cut open."""
-    rng = np.random.default_rng(3)
+@pytest.fixture(scope="module")
+def said(tmp_path_factory):
+    """Says what helps a folder of closed blobs of which the first three are cut open."""
+    rng, folder = np.random.default_rng(3), tmp_path_factory.mktemp("blobs")
     for i in range(NUM):
         shape = blob(rng, num_vertices=200)
         write_mesh(folder / f"s{i}.ply", cut(shape, np.eye(3)[0], 0.2) if i < 3 else shape)
-    with Session.open(options, RunOptions(jobs=1)) as session:
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         shapes = prepare_shapes(session, list_shapes(folder))
-        return remedies(session, shapes, pairs, confidence, np.isin(np.arange(NUM), strange))
+
+    def helps(confidence, pairs, options=OPTIONS, strange=()):
+        with Session.open(options, RunOptions(jobs=1)) as session:
+            return remedies(session, shapes, pairs, confidence, np.isin(np.arange(NUM), strange))
+
+    return helps
 
 
 def sure(**doubted):
@@ -40,7 +46,7 @@ def sure(**doubted):
     return confidence
 
 
-def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path):
+def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(said):
     kinds = np.arange(NUM) % 2
     pairs = pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
     rng, mixed = np.random.default_rng(1), []
@@ -49,10 +55,10 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path):
         energies = pair.energies * (1.0 if turn[0, 0] == 1.0 else 4.0)
         mixed.append(replace(pair, rotations=pair.rotations @ turn, energies=energies))
     kinds = Note("several-kinds", values={"num": 2, "groups": "s0, s2, s4, s6; s1, s3, s5, s7"})
-    assert said(tmp_path, np.full(NUM, 0.9), mixed) == [kinds]
-    assert kinds not in said(tmp_path, np.full(NUM, 0.9), pairs)
-    assert kinds not in said(tmp_path, sure(s1=0.9), mixed)
-    assert kinds not in said(tmp_path, np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
+    assert said(np.full(NUM, 0.9), mixed) == [kinds]
+    assert kinds not in said(np.full(NUM, 0.9), pairs)
+    assert kinds not in said(sure(s1=0.9), mixed)
+    assert kinds not in said(np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
 
 
 @pytest.mark.parametrize(
@@ -66,13 +72,13 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(tmp_path):
         ({f"s{i}": 0.1 for i in range(3, 8)}, []),
     ],
 )
-def test_open_surfaces_in_doubt_may_be_incomplete(tmp_path, doubted, named):
-    found = said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
+def test_open_surfaces_in_doubt_may_be_incomplete(said, doubted, named):
+    found = said(sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
     assert found == ([Note("open-borders", tuple(named))] if named else [])
     told = replace(OPTIONS, incomplete="never")
-    assert said(tmp_path, sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == []
+    assert said(sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == []
 
 
-def test_a_shape_of_another_kind_is_not_taken_for_incomplete(tmp_path):
-    found = said(tmp_path, sure(s1=0.3, s2=0.2), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), strange=[2])
+def test_a_shape_of_another_kind_is_not_taken_for_incomplete(said):
+    found = said(sure(s1=0.3, s2=0.2), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), strange=[2])
     assert found == [Note("open-borders", ("s1",))]

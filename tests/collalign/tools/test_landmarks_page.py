@@ -130,14 +130,3 @@ def test_corrected_landmarks_lie_on_the_surface_and_are_templates(browser, writt
     assert gaps.max() < 1e-3 / view.scales[2]
     assert np.linalg.norm(read["c"].points[0] - given[2, :2], axis=1).min() > 1e-2 / view.scales[2]
     assert sum(np.isfinite(one.points).all(axis=1).sum() for one in every.values()) == 7
-
-
-def test_a_table_of_landmarks_is_that_of_several_specimens(tmp_path):
-    table = tmp_path / "marks.csv"
-    table.write_text("name,landmark,x,y,z\nA,'=1+2,1,2,3\nB,q,,,\nA,q,4,5,6\n")
-    found = read_specimens(table)
-    assert found["A"].labels == ("=1+2", "q")
-    np.testing.assert_array_equal(found["A"].points, [[1, 2, 3], [4, 5, 6]])
-    assert np.isnan(found["B"].points).all()
-    table.write_text("label,x,y,z\nq,1,2,3\n")
-    assert list(read_specimens(table)) == ["marks"]
