@@ -100,6 +100,7 @@ def home(one):
 def test_the_reference_has_every_public_name():
     pages = (ROOT / "docs" / "reference").glob("*.md")
     shown = [name for page in pages for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)]
+    assert len(shown) == len({*shown})
     objects = [pkgutil.resolve_name(name) for name in shown]
     modules = {one.__name__ for one in objects if isinstance(one, ModuleType)}
     for package in (collalign, pairwise):
