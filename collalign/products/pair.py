@@ -113,6 +113,12 @@ class SettledPair(Pair):
     energy: Annotated[float, Holds(nan=True)]
 
 
+def median_mismatch(pairs: Sequence[Pair]) -> float:
+    """Return the median over pairs of the least mismatch of their candidates; NaN where that of some is unknown."""
+    least = [float(pair.mismatches.min()) for pair in pairs if len(pair.mismatches)]
+    return float(np.median(least)) if least and len(least) == len(pairs) else float("nan")
+
+
 def are_weighed(pairs: Iterable[Pair]) -> bool:
     """Return whether maps were asked: pairs then have log-odds."""
     return any(len(pair.log_odds) for pair in pairs)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from collalign.confidence.overlap_model import overlap_chances
-from collalign.products.pair import Alternative, Pair, SettledPair
+from collalign.products.pair import Alternative, Pair, SettledPair, median_mismatch
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.add import incomplete_note, label_map
@@ -48,13 +48,9 @@ def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
     local = [item.local for item in shapes.samples if item.local is not None]
     if not local or np.median([len(one.points) for one in local]) < TUNED.least_points:
         return False
-    return _match_badly(pairs) or sum(bool(len(one.sights)) for one in local) > 0.5 * len(shapes.names)
-
-
-def _match_badly(pairs: Sequence[Pair]) -> bool:
-    """Return whether the median pair matches badly as whole shapes."""
-    mismatches = [float(pair.mismatches.min()) for pair in pairs if len(pair.mismatches)]
-    return len(mismatches) == len(pairs) and float(np.median(mismatches)) >= BADLY_MATCHED
+    return median_mismatch(pairs) >= BADLY_MATCHED or sum(bool(len(one.sights)) for one in local) > 0.5 * len(
+        shapes.names
+    )
 
 
 def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed | None:
@@ -109,7 +105,9 @@ def _are_scans(joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Seq
     sights = [
         joined.transforms[i, :3, :3] @ surfaces[i].sights[0] for i in joined.parts[0] if len(surfaces[i].sights)
     ]
-    return _match_badly(pairs) or (len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE)
+    return median_mismatch(pairs) >= BADLY_MATCHED or (
+        len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE
+    )
 
 
 def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:

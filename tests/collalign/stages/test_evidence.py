@@ -13,9 +13,16 @@ from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.surface.posed import prepare_posed
 from collalign.options import AlignOptions
+from collalign.products.pair import median_mismatch
 from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
-from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
+from collalign.stages.evidence.decide import (
+    BENT_ENERGY,
+    BENT_MISMATCH,
+    CLOSING_CYCLES,
+    closing_share,
+    wants_maps,
+)
 from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
 from collalign.stages.evidence.rivals import settle_doubtful, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
@@ -116,6 +123,19 @@ def test_maps_are_asked_where_pairs_match_badly():
     mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
     with pytest.raises(OptionsError, match="maps"):
         wants_maps(mixed, [rigid])
+
+
+def test_maps_are_not_asked_where_neighbourhoods_agree_at_rigid_poses():
+    def bending(*mismatches):
+        energies = [1.5 * BENT_ENERGY] * len(mismatches)
+        return replace(a_pair(energies), mismatches=np.array(mismatches))
+
+    alike, unlike = bending(0.9, BENT_MISMATCH - 0.05), bending(0.9, BENT_MISMATCH + 0.05)
+    assert not wants_maps(AlignOptions(), [alike, alike, unlike])
+    assert wants_maps(AlignOptions(), [alike, unlike, unlike])
+    assert wants_maps(AlignOptions(), [alike, alike, replace(unlike, mismatches=np.empty(0))])
+    assert wants_maps(AlignOptions(), [alike, replace(alike, mismatches=np.array([np.nan, np.nan])), unlike])
+    assert np.isnan(median_mismatch([]))
 
 
 def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
