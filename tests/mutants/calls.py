@@ -119,8 +119,7 @@ class Calls:
         """The function; of what stands outside of all, the functions that use its names."""
         if mutant.function != MODULE:
             return {f"{mutant.file} {mutant.function}"}
-        source = self._sources[mutant.file]
-        line = source[: source.index(mutant.old)].count("\n") + 1
+        source, line = self._sources[mutant.file], mutant.line + 1
         last = line + mutant.old.count("\n")
         names = [
             name.id if isinstance(name, ast.Name) else name.name

@@ -2,7 +2,7 @@
 
 import ast
 import random
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -74,11 +74,8 @@ def draw(root, num, seed):
     places = [(path, change) for path in files for change in changes(path.read_text("utf-8"))]
     chosen = random.Random(seed).sample(places, min(num, len(places)))
     imports = Imports(root)
-    return [
-        replace(as_mutant(path.read_text("utf-8"), change), file=name, tests=imports.tests_of(name))
-        for path, change in chosen
-        for name in [str(path.relative_to(root))]
-    ]
+    named = [(str(path.relative_to(root)), path.read_text("utf-8"), change) for path, change in chosen]
+    return [as_mutant(name, text, change, imports.tests_of(name)) for name, text, change in named]
 
 
 @cache
@@ -135,23 +132,16 @@ def _is_type_or_text(node):
     )
 
 
-def as_mutant(source, change):
-    """Return the change as function, lines and what replaces them: as many whole lines as make them unique there."""
-    lines = source.splitlines(keepends=True)
+def as_mutant(file, source, change, tests=()):
+    """Return the fault that a change is in the text of a module."""
+    changed = source[: change.start] + change.new + source[change.end :]
     first = source.count("\n", 0, change.start)
-    last = source.count("\n", 0, change.end) + 1
-    found = function_spans(ast.parse(source))
-    name = next((name for name, (begin, end) in found.items() if begin <= first < end), MODULE)
-    inside = set(range(*found[name])) if name in found else set(range(len(lines)))
-    if name == MODULE:
-        inside -= {i for begin, end in found.values() for i in range(begin, end)}
-    text = "".join(line for i, line in enumerate(lines) if i in inside)
-    while text.count("".join(lines[first:last])) != 1 and (first - 1 in inside or last in inside):
-        first, last = first - (first - 1 in inside), last + (last in inside)
-    start = sum(map(len, lines[:first]))
-    old = "".join(lines[first:last])
-    new = old[: change.start - start] + change.new + old[change.end - start :]
-    return Mutant("", name, old.strip("\n"), new.strip("\n"), ())
+    old, new = source.split("\n")[first:], changed.split("\n")[first:]
+    num = source.count("\n", change.start, change.end) + 1
+    spans = function_spans(ast.parse(source)).items()
+    function = next((name for name, (begin, end) in spans if begin <= first < end), MODULE)
+    lines = "\n".join(old[:num]), "\n".join(new[: num + len(new) - len(old)])
+    return Mutant(file, function, first, *lines, changed, tests)
 
 
 class Imports:

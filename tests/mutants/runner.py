@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from tests.mutants.calls import CALLS
-from tests.mutants.place import Mutant, applied
+from tests.mutants.place import Mutant
 
 #: What the tests of a mutant need of the project.
 COPIED = ("collalign", "data_tools", "pairwise", "experiments", "tests", "pyproject.toml", "README.md", "docs")
@@ -53,10 +53,8 @@ def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False
             start_s, ending = time.monotonic(), "no verdict"
             if mutant.tests not in passes:
                 passes[mutant.tests] = known_to_pass or _ending(copy, mutant.tests, time_limit_s) == "survived"
-            with suppress(ValueError):  # the code has moved on
-                changed = applied(mutant, copy)
-                if passes[mutant.tests]:
-                    ending = _ending_of(copy / mutant.file, changed, copy, mutant.tests, time_limit_s)
+            if passes[mutant.tests]:
+                ending = _ending_of(copy, mutant, time_limit_s)
             yield Verdict(mutant, ending, time.monotonic() - start_s)
 
 
@@ -83,12 +81,13 @@ def record_calls(root, folder, num_workers=2):
         subprocess.run([sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False)
 
 
-def _ending_of(file, changed, copy, tests, time_limit_s):
+def _ending_of(copy, mutant, time_limit_s):
     """Run test files with another text of one module."""
+    file = copy / mutant.file
     original = file.read_text("utf-8")
-    file.write_text(changed, "utf-8")
+    file.write_text(mutant.changed, "utf-8")
     try:
-        return _ending(copy, tests, time_limit_s)
+        return _ending(copy, mutant.tests, time_limit_s)
     finally:
         file.write_text(original, "utf-8")
 
