@@ -38,21 +38,21 @@ def built(tmp_path_factory):
     return folder
 
 
-def listed(*options, root=ROOT):
+def listed(*options):
     """Return the files that git lists; skip where there is no version control, as in an unpacked archive."""
-    if not (root / ".git").exists():
+    if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
-    return set(run("git", "-c", f"safe.directory={root}", "ls-files", *options, folder=root).split("\n")) - {""}
+    return set(run("git", "-c", f"safe.directory={ROOT}", "ls-files", *options).split("\n")) - {""}
 
 
-def checked_in(root=ROOT):
+def checked_in():
     """Return the files under version control that are there."""
-    return {name for name in listed("--cached", root=root) if (root / name).is_file()}
+    return {name for name in listed("--cached") if (ROOT / name).is_file()}
 
 
-def untracked(root=ROOT):
+def untracked():
     """Return the files that nobody has checked in, such as results of a command that was tried in the checkout."""
-    return listed("--others", root=root)
+    return listed("--others")
 
 
 def test_the_source_archive_holds_the_checkout(built):
@@ -60,22 +60,6 @@ def test_the_source_archive_holds_the_checkout(built):
     with tarfile.open(archive) as packed:
         names = {name.split("/", 1)[1] for name in packed.getnames()}
     assert names - {"PKG-INFO"} - untracked() == checked_in()
-
-
-def test_what_commands_leave_in_a_checkout_is_not_taken_for_checked_in(tmp_path):
-    run("git", "init", "-q", folder=tmp_path)
-    (tmp_path / ".gitignore").write_bytes((ROOT / ".gitignore").read_bytes())
-    (tmp_path / "collalign-demo").mkdir()
-    for name in ("kept.py", "notes.py", "collalign-demo/report.html"):
-        (tmp_path / name).touch()
-    run("git", "add", ".gitignore", "kept.py", folder=tmp_path)
-    assert checked_in(tmp_path) == {".gitignore", "kept.py"}
-    assert untracked(tmp_path) == {"notes.py", "collalign-demo/report.html"}
-    assert set(run("git", "status", "--porcelain", folder=tmp_path).splitlines()) == {
-        "A  .gitignore",
-        "A  kept.py",
-        "?? notes.py",
-    }
 
 
 def test_the_wheel_holds_the_packages(built):
