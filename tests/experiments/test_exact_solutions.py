@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from data_tools.errors import InputError, OptionsError
 from experiments.figures.exact_solutions import exact_solutions
 from pairwise.status import Status
 from tests.oracles import check_pose, isometries
@@ -51,14 +50,3 @@ def test_symmetries_permute_the_target(rng):
     for symmetry in found.symmetries:
         gaps = np.linalg.norm(points @ symmetry.T - points[:, None], axis=2)
         assert gaps.min(axis=0).max() < 1e-9
-
-
-def test_wrong_input_is_refused(rng):
-    line = rng.standard_normal((5, 3)) * [1.0, 0.0, 0.0]
-    with pytest.raises(InputError, match="continuous families"):
-        exact_solutions(line, line)
-    points = rng.standard_normal((4, 3))
-    with pytest.raises(InputError, match="weights"):
-        exact_solutions(points, points, weights=[1.0, 1.0, 1.0, 0.0])
-    with pytest.raises(OptionsError, match="patience"):
-        exact_solutions(points, points, patience=0)

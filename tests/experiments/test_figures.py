@@ -6,7 +6,6 @@ import pytest
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
-from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from experiments import load_experiment
 from experiments.experiment import Bench, Cell
@@ -80,7 +79,8 @@ def rows_of(bench, name, folder):
     return [dict(row) for row in outcome.tables[-1].rows]
 
 
-def test_figure5(bench, tmp_path):
+def test_figure5(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(figure5, "SIGMAS", (0.0, 0.1))
     outcome = load_experiment("figure5").measure(bench)
     histograms, runs = (table.rows for table in outcome.tables)
     assert len(histograms) == 2 * len(figure5.SIGMAS)
@@ -96,9 +96,10 @@ def test_figure5(bench, tmp_path):
     assert bench.num_reused > reused
 
 
-def test_figure14(bench, tmp_path):
+def test_figure14(bench, tmp_path, monkeypatch):
+    monkeypatch.setitem(figure14.PANELS, "c", ("n", (4, 5), (4,)))
     rows = rows_of(bench, "figure14", tmp_path)
-    assert [row["panel"] for row in rows] == ["a", "b", "c", "c"]
+    assert [row["panel"] for row in rows] == ["a", "b", "c"]
     assert all(row["difference"] < 2 * figure14.TOL for row in rows if row["panel"] == "c")
     settings = {"panel": "c", "seed": 0, "limit_s": 1e-6}
     stopped = figure14.measure_full_sizes(bench, {"4": {**settings, "size": 4}, "5": {**settings, "size": 5}})
@@ -124,19 +125,11 @@ def test_figure3(bench, tmp_path):
     assert all(row["at_100"] == 100.0 and row["at_30"] > 60.0 for row in rows)
 
 
-def test_pairs_and_published_errors_are_those_of_the_files(collections, tmp_path):
+def test_pairs_and_published_errors_are_those_of_the_files(collections):
     scape = map_sets.read_map_set(collections, "scape")
     assert scape.pairs == (("mesh002", "mesh000"),)
     assert scape.on(scape.pairs) == {"BlendedMap": (0.08,)}
     assert map_sets.read_map_set(collections, "teddy").pairs == (("11", "10"),)
-    with pytest.raises(InputError, match="no landmarks"):
-        scape.landmarks("mesh000")
-    (tmp_path / "query").write_text("SCAPE 1 0 SCAPE 1")
-    with pytest.raises(InputError, match="six words"):
-        map_sets.read_query(tmp_path / "query")
-    (tmp_path / "errors.csv").write_text("method,source,target,average_geodesic_error\nA,1,2,x\n")
-    with pytest.raises(InputError, match="line 2"):
-        map_sets.read_published(tmp_path / "errors.csv", ("1", "2"))
 
 
 def test_the_true_map_has_no_error_and_another_has(collections):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
@@ -14,7 +13,6 @@ from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.shape import Shape
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.datasets import read_canonical_class
@@ -34,7 +32,6 @@ from experiments.peers.principal_axes import (
     axis_starts,
     closest_points,
     normalised_points,
-    with_short_edges,
 )
 
 
@@ -98,16 +95,6 @@ def test_principal_axes_find_the_rotation_and_the_mirror_image(rng):
     assert np.linalg.det(wrong) > 0
 
 
-def test_coarse_meshes_are_covered_by_points():
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    box = trimesh.convex.convex_hull(corners)
-    dense = with_short_edges(Shape.from_arrays(np.array(box.vertices), np.array(box.faces)))
-    edges = dense.vertices[dense.faces] - dense.vertices[np.roll(dense.faces, 1, axis=1)]
-    assert np.linalg.norm(edges, axis=2).max() <= 0.1 * np.sqrt(3)
-    assert np.abs(dense.vertices).max(axis=1) == pytest.approx(1.0)
-    assert len(normalised_points(dense, 100)) == 100
-
-
 def test_the_tree_takes_the_nearest_pairs_only(rng):
     true = np.stack([random_rotation(rng) for _ in range(5)])
     relative = np.swapaxes(true, 1, 2)[:, None] @ true[None]
@@ -137,17 +124,13 @@ def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng):
         assert (worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1) == is_right
 
 
-@pytest.mark.usefixtures("open3d")
-def test_open3d_matches_copies(crowns, rng):
+@pytest.mark.parametrize(("pairs", "package"), [(open3d_pairs, "open3d"), (drift_pairs, "rustcpd")])
+def test_other_tools_match_copies(pairs, package, crowns, rng, request):
+    if package == "open3d":
+        request.getfixturevalue(package)
+    pytest.importorskip(package)
     copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
-    (transform,) = open3d_pairs([of_one_size(shape) for shape in copies.shapes], 1).transforms
-    assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
-
-
-def test_coherent_point_drift_matches_copies(crowns, rng):
-    pytest.importorskip("rustcpd")
-    copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
-    (transform,) = drift_pairs([of_one_size(shape) for shape in copies.shapes], 1).transforms
+    (transform,) = pairs([of_one_size(shape) for shape in copies.shapes], 1).transforms
     assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
 
 
@@ -203,14 +186,6 @@ def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
     row = capod.row_of("gun", "collalign", [record, record])
     assert (row["pairs"], row["sure_wrong"]) == (6, 2)
     assert row["gross"] == pytest.approx(200 / 3)
-
-
-def test_families_are_deformed_and_their_truth_is_exact(tmp_path):
-    posed = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "family")
-    assert len(list(posed.folder.glob("*.ply"))) == len(posed.names) == 3
-    np.testing.assert_allclose(posed.relative[0, 1] @ posed.relative[1, 2], posed.relative[0, 2], atol=1e-12)
-    again = deformations.make_family("chair", 3, 3, tmp_path, tmp_path / "again")
-    np.testing.assert_array_equal(posed.relative, again.relative)
 
 
 def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path):

@@ -1,10 +1,8 @@
 """Measures of a confidence: honest statements pass, overconfident and shuffled ones do not."""
 
 import numpy as np
-import pytest
 
 from collalign.products.trust import KINDS
-from data_tools.errors import InputError
 from experiments.collections.posed import MIRRORED_DEG
 from experiments.confidence.confidence import by_size, judged_by_the_others
 from experiments.confidence.fit import training_rows
@@ -40,12 +38,6 @@ def test_share_of_the_sure():
     share, count = right_above([0.99, 0.95, 0.2], [True, False, False], 0.95)
     assert (share, count) == (0.5, 2)
     assert np.isnan(right_above([0.1], [True], 0.95)[0])
-
-
-@pytest.mark.parametrize("stated", [[], [1.2], [np.nan]])
-def test_impossible_confidences_are_refused(stated):
-    with pytest.raises(InputError, match="stated"):
-        reliability(stated, [True] * len(stated))
 
 
 def record_of(slope, num=400):

@@ -52,16 +52,6 @@ def test_scans_are_apart_by_what_they_share(layouts):
     np.testing.assert_allclose(np.cov(offsets[0].T), np.cov(offsets[1].T), atol=0.2)
 
 
-def test_points_are_shared_as_far_as_they_were_cut(rng):
-    whole = blob(rng, num_vertices=1500).vertices
-    along = whole[:, 0]
-    parts = [whole[along <= np.quantile(along, 0.75)], whole[along >= np.quantile(along, 0.25)], whole + 100.0]
-    shares = scans.overlaps(parts)
-    assert shares[0, 1] == pytest.approx(2 / 3, abs=0.08)
-    assert shares[0, 2] == 0.0
-    np.testing.assert_array_equal(shares, shares.T)
-
-
 def test_views_are_apart_by_their_angle(layouts):
     found = scans.read_scans("horse", layouts, scans.NUM_VIEWS)
     assert found.apart[0, 1] == found.apart[0, 14] == 0
