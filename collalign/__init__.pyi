@@ -88,14 +88,14 @@ from .tools.match.result import NonrigidCandidate as NonrigidCandidate
 from .tools.match.result import NonrigidMatch as NonrigidMatch
 from .tools.match.rigid import RigidMatch as RigidMatch
 from .tools.match.rigid import match_rigid as match_rigid
-from .tools.stability.result import Stability as Stability
+from .tools.stability.run import Stability as Stability
 from .tools.stability.run import StabilityOptions as StabilityOptions
 from .tools.stability.run import check_stability as check_stability
 from .tools.transfer.result import TransferredLandmarks as TransferredLandmarks
 from .tools.transfer.run import transfer_landmarks as transfer_landmarks
 from .tools.variation.run import write_surface_variation as write_surface_variation
 from .tools.variation.shape_model import ShapeTestOptions as ShapeTestOptions
-from .tools.variation.surface_quality import SurfaceQuality as SurfaceQuality
+from .tools.variation.surface_variation import SurfaceQuality as SurfaceQuality
 from .tools.variation.surface_variation import SurfaceVariation as SurfaceVariation
 from .version import __version__ as __version__
 from .wording import note_text as note_text

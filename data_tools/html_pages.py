@@ -1,11 +1,14 @@
-"""Plain pages of text, tables and pictures: one file each, nothing is loaded, nothing is sent, nothing runs."""
+"""Pages and pictures that need nothing else: plain HTML of one file, and figures that notebooks show."""
 
 from __future__ import annotations
 
 import base64
 import html
 from collections.abc import Sequence
+from functools import cache
+from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from data_tools.io.files import write_atomic
 
@@ -85,3 +88,33 @@ def html_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]])
         f'<div class="scroll" tabindex="0" role="region" aria-label="{html.escape(name)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
+
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def new_figure(**options: Any) -> Figure:
+    """Return a figure without pyplot, which keeps no list of it; a cell of a notebook that ends with it shows it.
+
+    Parameters
+    ----------
+    **options
+        As :class:`matplotlib.figure.Figure` takes them.
+    """
+    return _figure_class()(**options)
+
+
+@cache
+def _figure_class() -> Any:
+    from matplotlib.figure import Figure
+
+    class SelfShowingFigure(Figure):
+        """A figure that IPython can draw before anybody has imported pyplot."""
+
+        def _repr_png_(self) -> bytes:
+            buffer = BytesIO()
+            self.savefig(buffer, format="png")
+            return buffer.getvalue()
+
+    return SelfShowingFigure

@@ -20,11 +20,10 @@ from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import as_options, check_number
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
-from pairwise.candidates import with_better
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
-from pairwise.portfolio import annealed_starts, costs_down_to, ranked_poses, wants_relaxation
+from pairwise.portfolio import annealed_starts, costs_down_to, ranked_poses, wants_relaxation, with_better
 from pairwise.problem.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult

@@ -14,7 +14,7 @@ from pairwise.pm_sdp.certify import certify_dual
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
-from pairwise.reference.cvxpy import check_limits
+from pairwise.reference.constraints import check_limits
 from pairwise.results import RelaxationResult
 
 

@@ -22,9 +22,8 @@ from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.talk import elapsed_s, say, say_files, tell, warn
 from collalign.engine.jobs.local import lasting_workers
-from collalign.engine.jobs.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session, progress_display
+from collalign.engine.session import ProgressBar, Session, progress_display
 from collalign.engine.store.file import FINISHED, STAGE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions

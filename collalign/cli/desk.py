@@ -17,11 +17,11 @@ from typing import Any
 from collalign.analysis.label_table import read_labels
 from collalign.landmarks.templates import read_templates
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
-from collalign.output.again import option_words, shape_words
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.evidence.loading import load
 from collalign.output.moved_files import missing_files
+from collalign.output.provenance import option_words, shape_words
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
 from data_tools.checks import check_known

@@ -43,7 +43,7 @@ class RadiusEvidence:
     spread : ndarray, shape (l,)
         Of what the templates say, see :func:`spread`.
     distance : float
-        Of the specimen from its templates, see :func:`collalign.landmarks.fusion.template_distance`.
+        Of the specimen from its templates, see :func:`collalign.landmarks.carry.template_distance`.
     residual : ndarray, shape (l,)
         Distance of the registered mean from the specimen's surface at each landmark.
     unit : float
@@ -52,7 +52,7 @@ class RadiusEvidence:
         Root mean square distance of corresponding points of all shapes from their mean.
     tilt, relief : ndarray, shape (l,)
         Of the surface around each landmark, see
-        :meth:`collalign.landmarks.neighbourhoods.Neighbourhoods.compare`, where there are one to three templates.
+        :meth:`collalign.landmarks.carry.Neighbourhoods.compare`, where there are one to three templates.
     """
 
     spread: FloatArray

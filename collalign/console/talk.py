@@ -17,7 +17,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.jobs.progress import SHOW_BARS, STAGES
+from collalign.engine.session import SHOW_BARS, STAGES
 from data_tools.errors import InputError, printable
 from data_tools.io.files import system_reason
 

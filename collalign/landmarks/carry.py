@@ -1,4 +1,4 @@
-"""Carries landmarks from the specimens that have them to one that has not, along a dense correspondence."""
+"""Carries landmarks from the specimens that have them to others, along dense correspondences, and fuses several."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from collalign.confidence.radius_model import spread
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.embedding.surface_points import NUM_NEIGHBOURS, plane_normals
+from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
+from data_tools.surface.normals import vertex_normals
 
 #: Landmarks farther than this from their specimen's surface, in parts of the root mean square radius, are inside it
 #: or beside it: they keep their offset instead of being put onto the surface.
@@ -95,3 +100,132 @@ def on_surface(points: FloatArray, templates: Sequence[Template], surface: Surfa
     if known.any():
         placed[known] = surface.closest(points[known]).on(surface.vertices)
     return placed
+
+
+#: A template without any counterpart at a landmark still counts so much, beside one that corresponds perfectly.
+_LEAST_QUALITY = 0.1
+
+
+def template_weights(
+    templates: Sequence[Template], specimen: int, vertices: FloatArray, quality: FloatArray
+) -> FloatArray:
+    """Weigh templates for one specimen, shape (t, l); each landmark's weights sum to one, zero where unknown.
+
+    A weight is the quality of the registration at the landmark, on template and specimen, over the mean squared
+    distance of the two shapes' corresponding points: deformations that have to go less far err less.
+
+    Parameters
+    ----------
+    templates : sequence of Template
+    specimen : int
+        Its row.
+    vertices : ndarray, shape (N, v, 3)
+        Dense correspondence; NaN where a shape has nothing.
+    quality : ndarray, shape (N, v)
+    """
+    here = at_places(templates, quality[specimen])
+    rows = [at_places([item], quality[item.shape])[0] for item in templates]
+    trust = _LEAST_QUALITY + np.sqrt(np.stack(rows) * here)
+    squares = _squared_distances(templates, specimen, vertices)
+    largest = float(squares.max())
+    trust /= np.maximum(squares / largest, np.finfo(float).eps)[:, None] if largest > 0 else 1.0
+    trust *= np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
+    total = trust.sum(axis=0)
+    return np.asarray(trust / np.where(total > 0, total, 1.0))
+
+
+def template_distance(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> float:
+    """Return the root of the harmonic mean of mean squared distances of a specimen (v, 3) from its templates."""
+    squares = _squared_distances(templates, specimen, vertices)
+    return float(np.sqrt(1.0 / np.mean(1.0 / squares))) if squares.all() else 0.0
+
+
+def _squared_distances(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> FloatArray:
+    """Return the mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
+    squares = [((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1) for item in templates]
+    return np.array([one[np.isfinite(one)].mean() for one in squares])
+
+
+def fuse(
+    templates: Sequence[Template], specimen: int, vertices: FloatArray, quality: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted mean of what templates say about a specimen, and its spread.
+
+    Returns
+    -------
+    points : ndarray, shape (l, 3)
+        Before they are put onto the surface; NaN where no template has the landmark, or the specimen no such place.
+    spreads : ndarray, shape (l,)
+    """
+    said = carried(templates, vertices[specimen])
+    weights = template_weights(templates, specimen, vertices, quality)
+    filled = np.where(weights[..., None] > 0, said, 0.0)
+    points = (weights[..., None] * filled).sum(axis=0)
+    points[weights.sum(axis=0) == 0] = np.nan
+    return points, spread(said, weights)
+
+
+#: Radius of the neighbourhoods in which normals are compared, in root mean square radii; relief is that of half.
+_WIDE = 0.5
+
+
+class Neighbourhoods:
+    """Neighbourhoods of landmarks on all shapes, by a dense correspondence.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (v, 3)
+    copies : ndarray, shape (N, v, 3)
+        The mean's vertices on each shape, none missing.
+    faces : ndarray of int, shape (f, 3)
+    unit : float
+        Root mean square radius of the mean.
+    """
+
+    def __init__(self, mean: FloatArray, copies: FloatArray, faces: IntArray, unit: float) -> None:
+        self._mean, self._copies, self._faces, self._unit = mean, copies, faces, unit
+        self._tree, self._normals = cKDTree(mean), dict[int, FloatArray]()
+
+    def compare(self, templates: Sequence[Template], specimen: int) -> tuple[FloatArray, FloatArray]:
+        """Return what the surroundings of landmarks show, on average over templates, shapes (l,) and (l,).
+
+        Returns
+        -------
+        tilt : ndarray, shape (l,)
+            Root mean square difference of normals, template and specimen laid onto each other there.
+        relief : ndarray, shape (l,)
+            How far the template's surface reaches from its plane there (standard deviation), in radii. On a flat
+            place nothing holds a landmark.
+        """
+        found = np.array([self._of_template(one, specimen) for one in templates])
+        known = np.stack([np.isfinite(one.offsets).all(axis=1) for one in templates])[:, None]
+        total = np.where(known, found, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        tilt, relief = np.where(known.any(axis=0), total, np.nan)
+        return read_only(tilt), read_only(relief)
+
+    def _of_template(self, item: Template, specimen: int) -> FloatArray:
+        """Tilts and reliefs of one template's landmarks, shape (2, l)."""
+        places, source, target = item.places.on(self._mean), self._copies[item.shape], self._copies[specimen]
+        normals = [self._normals_of(shape) for shape in (item.shape, specimen)]
+        tilts, reliefs = [], []
+        for wide, narrow in zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True):
+            here, there = (points[wide] - points[wide].mean(axis=0) for points in (source, target))
+            rotated = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
+            cosines = np.abs((normals[0][wide] * rotated).sum(axis=1))
+            tilts.append(np.sqrt(np.mean(2.0 - 2.0 * np.minimum(cosines, 1.0))))
+            reliefs.append(np.linalg.svd(source[narrow] - source[narrow].mean(axis=0), compute_uv=False)[-1])
+            reliefs[-1] /= np.sqrt(len(narrow)) * self._unit
+        return np.array([tilts, reliefs])
+
+    def _around(self, places: FloatArray, radius: float) -> list[IntArray]:
+        """Vertices of the mean around each place, at least the nearest few."""
+        nearest = self._tree.query(places, k=min(NUM_NEIGHBOURS, len(self._mean)))[1]
+        near = self._tree.query_ball_point(places, radius * self._unit)
+        return [np.union1d(few, many).astype(np.int64) for few, many in zip(nearest, near, strict=True)]
+
+    def _normals_of(self, shape: int) -> FloatArray:
+        if shape not in self._normals:
+            points = self._copies[shape]
+            normals = vertex_normals(points, self._faces) if len(self._faces) else plane_normals(points, points)
+            self._normals[shape] = normals
+        return self._normals[shape]

@@ -1,20 +1,142 @@
-"""The landmarks, curves and patches of all templates as one table: the same rows for each."""
+"""The landmarks, curves and patches of all templates as one table of labels; curves get even semilandmarks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from collalign.landmarks.curves import counting_like, evenly_spaced
-from collalign.landmarks.labels import called_like
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
 from data_tools.notes import Note
 from data_tools.percent import listed
 from data_tools.poses import moved_by
+
+#: Points per gap in which the length of a curve is measured.
+_STEPS = 32
+
+
+def evenly_spaced(points: FloatArray, num: int, *, closed: bool) -> FloatArray:
+    """Return points at equal distances along the curve through others, shape (num, 3).
+
+    The curve is the cubic spline through the points by chord length. An open curve keeps both its ends, a closed one
+    its first point.
+
+    Parameters
+    ----------
+    points : ndarray, shape (c, 3)
+        At least two, three if closed; those that repeat the one before count once.
+    num : int
+    closed : bool
+    """
+    ends = points[[0]] if closed else points[:0]
+    kept = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 0])
+    knots = np.concatenate([points[kept], ends])
+    chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
+    if len(knots) < 2 or chords[-1] == 0:
+        return np.repeat(points[:1], num, axis=0)
+    spline = CubicSpline(chords, knots, bc_type="periodic" if closed else "natural")
+    fine = np.concatenate(
+        [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(chords)] + [chords[-1:]]
+    )
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(spline(fine), axis=0), axis=1))])
+    wanted = np.linspace(0.0, lengths[-1], num, endpoint=not closed)
+    return np.asarray(spline(np.interp(wanted, lengths, fine)))
+
+
+def counting_like(points: FloatArray, other: FloatArray, *, closed: bool) -> IntArray:
+    """Return the order, shape (n,), in which a curve's points run as another's: from the same end, the same way.
+
+    Parameters
+    ----------
+    points, other : ndarray, shape (n, 3)
+        Evenly spaced along their curves, and posed alike.
+    closed : bool
+        Whether any point may come first.
+    """
+    num = len(points)
+    shifts = range(num) if closed else range(1)
+    orders = [np.roll(way, shift) for way in (np.arange(num), np.arange(num)[::-1]) for shift in shifts]
+    gaps = [float(((points[order] - other) ** 2).sum()) for order in orders]
+    return np.asarray(orders[int(np.argmin(gaps))])
+
+
+def slider_rows(rows: tuple[int, ...], *, closed: bool) -> IntArray:
+    """Return which landmarks each semilandmark slides between, rows (before, slides, after), shape (s, 3).
+
+    The ends of an open curve and the first point of a closed one stay.
+    """
+    along = np.array([*rows, rows[0]] if closed else rows, dtype=np.int64)
+    return np.column_stack([along[:-2], along[1:-1], along[2:]])
+
+
+#: What parts a prefix from the rest of a label.
+_SEPARATOR = re.compile(r"[-_ .:]")
+_NUMBERED = re.compile(r"(.*?)(\d+)")
+
+
+def called_like(marks: Landmarks, other: Landmarks) -> tuple[Landmarks, str]:
+    """Return landmarks under the labels of another template's, where they differ by a prefix or in numbers alone.
+
+    Parameters
+    ----------
+    marks, other : Landmarks
+
+    Returns
+    -------
+    landmarks : Landmarks
+        As they are where they share labels, or nothing tells which belong to which.
+    how : str
+        How they were matched; empty where nothing was renamed.
+    """
+    labels, how = _matched(marks.labels, other.labels)
+    curves, there = marks.semilandmarks, other.semilandmarks
+    names = tuple(one.name for one in there)
+    alike = [one.kind for one in curves] == [one.kind for one in there]
+    if curves and alike and not {*names} & {one.name for one in curves}:
+        curves = tuple(replace(one, name=name) for one, name in zip(curves, names, strict=True))
+        how = how or "curves were matched by their order"
+    return replace(marks, labels=labels, semilandmarks=curves), how
+
+
+def _matched(own: tuple[str, ...], other: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """Return labels in the words of others, and how they were matched."""
+    counted, counted_there = _counted(own), _counted(other)
+    if own != other and counted and len(own) == len(other) and counted == counted_there:
+        return other, "they were matched by their order"
+    if {*own} & {*other}:
+        return own, ""
+    rest, rest_there = _without_prefix(own), _without_prefix(other)
+    if len({*rest}) < len(rest) or not {*rest} & {*rest_there}:
+        return own, ""
+    of = dict(zip(rest_there, other, strict=True))
+    return tuple(of.get(word, label) for word, label in zip(rest, own, strict=True)), (
+        "they were matched by what follows their prefix"
+    )
+
+
+def _counted(labels: Sequence[str]) -> list[int]:
+    """Return by how much each number is above the first one; nothing where labels are not one prefix and a number."""
+    found = [_NUMBERED.fullmatch(label) for label in labels]
+    if not all(found) or len({one[1] for one in found if one}) != 1:
+        return []
+    numbers = [int(one[2]) for one in found if one]
+    return [one - numbers[0] for one in numbers]
+
+
+def _without_prefix(labels: Sequence[str]) -> list[str]:
+    """Return labels without what comes before the last separator in which all of them agree, and their numbers."""
+    numbered = [_NUMBERED.fullmatch(label) for label in labels]
+    if numbered and all(numbered) and len({one[1] for one in numbered if one}) == 1:
+        return [str(int(one[2])) for one in numbered if one]
+    prefixes = [labels[0][: sign.end()] for sign in _SEPARATOR.finditer(labels[0])] if labels else []
+    shared = max((one for one in prefixes if all(label.startswith(one) for label in labels)), key=len, default="")
+    return [label.removeprefix(shared) for label in labels]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

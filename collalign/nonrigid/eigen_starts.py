@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from collalign.nonrigid.map_tuning import TUNED
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem.problem import Problem

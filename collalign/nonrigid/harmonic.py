@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 
 #: Weight of the Dirichlet energy, of surfaces of unit area, beside the mean squared residual. From matched landmarks

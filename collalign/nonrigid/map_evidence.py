@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.surface.geometry import NUM_FORM_FUNCTIONS
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import NUM_FORM_FUNCTIONS, SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 
 #: Functions, the constant one included, whose images must be smooth.

@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.confidence.map_model import FLOOR, LEAST_AGREEMENT, NEAR, map_probability, point_probability
 from collalign.nonrigid.portfolio import Refined
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray
 
 #: Difference of scores at which a candidate counts e times as much as another. Chosen on 19 pairs of SCAPE,

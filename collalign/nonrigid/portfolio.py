@@ -14,11 +14,10 @@ from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_tuning import TUNED
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
-from collalign.nonrigid.refine import Refiner
+from collalign.nonrigid.posed_surface import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
+from collalign.nonrigid.refine import Refiner, without_torn_ends
 from collalign.nonrigid.shells import ShellRefiner
-from collalign.nonrigid.surface.posed import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
-from collalign.nonrigid.tears import without_torn_ends
+from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.local.local_search import LocalMinima
 

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.map_evidence import judge
+from collalign.nonrigid.posed_surface import PosedSurface
 from collalign.nonrigid.refine import Refiner, unit_rows
-from collalign.nonrigid.surface.posed import PosedSurface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 

@@ -17,7 +17,7 @@ import numpy as np
 from collalign.nonrigid.functional_map import fitted_map, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.harmonic import SMOOTHNESS, Side
 from collalign.nonrigid.map_tuning import TUNED
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.normals import vertex_normals

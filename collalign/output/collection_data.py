@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from collalign.analysis.procrustes import centroid_sizes
 from collalign.options import AlignOptions
-from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.moved_files import find_files, is_there
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
+from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.consistent_maps import ConsistentMaps, VertexMaps, position_of
 from collalign.products.pair import Alternative, Pairs, SettledPair
 from collalign.products.run_record import Made, RunRecord

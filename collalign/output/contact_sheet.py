@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from collalign.output.evidence.camera import UNNAMED, camera
-from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
+from collalign.output.views import FEWEST_FACES, UNNAMED, camera, display_mesh
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.figures import new_figure
+from data_tools.html_pages import new_figure
 from data_tools.percent import percent
 from data_tools.poses import moved_by
 from data_tools.surface.shape import Shape

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign.output.collection_data import CollectionData
-from collalign.output.tool_record import record_name
+from collalign.output.provenance import record_name
 from collalign.products.trust import DOUBT
 from data_tools.percent import percent
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from collalign.output.collection_data import CollectionData
 from collalign.output.contact_sheet import contact_sheet, tile_of
-from collalign.output.evidence.display_mesh import FEWEST_FACES, display_mesh
 from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.shown import some_shapes
+from collalign.output.views import FEWEST_FACES, display_mesh
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 from collalign.engine.jobs.job import run_task
 from collalign.engine.jobs.run import run_jobs
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.vertex_maps import PlaceColours, at_vertices
+from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.shapes import PosedFile
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError

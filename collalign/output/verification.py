@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.products.pair import Pair
+from collalign.products.run_record import Made
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
+from data_tools.io.output_folder import OutputFolder
 from pairwise.certificates.verify import CLAIM_TOL
 from pairwise.certificates.verify_cells import tilted_bound
 from pairwise.certificates.verify_joint import gram_bound
@@ -200,3 +203,19 @@ def _check(
         proven=proven,
         energy=energy,
     )
+
+
+CERTIFICATE_FOLDER = "certificates"
+PROBLEMS_FILE = "problems.npz"
+#: What `collalign certify` leaves for others to check, and its name in the manifest of an output folder.
+PROOF_FILE, CERTIFIER = "certification.npz", "certify"
+
+
+def write_certificates(pairs: Sequence[Pair], made: Made, output: OutputFolder) -> None:
+    """Stage the certificates of all pairs that have one, and the problems that they are about."""
+    certified = [(pair, pair.certificate) for pair in pairs if pair.certificate is not None]
+    for pair, certificate in certified:
+        certificate.save(output.stage(CERTIFICATE_FOLDER, f"{pair.target}-{pair.source}.npz"))
+    if certified:
+        path = output.stage(CERTIFICATE_FOLDER, PROBLEMS_FILE)
+        np.savez_compressed(path, coordinates=made.coordinates, invariants=made.invariants)

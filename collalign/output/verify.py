@@ -20,10 +20,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.certificates import CERTIFICATE_FOLDER, CERTIFIER, PROBLEMS_FILE, PROOF_FILE
 from collalign.output.collection_data import MESH_FOLDER
 from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
-from collalign.output.verification import PROOF_ARRAYS, CheckedCollection, CheckedPair, Verification, check_collection
+from collalign.output.verification import (
+    CERTIFICATE_FOLDER,
+    CERTIFIER,
+    PROBLEMS_FILE,
+    PROOF_ARRAYS,
+    PROOF_FILE,
+    CheckedCollection,
+    CheckedPair,
+    Verification,
+    check_collection,
+)
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError

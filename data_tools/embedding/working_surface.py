@@ -12,8 +12,7 @@ from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
-from data_tools.surface.cleaning import clean
-from data_tools.surface.decimation import decimate
+from data_tools.surface.cleaning import clean, decimate
 from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
 from data_tools.surface.shape import Shape

@@ -14,7 +14,7 @@ from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.map_trust import map_terms, point_terms
 from collalign.nonrigid.portfolio import Refined
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan

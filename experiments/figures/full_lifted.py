@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from pairwise.problem.problem import Problem
-from pairwise.reference.cvxpy import cvxpy_module
+from pairwise.reference.constraints import cvxpy_module
 from pairwise.reference.pm_sdp import Model, build_model, solve_model
 from pairwise.results import RelaxationResult
 

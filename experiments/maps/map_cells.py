@@ -15,7 +15,7 @@ import numpy as np
 from collalign.engine.store.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import find_candidates
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
+from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.tools.match.nonrigid import match_prepared
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points

@@ -9,7 +9,7 @@ import numpy as np
 from collalign.nonrigid.eigen_starts import candidate_mask, descend_maps
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.portfolio import Refined, judged
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import match_of
 from collalign.tools.match.result import NonrigidMatch
 from data_tools.arrays import BoolArray, FloatArray, IntArray

@@ -16,7 +16,7 @@ from collalign import AlignOptions, RunOptions, align_collection, match_in_part
 from collalign.engine.store.records import Record
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic import range_view
 from data_tools.embedding.surface_cells import centre_and_radius
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape

@@ -23,8 +23,7 @@ from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.local.screening import screen
-from pairwise.problem.chirality import chiralities
-from pairwise.problem.problem import Problem
+from pairwise.problem.problem import Problem, chiralities
 from pairwise.results import Candidate
 from pairwise.status import Status
 

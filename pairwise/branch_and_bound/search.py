@@ -12,8 +12,7 @@ from pairwise.branch_and_bound.bounds import QuasiBounds
 from pairwise.branch_and_bound.cells import Cells, radii_of
 from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.local_search import minimise
-from pairwise.problem.chirality import mirror
-from pairwise.problem.problem import Problem, energy_scale
+from pairwise.problem.problem import Problem, energy_scale, mirror
 
 #: Entries of the cost matrices of the cells that are split at once, and cells at most.
 _BATCH_ENTRIES, _MOST_CELLS = 4_000_000, 512

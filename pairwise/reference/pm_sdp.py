@@ -28,8 +28,13 @@ from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from pairwise.problem.problem import Problem, assignment_support
-from pairwise.reference.constraints import cross_product_equations, hull_constraints, orthogonality_equations
-from pairwise.reference.cvxpy import cvxpy_module, solve_program
+from pairwise.reference.constraints import (
+    cross_product_equations,
+    cvxpy_module,
+    hull_constraints,
+    orthogonality_equations,
+    solve_program,
+)
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
 

@@ -12,7 +12,7 @@ import pytest
 
 from collalign.cli import main
 from collalign.console.talk import configure_output, end, talking, tell
-from collalign.engine.jobs import progress
+from collalign.engine import session
 
 TEXTS = (".json", ".csv", ".html")
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -58,8 +58,8 @@ def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_pa
 
 def test_a_stage_has_a_line_at_its_start_and_end_and_one_a_minute_between(monkeypatch, caplog):
     now = [0.0]
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 200) as bar:
+    monkeypatch.setattr(session, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with caplog.at_level(logging.INFO), session.ProgressBar("pairs", 200) as bar:
         for _ in range(200):
             now[0] += 0.7
             bar.advance()

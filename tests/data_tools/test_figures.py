@@ -3,7 +3,7 @@ from io import BytesIO
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from data_tools.figures import new_figure
+from data_tools.html_pages import new_figure
 
 
 def test_a_figure_shows_itself_as_a_picture():

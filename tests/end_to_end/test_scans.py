@@ -13,8 +13,7 @@ from collalign.stages.incomplete.overlaps import PART_CELL, common_cell
 from collalign.stages.incomplete.scans import BADLY_MATCHED, may_be_scans
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
-from data_tools.datasets.range_views import range_view
-from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.errors import InputError
 from data_tools.io.objects import list_shapes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pairwise.candidates import rank_candidates, with_better
 from pairwise.matching import match
 from pairwise.options import MatchOptions
+from pairwise.portfolio import rank_candidates, with_better
 from pairwise.problem.problem import Problem
 from pairwise.results import Candidate
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any, Generic, TypeVar
 
 from collalign.engine.jobs.shared_table import SharedTable
-from collalign.engine.store.keys import fingerprint
 from collalign.engine.store.records import Reader, fields_of, from_record, to_record
-from collalign.engine.store.store import Store
+from collalign.engine.store.store import Store, fingerprint
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -61,7 +60,7 @@ class Job(Generic[T]):
     reader: Reader[T]
 
     def key(self, settings: Any, *contents: str) -> str:
-        """Return the key of a result, see :func:`collalign.engine.store.keys.fingerprint`."""
+        """Return the key of a result, see :func:`collalign.engine.store.store.fingerprint`."""
         return fingerprint(self.version, settings, *contents)
 
     def shared(self, key: str, reader: Reader[Any] | None = None) -> Shared:

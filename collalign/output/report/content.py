@@ -10,14 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.camera import camera
 from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps
 from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.methods import methods_paragraph
-from collalign.output.report.coverage import incomplete_content
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
-from collalign.output.report.poses import offered_poses, own_disagreements_deg
-from collalign.output.report.statistics import cycle_histogram, shape_map
+from collalign.output.report.sections import (
+    cycle_histogram,
+    incomplete_content,
+    offered_poses,
+    own_disagreements_deg,
+    shape_map,
+)
+from collalign.output.views import camera
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray

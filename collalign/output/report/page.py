@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from collalign.output.again import option_words, shape_words
 from collalign.output.collection_data import CollectionData
+from collalign.output.provenance import option_words, shape_words
 from collalign.output.report.content import build_content
 from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT

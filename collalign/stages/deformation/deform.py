@@ -9,8 +9,7 @@ import networkx as nx
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
-from collalign.nonrigid.collection.bases import common_bases
-from collalign.nonrigid.collection.choice import choose_maps
+from collalign.nonrigid.common_bases import choose_maps, common_bases
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.engine.store.records import Record, to_record
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.surface.posed import sampled_surface
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.posed_surface import sampled_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.map_surfaces import StoredSurface

@@ -12,8 +12,8 @@ from collalign.engine.jobs.job import Job
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.portfolio import is_same_map
 from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.nonrigid.posed_surface import first_samples
 from collalign.nonrigid.refine import Refiner
-from collalign.nonrigid.surface.posed import first_samples
 from collalign.stages.evidence.candidates import PoseWeigher
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.arrays import FloatArray, Holds

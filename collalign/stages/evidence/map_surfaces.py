@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
-from collalign.nonrigid.surface.posed import PosedSurface, posed_surface, prepare_posed, spectral_samples
-from collalign.nonrigid.surface.spectral_shape import SpectralShape
+from collalign.nonrigid.posed_surface import PosedSurface, posed_surface, prepare_posed, spectral_samples
+from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from data_tools.arrays import FloatArray, Holds
@@ -21,7 +21,7 @@ from data_tools.options import CleaningOptions
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredSurface:
-    """A surface at its dense samples; fields are those of ``SpectralShape`` (:mod:`collalign.nonrigid.surface`)."""
+    """A surface at its dense samples, with fields of :class:`collalign.nonrigid.spectral_shape.SpectralShape`."""
 
     name: str
     vertices: Annotated[FloatArray, Holds(shape="n 3")]

@@ -16,8 +16,8 @@ from collalign.confidence.map_model import RIGHT_SHARE
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import candidates_from, chirality_of, find_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.surface.posed import MAX_FACES, sampled_surface
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
+from collalign.nonrigid.posed_surface import MAX_FACES, sampled_surface
+from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples

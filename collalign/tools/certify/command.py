@@ -11,8 +11,8 @@ from collalign.console.help import Flag
 from collalign.console.interruption import resumable
 from collalign.console.talk import say, say_files, tell
 from collalign.engine.run_options import RunOptions
-from collalign.output.certificates import CERTIFIER
 from collalign.output.evidence.loading import load
+from collalign.output.verification import CERTIFIER
 from collalign.output.verify import verify_result
 from collalign.tools.certify.files import (
     FILES,

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from collalign.output.certificates import PROOF_FILE
 from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import save_evidence
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.page import write_report
+from collalign.output.verification import PROOF_FILE
 from collalign.output.write import REPORT_FILE, WRITER, report_title
 from collalign.products.trust import DOUBT
 from collalign.tools.certify.result import CertifiedCollection, JointBound, share_of

@@ -10,13 +10,12 @@ import numpy as np
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
+from collalign.output.provenance import write_tool_record
 from collalign.output.report.shown import some_shapes
-from collalign.output.tool_record import write_tool_record
 from collalign.tools.export.landmark_formats import write_markups, write_morphologika, write_tps
 from collalign.tools.export.mesh_formats import mesh_writer, write_shapeworks, write_transforms
-from collalign.tools.export.parquet import write_parquet
 from collalign.tools.export.request import ExportRequest, Space, coordinates_note
-from collalign.tools.export.tables import write_csv
+from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError

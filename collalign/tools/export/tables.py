@@ -1,4 +1,4 @@
-"""Tables of the whole result as CSV, for R, pandas and spreadsheets."""
+"""Tables of the whole result, as CSV and Parquet, for R, pandas and spreadsheets."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from collalign.analysis.procrustes import (
     principal_components,
     procrustes_distances,
 )
+from collalign.confidence.candidate_model import candidate_chances
+from collalign.output.collection import Collection
 from collalign.tools.export.request import ExportRequest, complete_labels, label_columns, member_columns
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
 #: Column name to values.
@@ -109,3 +111,65 @@ def _distances(request: ExportRequest) -> Table:
     distances = procrustes_distances(request.collection.aligned_landmarks)
     columns = dict(zip(request.collection.names, distances.T.tolist(), strict=True))
     return {"": list(request.collection.names)} | columns
+
+
+#: Rows that a reader gets at a time.
+_GROUP_ROWS = 50_000
+
+
+def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
+    """Write ``shapes.parquet``, ``landmarks.parquet`` and ``pairs.parquet``.
+
+    Shapes and landmarks have the columns of the CSV tables, pairs those of ``pairs.csv`` that say what was decided.
+    Rows come in groups of 50 000, so that Arrow, DuckDB, pandas and others read a part, or one column.
+
+    Raises
+    ------
+    UnavailableError
+        If pyarrow is not installed.
+    """
+    tables = {
+        "shapes": shape_columns(request),
+        "landmarks": landmark_columns(request),
+        "pairs": _pair_columns(request.collection),
+    }
+    return tuple(_write_table(request.path(f"{name}.parquet"), table) for name, table in tables.items())
+
+
+def _pair_columns(collection: Collection) -> Table:
+    pairs, names = collection.pairs, collection.names
+    chances = [float(candidate_chances(pair)[pair.choice]) if pair.choice >= 0 else float("nan") for pair in pairs]
+    return {
+        "target": [names[pair.target] for pair in pairs],
+        "source": [names[pair.source] for pair in pairs],
+        "energy": [pair.energy for pair in pairs],
+        "lower_bound": [pair.lower_bound for pair in pairs],
+        "status": [pair.status for pair in pairs],
+        "choice": [pair.choice for pair in pairs],
+        "inlier": [pair.inlier for pair in pairs],
+        "disagreement_deg": [pair.disagreement_deg for pair in pairs],
+        "chance": chances,
+    }
+
+
+def _write_table(path: Path, table: Table) -> Path:
+    arrow, parquet = _arrow()
+    columns = {name: [_encodable(value) for value in values] for name, values in table.items()}
+    parquet.write_table(arrow.table(columns), path, row_group_size=_GROUP_ROWS)
+    return path
+
+
+def _encodable(value: Any) -> Any:
+    """Return a value whose text UTF-8 can hold: names of files may be no text."""
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
+
+
+def _arrow() -> tuple[Any, Any]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise UnavailableError(
+            "format parquet needs pyarrow, which is not installed; run: pip install 'collalign[parquet]'"
+        ) from error
+    return pyarrow, pyarrow.parquet

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from collalign.console.help import Flag
 from collalign.console.talk import say, say_files, tell
-from collalign.engine.jobs.progress import ProgressBar
+from collalign.engine.session import ProgressBar
 from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part, with_mirror_chance

@@ -13,7 +13,7 @@ from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, Su
 from collalign.nonrigid.map_trust import agreements, trust_of
 from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, mended, sharpened
 from collalign.nonrigid.refine import between_files
-from collalign.nonrigid.surface.spectral_shape import SpectralShape, prepare_surface
+from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.registration.by_map import fitted_by_map
 from collalign.tools.match.result import NonrigidCandidate, NonrigidMatch
 from data_tools.arrays import IntArray, read_only

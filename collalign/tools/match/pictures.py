@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from collalign.output.contact_sheet import draw_panels, seen_panel
-from collalign.output.evidence.camera import camera, principal_view
+from collalign.output.views import camera, principal_view
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.figures import new_figure
+from data_tools.html_pages import new_figure
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import Shape
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.output.write import REPORT_FILE
 from collalign.products.trust import DOUBT
-from collalign.tools.stability.result import Stability
+from collalign.tools.stability.run import Stability
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import html_figure, html_table, write_html_page

@@ -18,8 +18,7 @@ from collalign.landmarks.templates import SemilandmarkRequest, read_templates, s
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
-from collalign.tools.transfer.files import left_out_summary, write_transfer
-from collalign.tools.transfer.landmarks_page import landmarks_page
+from collalign.tools.transfer.files import landmarks_page, left_out_summary, write_transfer
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from collalign.wording import note_records, note_text

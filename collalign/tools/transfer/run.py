@@ -19,12 +19,18 @@ from collalign.confidence.radius_model import (
 )
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.carry import Template, at_places, off_surface, on_surface, template
-from collalign.landmarks.curves import evenly_spaced
-from collalign.landmarks.fusion import fuse, template_distance
-from collalign.landmarks.neighbourhoods import Neighbourhoods
+from collalign.landmarks.carry import (
+    Neighbourhoods,
+    Template,
+    at_places,
+    fuse,
+    off_surface,
+    on_surface,
+    template,
+    template_distance,
+)
 from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.table import LandmarkTable, landmark_table
+from collalign.landmarks.table import LandmarkTable, evenly_spaced, landmark_table
 from collalign.landmarks.templates import (
     SemilandmarkKeywords,
     SemilandmarkRequest,

@@ -9,16 +9,25 @@ from types import MappingProxyType
 from typing import Any
 
 from collalign.analysis.symmetry import ObjectSymmetry
-from collalign.output.evidence.camera import UNNAMED
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members
+from collalign.output.provenance import write_tool_record
 from collalign.output.report.page import render_page
-from collalign.output.tool_record import write_tool_record
+from collalign.output.views import UNNAMED
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.variation.page_content import build_variation
-from collalign.tools.variation.r_tables import SYMMETRY_FOLDER, write_symmetry_tables, write_tables
-from collalign.tools.variation.shape_statistics import ShapeTests
-from collalign.tools.variation.surface_quality import QUALITY_HEADING
-from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation, group_means, signed_offsets
+from collalign.tools.variation.shape_statistics import (
+    SYMMETRY_FOLDER,
+    ShapeTests,
+    write_symmetry_tables,
+    write_tables,
+)
+from collalign.tools.variation.surface_variation import (
+    NUM_COMPONENTS,
+    QUALITY_HEADING,
+    SurfaceVariation,
+    group_means,
+    signed_offsets,
+)
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray
 from data_tools.io.csv_cells import csv_text

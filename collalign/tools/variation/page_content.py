@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.analysis.symmetry import ObjectSymmetry
-from collalign.output.evidence.camera import UNNAMED, camera
-from collalign.output.evidence.display_mesh import display_mesh
 from collalign.output.evidence.gather import json_types
 from collalign.output.report.payload import pack, sample_colors
+from collalign.output.views import UNNAMED, camera, display_mesh
 from collalign.products.named_frame import NamedFrame
-from collalign.tools.variation.r_tables import procrustes_scores, symmetry_rows
-from collalign.tools.variation.shape_statistics import ShapeTests
-from collalign.tools.variation.surface_quality import QUALITY_HEADING
-from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
+from collalign.tools.variation.shape_statistics import ShapeTests, procrustes_scores, symmetry_rows
+from collalign.tools.variation.surface_variation import NUM_COMPONENTS, QUALITY_HEADING, SurfaceVariation
 from data_tools.arrays import FloatArray
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.normals import vertex_normals

@@ -24,20 +24,24 @@ from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence
 from collalign.tools.variation.files import write_variation
-from collalign.tools.variation.mirror import mirror_map
+from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.tools.variation.shape_statistics import shape_tests
-from collalign.tools.variation.surface_quality import surface_quality
-from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_notes, surface_symmetry
-from collalign.tools.variation.surface_variation import SurfaceVariation, surface_variation
+from collalign.tools.variation.surface_variation import (
+    SurfaceVariation,
+    mirror_error,
+    shared_error_notes,
+    surface_quality,
+    surface_symmetry,
+    surface_variation,
+)
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import composed
 from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import Landmarks
-from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfacePoints

@@ -13,9 +13,15 @@ from collalign.confidence.radius_model import (
     radii,
     spread,
 )
-from collalign.landmarks.carry import carried, on_surface, template
-from collalign.landmarks.fusion import fuse, template_distance, template_weights
-from collalign.landmarks.neighbourhoods import Neighbourhoods
+from collalign.landmarks.carry import (
+    Neighbourhoods,
+    carried,
+    fuse,
+    on_surface,
+    template,
+    template_distance,
+    template_weights,
+)
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 

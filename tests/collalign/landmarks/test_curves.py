@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.curves import counting_like, evenly_spaced, slider_rows
-from collalign.landmarks.table import landmark_table
+from collalign.landmarks.table import counting_like, evenly_spaced, landmark_table, slider_rows
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.rotations import random_rotation

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.labels import called_like
-from collalign.landmarks.table import landmark_table
+from collalign.landmarks.table import called_like, landmark_table
 from data_tools.errors import InputError
 from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note

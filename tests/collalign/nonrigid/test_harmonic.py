@@ -11,10 +11,10 @@ from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import judged, laid, mended, sharpened, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
+from collalign.nonrigid.posed_surface import sampled_surface
+from collalign.nonrigid.refine import without_torn_ends
 from collalign.nonrigid.shells import ShellRefiner
-from collalign.nonrigid.surface.posed import sampled_surface
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
-from collalign.nonrigid.tears import without_torn_ends
+from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation

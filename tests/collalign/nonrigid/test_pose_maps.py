@@ -8,8 +8,8 @@ import pytest
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import at_few_samples, judged, posed_candidates, with_pose_evidence
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
-from collalign.nonrigid.surface.posed import prepare_posed, sampled_surface
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.posed_surface import prepare_posed, sampled_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError

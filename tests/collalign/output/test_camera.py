@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.output.evidence.camera import camera, principal_view
+from collalign.output.views import camera, principal_view
 from collalign.products.named_frame import NamedFrame
 from tests.view_problems import bumpy_shapes
 

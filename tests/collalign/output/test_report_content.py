@@ -14,14 +14,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output import report
-from collalign.output.evidence.display_mesh import display_mesh, faces_per_shape
 from collalign.output.evidence.members import statistics_members
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
-from collalign.output.report.poses import offered_poses
+from collalign.output.report.sections import offered_poses, shape_map
 from collalign.output.report.shown import page_members, shown_part
-from collalign.output.report.statistics import shape_map
+from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
 from data_tools.notes import Note

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.output.report.content import build_content
-from collalign.output.report.coverage import counterparts_on, incomplete_content
+from collalign.output.report.sections import counterparts_on, incomplete_content
 from collalign.output.write import _incomplete
 from collalign.products.shapes import Incomplete
 from data_tools.poses import moved_by

@@ -7,11 +7,10 @@ import pytest
 
 from collalign import load
 from collalign.align import align_collection
-from collalign.nonrigid.collection.bases import common_bases, map_residuals
-from collalign.nonrigid.collection.choice import choose_maps
+from collalign.nonrigid.common_bases import choose_maps, common_bases, map_residuals
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.surface.posed import sampled_surface
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.posed_surface import sampled_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes

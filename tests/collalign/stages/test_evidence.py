@@ -11,7 +11,7 @@ from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, ca
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.surface.posed import prepare_posed
+from collalign.nonrigid.posed_surface import prepare_posed
 from collalign.options import AlignOptions
 from collalign.products.pair import median_mismatch
 from collalign.stages import steps

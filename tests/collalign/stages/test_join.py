@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from collalign.confidence.overlap_model import overlap_chances
 from collalign.stages.incomplete import join
 from collalign.stages.incomplete.join import join_scans
-from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.poses import pose_angle_deg

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from collalign import match_in_part
-from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
 from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled

@@ -9,8 +9,7 @@ from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
-from collalign.nonrigid.surface.geometry import outward, signed_volume, smoothed_curvature
-from collalign.nonrigid.surface.spectral_shape import prepare_surface
+from collalign.nonrigid.spectral_shape import outward, prepare_surface, signed_volume, smoothed_curvature
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import cotangent_laplacian

@@ -16,9 +16,16 @@ from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.posture import at_mean_posture
 from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
 from collalign.tools.variation.shape_statistics import shape_tests
-from collalign.tools.variation.surface_quality import SurfaceQuality, surface_quality
-from collalign.tools.variation.surface_symmetry import mirror_error, shared_error_notes, surface_symmetry
-from collalign.tools.variation.surface_variation import group_means, signed_offsets, surface_variation
+from collalign.tools.variation.surface_variation import (
+    SurfaceQuality,
+    group_means,
+    mirror_error,
+    shared_error_notes,
+    signed_offsets,
+    surface_quality,
+    surface_symmetry,
+    surface_variation,
+)
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply

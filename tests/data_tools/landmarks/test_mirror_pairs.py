@@ -1,7 +1,7 @@
 import pytest
 
+from collalign.tools.variation.mirror import landmark_partners, read_landmark_pairs
 from data_tools.errors import InputError
-from data_tools.landmarks.mirror_pairs import landmark_partners, read_landmark_pairs
 
 
 def test_pairs_of_landmarks_come_from_a_table(tmp_path):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
-from data_tools.surface import decimation
+from data_tools.surface import cleaning
+from data_tools.surface.cleaning import decimate
 from data_tools.surface.closest import SurfaceLocator
-from data_tools.surface.decimation import decimate
 from data_tools.surface.topology import counted_edges, face_areas, mesh_edges, vertex_components
 
 
 @pytest.fixture
 def clusters_first(monkeypatch):
-    monkeypatch.setattr(decimation, "MOST_COLLAPSED", 2_000)
-    monkeypatch.setattr(decimation, "_NUM_CLUSTERS", 1_500)
+    monkeypatch.setattr(cleaning, "MOST_COLLAPSED", 2_000)
+    monkeypatch.setattr(cleaning, "_NUM_CLUSTERS", 1_500)
 
 
 def largest_gap(points, vertices, faces):

@@ -9,8 +9,7 @@ from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import QuasiBounds
 from pairwise.branch_and_bound.cells import Cells
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem.chirality import chiralities
-from pairwise.problem.problem import Problem, energy_scale
+from pairwise.problem.problem import Problem, chiralities, energy_scale
 from tests.oracles import every_pose
 from tests.rigid_problems import planted_cube, rigid_problem
 

@@ -5,8 +5,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
 from experiments.datasets import read_teeth
 from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
-from pairwise.problem.chirality import chiralities
-from pairwise.problem.problem import Problem, energy_scale
+from pairwise.problem.problem import Problem, chiralities, energy_scale
 from pairwise.results import Candidate
 from pairwise.status import Status
 from tests.oracles import brute_force, check_pose

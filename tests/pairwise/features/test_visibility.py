@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.range_views import range_view
+from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape

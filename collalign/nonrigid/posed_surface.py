@@ -7,8 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from collalign.nonrigid.surface.geometry import orientation_form, outward, smoothed_curvature
-from collalign.nonrigid.surface.spectral_shape import CURVATURE_TIMES, NUM_ORIENTATION, SpectralShape
+from collalign.nonrigid.spectral_shape import (
+    CURVATURE_TIMES,
+    NUM_ORIENTATION,
+    SpectralShape,
+    orientation_form,
+    outward,
+    smoothed_curvature,
+)
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface

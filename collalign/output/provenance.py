@@ -1,18 +1,44 @@
-"""The words of a command line that make a result again: where its shapes are, and the options it was made with."""
+"""Where results come from: the record that every tool writes, and the command that makes a result again."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from collalign.engine.run_options import COMMAND, now
 from collalign.options import AlignOptions
 from collalign.output.collection_data import CollectionData
+from collalign.output.evidence.gather import json_types
+from collalign.version import __version__
 from data_tools.errors import InputError
-from data_tools.io.files import composed
+from data_tools.io.files import composed, write_atomic
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
+from data_tools.io.output_folder import OutputFolder
+
+
+def record_name(tool: str) -> str:
+    """Return the name of the record of a tool, by which several of one folder differ."""
+    return f"run-{tool.replace(' ', '-')}.json"
+
+
+def write_tool_record(output: OutputFolder, tool: str, options: Mapping[str, Any]) -> None:
+    """Stage the record of a tool.
+
+    Parameters
+    ----------
+    output : OutputFolder
+    tool : str
+        The command, and the format if files of several may lie in one folder.
+    options : mapping of str to Any
+        What decided the files, templates included.
+    """
+    record = {"tool": tool, "command": COMMAND.get(), "version": __version__, "date": now(), "options": options}
+    text = json.dumps(json_types(record), indent=1)
+    write_atomic(output.stage(record_name(tool)), text.encode("utf-8", "backslashreplace"))
 
 
 def shape_words(collection: CollectionData) -> tuple[list[str], list[str]]:

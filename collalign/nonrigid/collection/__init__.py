@@ -1,1 +1,0 @@
-"""Maps between all shapes of a collection that agree around its cycles."""

@@ -1,1 +1,0 @@
-"""A surface as non-rigid matching sees it: spectrum, signatures, orientation."""
