@@ -1,5 +1,7 @@
 """Generated collections as the report and the exports receive them, with everything known."""
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
@@ -101,7 +103,7 @@ def write_result(collection, folder):
 
 
 def _pairs(R, rng):
-    """All pairs; every seventh is wrong by a half turn, the very last one failed."""
+    """All pairs; every seventh is wrong by a half turn, the very last one was stopped."""
     num = len(R)
     half_turn = np.diag([-1.0, -1.0, 1.0])
     pairs = []
@@ -131,12 +133,8 @@ def _pairs(R, rng):
                     map_target_source=order if wrong else np.arange(NUM_SAMPLES),
                 )
             )
-    pairs[-1] = SettledPair(
-        target=pairs[-1].target,
-        source=pairs[-1].source,
-        rotations=np.empty((0, 3, 3)),
-        maps=np.zeros((0, 0), dtype=np.int64),
-        energies=np.empty(0),
+    pairs[-1] = replace(
+        pairs[-1],
         status="Time limit reached.",
         choice=-1,
         inlier=False,

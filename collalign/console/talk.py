@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.session import SHOW_BARS, STAGES
+from collalign.engine.store.records import json_types
 from data_tools.errors import InputError, printable
 from data_tools.io.files import system_reason
 
@@ -182,8 +183,6 @@ def end(code: int, error: str = "") -> int:
     _SAID.info("exit code %d", code, extra={"numbers": {"exit_code": code}})
     talk = _talk()
     if talk.as_json:
-        from collalign.output.evidence.gather import json_types  # help shall not wait for it
-
         print(json.dumps(json_types({"exit_code": code} | talk.summary), indent=1))
     return code
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.run_options import COMMAND, now
+from collalign.engine.store.records import json_types
 from collalign.options import AlignOptions
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.gather import json_types
 from collalign.version import __version__
 from data_tools.errors import InputError
 from data_tools.io.files import composed, write_atomic

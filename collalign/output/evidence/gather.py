@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -45,8 +43,7 @@ def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """
-    known = [pair for pair in pairs if len(pair.rotations)]
-    found = {(pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in known}
+    found = {(pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in pairs}
     found |= {(j, i): R.T for (i, j), R in found.items()}
     chosen = _some_triangles(found.keys(), num_shapes)
     if not chosen:
@@ -147,16 +144,3 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
     for number, members in enumerate(parts):
         numbers[members] = number
     return numbers
-
-
-def json_types(value: Any) -> Any:
-    """Turn a value into JSON types: tuples into lists, numbers that are not finite into None."""
-    if isinstance(value, Mapping):
-        return {str(key): json_types(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_types(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return json_types(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from collalign.engine.store.records import json_types
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.gather import OWN_MAP, json_types, label_maps
+from collalign.output.evidence.gather import OWN_MAP, label_maps
 from collalign.output.evidence.members import main_part, statistics_members
 from collalign.output.methods import methods_paragraph
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
@@ -195,7 +196,7 @@ def _pairs(collection: CollectionData) -> tuple[Fields, str, list[str]]:
         {
             "i": column("target", np.uint16),
             "j": column("source", np.uint16),
-            "energy": np.array([pair.energies[0] if len(pair.energies) else np.nan for pair in pairs], np.float32),
+            "energy": np.array([pair.energies[0] for pair in pairs], dtype=np.float32),
             "bound": column("lower_bound", np.float32),
             "disagreement": np.minimum(own, 180.0).astype(np.float32),
             "inlier": column("inlier", np.uint8),

@@ -45,14 +45,14 @@ def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], 
 def own_disagreements_deg(collection: CollectionData) -> FloatArray:
     """Return the angle between each shown pair's own likeliest pose, its first, and the collection's, shape (E,).
 
-    Infinite where they disagree on handedness, NaN where the pair has no pose.
+    Infinite where they disagree on handedness.
     """
-    angles = np.full(len(collection.pairs), np.nan)
-    for e, pair in enumerate(collection.pairs):
-        if len(pair.rotations):
-            common = collection.rotations[pair.target].T @ collection.rotations[pair.source]
-            angles[e] = np.nan_to_num(rotation_angle_deg(pair.rotations[0], common), nan=np.inf)
-    return angles
+    frames = collection.rotations
+    angles = [
+        rotation_angle_deg(pair.rotations[0], frames[pair.target].T @ frames[pair.source])
+        for pair in collection.pairs
+    ]
+    return np.nan_to_num(np.array(angles, dtype=np.float64), nan=np.inf)
 
 
 def _half_turn_rotations(collection: CollectionData) -> FloatArray:

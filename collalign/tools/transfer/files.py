@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from collalign.confidence.radius_model import COVERAGE
+from collalign.engine.store.records import json_types
 from collalign.landmarks.table import slider_rows
 from collalign.output.collection import Collection
-from collalign.output.evidence.gather import json_types
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.analysis.symmetry import ObjectSymmetry
-from collalign.output.evidence.gather import json_types
+from collalign.engine.store.records import json_types
 from collalign.output.report.payload import pack, sample_colors
 from collalign.output.views import UNNAMED, camera, display_mesh
 from collalign.products.named_frame import NamedFrame
