@@ -10,7 +10,7 @@ from collalign.console.talk import say, tell
 from collalign.engine.store.file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.output.evidence.loading import load
-from collalign.output.methods import methods_paragraph
+from collalign.output.provenance import methods_paragraph
 from data_tools.errors import OptionsError, StoreError, printable
 
 

@@ -94,7 +94,7 @@ def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
     Parameters
     ----------
     terms : ndarray, shape (3,)
-        As :func:`collalign.nonrigid.map_trust.map_terms` gives them.
+        As :func:`collalign.nonrigid.portfolio.map_terms` gives them.
     knows_sides : bool
         Whether normals tell left from right.
     """
@@ -108,7 +108,7 @@ def point_probability(terms: FloatArray, whole: float, *, knows_sides: bool) -> 
     Parameters
     ----------
     terms : ndarray, shape (s, 2)
-        As :func:`collalign.nonrigid.map_trust.point_terms` gives them.
+        As :func:`collalign.nonrigid.portfolio.point_terms` gives them.
     whole : float
         Probability of the map.
     knows_sides : bool

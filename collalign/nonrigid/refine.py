@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from collalign.confidence.map_model import NEAR
 from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.map_evidence import paired_forms
-from collalign.nonrigid.map_tuning import TUNED
+from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.topology import mesh_edges

@@ -1,4 +1,4 @@
-"""Where results come from: the record that every tool writes, and the command that makes a result again."""
+"""Where results come from: records of tools, the command that makes a result again, and words for a paper."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collalign.engine.run_options import COMMAND, now
 from collalign.engine.store.records import json_types
 from collalign.options import AlignOptions
 from collalign.output.collection_data import CollectionData
+from collalign.products.trust import DOUBT
 from collalign.version import __version__
 from data_tools.errors import InputError
 from data_tools.io.files import composed, write_atomic
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
+from data_tools.percent import percent
 
 
 def record_name(tool: str) -> str:
@@ -71,3 +75,107 @@ def option_words(options: Any, default: Any = AlignOptions(), before: str = "--"
             yield from option_words(value, usual, f"{word}.")
         elif value != usual:
             yield f"{word}={value}"
+
+
+_MARON = (
+    "Maron H, Dym N, Kezurer I, Kovalsky S, Lipman Y (2016) Point registration via efficient convex relaxation. ACM "
+    "Transactions on Graphics 35(4):73. doi:10.1145/2897824.2925913"
+)
+_GOODALL = (
+    "Goodall C (1991) Procrustes methods in the statistical analysis of shape. Journal of the Royal Statistical "
+    "Society B 53:285-339."
+)
+_RRPP = (
+    "Collyer ML, Adams DC (2018) RRPP: an R package for fitting linear models to high-dimensional data using "
+    "residual randomization. Methods in Ecology and Evolution 9:1772-1779. doi:10.1111/2041-210X.13029"
+)
+
+
+def methods_paragraph(collection: CollectionData) -> str:
+    """Return what a methods section says of an alignment, and of the tools run in its folder, with references.
+
+    Every figure is of the result; what was not done is not mentioned.
+
+    Parameters
+    ----------
+    collection : CollectionData
+        Just made, or loaded; of the folder of a loaded one the records of tools are read as well.
+    """
+    sentences, references = [*_alignment(collection), *_confidence(collection)], [_MARON]
+    records = [] if collection.folder is None else _records(collection.folder)
+    for record in records:
+        if record["tool"] == "variation":
+            sentences.append(_variation(record["options"]))
+            references += [_GOODALL, _RRPP]
+        elif record["tool"] == "transfer":
+            sentences.append(_transfer(record["options"]))
+    listed = "\n".join(f"  {one}" for one in dict.fromkeys(references))
+    return f"{' '.join(sentences)}\n\nReferences\n{listed}"
+
+
+def _alignment(collection: CollectionData) -> list[str]:
+    options, num = collection.options, len(collection)
+    version = collection.run.versions.get("collalign", "")
+    date = f" on {collection.run.date[:10]}" if collection.run.date else ""
+    sentences = [
+        f"We aligned {num} surfaces with collalign {version}{date} (Maron et al. 2016). Each was sampled at "
+        f"{collection.samples.shape[1]} points, {len(collection.pairs)} pairs of surfaces were matched, and their "
+        f"rotations were synchronized to one consistent set (method: {options.synchronization}; seed {options.seed})."
+    ]
+    sizes = {"rigid": "Sizes were kept", "similarity": "Shapes were scaled to a common size"}
+    sentences.append(f"{sizes.get(options.scaling, f'Scaling was {options.scaling}')}.")
+    reflected = int(collection.reflected.sum())
+    if collection.group == "O":
+        sentences.append(f"{reflected} of {num} specimens were reflected to match the side of the others.")
+    else:
+        sentences.append("No specimen was reflected.")
+    if collection.incomplete:
+        sentences.append(f"{len(collection.incomplete)} specimens were incomplete and aligned on what is preserved.")
+    if collection.excluded:
+        sentences.append(f"{len(collection.excluded)} files or pairs were left out.")
+    return sentences
+
+
+def _confidence(collection: CollectionData) -> list[str]:
+    known = np.isfinite(collection.confidence)
+    if not known.any():
+        return []
+    sure, num = int((collection.confidence >= DOUBT).sum()), len(collection)
+    sentences = [f"The estimated confidence was at least {percent(DOUBT)} for {sure} of {num} poses."]
+    if collection.by_hand:
+        set_by_hand = len(collection.by_hand)
+        sentences.append(f"{set_by_hand} of {num} poses {'was' if set_by_hand == 1 else 'were'} set by hand.")
+    return sentences
+
+
+def _variation(options: Mapping[str, Any]) -> str:
+    tests = options["tests"]
+    model = f" The model shape ~ {tests['model']} was tested." if tests["model"] else ""
+    kind = "sequential" if tests["sums_of_squares"] == "I" else "marginal"
+    sums, drawn = tests["sums_of_squares"], tests["permutations"]
+    return (
+        f"{options['num_shapes']} surfaces were brought into dense correspondence ({options['num_vertices']} "
+        "vertices), superimposed at unit centroid size, and compared by Procrustes ANOVA (Goodall 1991) with "
+        f"{kind} sums of squares (type {sums}) and {drawn} random permutations of residuals (Collyer and Adams 2018; "
+        f"seed {tests['seed']}).{model}"
+    )
+
+
+def _transfer(options: Mapping[str, Any]) -> str:
+    templates = options["templates"]
+    return (
+        f"{options['num_landmarks']} landmarks were carried to all specimens from {len(templates)} "
+        f"{'template' if len(templates) == 1 else 'templates'} ({', '.join(templates)})."
+    )
+
+
+def _records(folder: Path) -> list[dict[str, Any]]:
+    """Return the records of tools in a result's folder, one level down; what cannot be read is none."""
+    found = []
+    for tool in ("variation", "transfer"):
+        for path in sorted(folder.glob(f"*/{record_name(tool)}")):
+            try:
+                found.append(json.loads(path.read_text("utf-8")))
+            except (OSError, ValueError):
+                continue
+    return found

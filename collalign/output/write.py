@@ -15,7 +15,6 @@ import numpy as np
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.confidence.pose_model import symmetric_confidence
 from collalign.output.collection_data import MESH_FOLDER, CollectionData
-from collalign.output.contact_sheet import tile_of, write_contact_sheet
 from collalign.output.evidence.evidence_file import (
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
@@ -27,6 +26,7 @@ from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.verification import write_certificates
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
+from collalign.output.views import tile_of, write_contact_sheet
 from collalign.products.named_frame import NamedFrame
 from collalign.products.pair import are_weighed
 from collalign.products.run_record import OUTPUTS

@@ -19,7 +19,7 @@ from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.precision import coarse_coordinates
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
-from data_tools.odd_sizes import odd_ratios
+from data_tools.surface.outliers import odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5

@@ -1,6 +1,8 @@
-"""Vertices out of place: slips of a scanner or of an editor, which rule moments, samples and distances."""
+"""What is out of place: vertices that slipped, which rule moments and distances, and shapes of odd size."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -123,3 +125,20 @@ def _out_of_place(vertices: FloatArray, faces: IntArray, far: BoolArray, radius:
     goes = (counts > 0) & (np.bincount(group) <= MAX_FAR_CONNECTED) & (spread <= MAX_RING_SHARE * radius)
     far = far & goes[group]
     return far, np.where(far, target[group], np.arange(len(vertices)))
+
+
+#: Shapes so many times larger or smaller than the median one may be in another unit.
+ODD_FACTOR = 8.0
+
+
+def odd_ratios(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Return by what factor shapes differ from the median one, of those that differ by :data:`ODD_FACTOR` or more.
+
+    Parameters
+    ----------
+    sizes : mapping of str to float
+        A length of each shape in the unit of its file.
+    """
+    middle = float(np.median(list(sizes.values()))) if sizes else 1.0
+    ratios = {name: size / middle for name, size in sizes.items() if size > 0 and middle > 0}
+    return {name: ratio for name, ratio in ratios.items() if max(ratio, 1.0 / ratio) >= ODD_FACTOR}

@@ -12,8 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from collalign.confidence import map_model
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.map_trust import map_terms, point_terms
-from collalign.nonrigid.portfolio import Refined
+from collalign.nonrigid.portfolio import Refined, map_terms, point_terms
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match import nonrigid as match
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -45,9 +44,9 @@ class JudgedPair:
     found : list of Refined
         The chosen one first, as it ends.
     terms : ndarray, shape (m, 3)
-        As :func:`~collalign.nonrigid.map_trust.map_terms`.
+        As :func:`~collalign.nonrigid.portfolio.map_terms`.
     points : ndarray, shape (m, s, 2)
-        As :func:`~collalign.nonrigid.map_trust.point_terms`, at the evaluated points.
+        As :func:`~collalign.nonrigid.portfolio.point_terms`, at the evaluated points.
     in_place : ndarray of bool, shape (m, s)
         Whether these are near their true places: of the first one by its map of all vertices, of others by that of
         the samples.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from collalign.engine.store.records import Record
-from collalign.nonrigid.eigen_starts import wave_gaps
 from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.map_starts import wave_gaps
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import bent

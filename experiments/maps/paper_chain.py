@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.nonrigid.eigen_starts import candidate_mask, descend_maps
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
+from collalign.nonrigid.map_starts import candidate_mask, descend_maps
 from collalign.nonrigid.portfolio import Refined, judged
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import match_of

@@ -15,8 +15,13 @@ from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import SettledPair
 from collalign.products.shapes import Shapes
-from collalign.stages.deformation.dense_surfaces import VertexSurface, prepare_all_detailed
-from collalign.stages.deformation.pairs import CANDIDATES, FIRST_SIZE, REFINING
+from collalign.stages.deformation.map_jobs import (
+    CANDIDATES,
+    FIRST_SIZE,
+    REFINING,
+    VertexSurface,
+    prepare_all_detailed,
+)
 from collalign.stages.deformation.places import places_on_reference
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs

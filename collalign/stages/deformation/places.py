@@ -7,11 +7,10 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.map_trust import trust_of
-from collalign.nonrigid.portfolio import judged, with_others_from_poses
+from collalign.nonrigid.portfolio import judged, trust_of, with_others_from_poses
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.registration.by_map import MapGoals, fitted_by_map
-from collalign.stages.deformation.dense_surfaces import VertexSurface
+from collalign.stages.deformation.map_jobs import VertexSurface
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.closest import SurfaceLocator

@@ -26,8 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.options import AlignSession
-from collalign.tools.certify.arrangement import PairEnergies
-from collalign.tools.certify.result import JointBound
+from collalign.tools.certify.result import JointBound, PairEnergies
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted

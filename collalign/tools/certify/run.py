@@ -16,8 +16,7 @@ from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
 from collalign.products.pair import SettledPair
-from collalign.tools.certify.arrangement import PairEnergies
-from collalign.tools.certify.result import CertifiedCollection
+from collalign.tools.certify.result import CertifiedCollection, PairEnergies
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
 from data_tools.checks import as_options, check_known, check_number

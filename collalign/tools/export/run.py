@@ -12,8 +12,14 @@ from collalign.output.evidence.loading import load
 from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.shown import some_shapes
-from collalign.tools.export.landmark_formats import write_markups, write_morphologika, write_tps
-from collalign.tools.export.mesh_formats import mesh_writer, write_shapeworks, write_transforms
+from collalign.tools.export.formats import (
+    mesh_writer,
+    write_markups,
+    write_morphologika,
+    write_shapeworks,
+    write_tps,
+    write_transforms,
+)
 from collalign.tools.export.request import ExportRequest, Space, coordinates_note
 from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text

@@ -10,8 +10,15 @@ import numpy as np
 
 from collalign.nonrigid.harmonic import HarmonicRefiner
 from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.map_trust import agreements, trust_of
-from collalign.nonrigid.portfolio import Refined, find_candidates, has_normals, mended, sharpened
+from collalign.nonrigid.portfolio import (
+    Refined,
+    agreements,
+    find_candidates,
+    has_normals,
+    mended,
+    sharpened,
+    trust_of,
+)
 from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.registration.by_map import fitted_by_map

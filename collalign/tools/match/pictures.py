@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from collalign.output.contact_sheet import draw_panels, seen_panel
-from collalign.output.views import camera, principal_view
+from collalign.output.views import camera, draw_panels, principal_view, seen_panel
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.html_pages import new_figure

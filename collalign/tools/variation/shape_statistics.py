@@ -30,7 +30,7 @@ from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.notes import Note
-from data_tools.odd_sizes import odd_ratios
+from data_tools.surface.outliers import odd_ratios
 
 SCORES_FILE, SYMMETRY_FOLDER = "scores.csv", "symmetry"
 ANOVA_HEADING = ("effect", "Df", "SS", "MS", "Rsq", "F", "Z", "P")

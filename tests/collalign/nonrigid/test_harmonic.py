@@ -9,11 +9,11 @@ from collalign.nonrigid.functional_map import FunctionalMap, fitted_map
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
 from collalign.nonrigid.map_evidence import judge
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.map_starts import ShellRefiner
 from collalign.nonrigid.portfolio import judged, laid, mended, sharpened, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.posed_surface import sampled_surface
 from collalign.nonrigid.refine import without_torn_ends
-from collalign.nonrigid.shells import ShellRefiner
 from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure

@@ -7,7 +7,7 @@ import pytest
 
 from collalign.confidence.map_model import MOST_CONFIDENT, WITHOUT_SIDES, map_probability, point_probability
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.map_trust import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
+from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
 from collalign.tools.match.nonrigid import chosen_first
 
 NUM = 50

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
-from collalign.nonrigid.eigen_starts import candidate_mask
 from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap
+from collalign.nonrigid.map_starts import candidate_mask
 from experiments.maps.paper_chain import agd_gaps
 
 

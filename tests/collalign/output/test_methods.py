@@ -6,7 +6,7 @@ import json
 import numpy as np
 
 from collalign.cli import main
-from collalign.output.methods import methods_paragraph
+from collalign.output.provenance import methods_paragraph
 from collalign.tools.export.run import export
 from tests.view_problems import view_of, write_result
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from collalign.output import write
-from collalign.output.contact_sheet import contact_sheet
 from collalign.output.vertex_maps import PlaceColours
+from collalign.output.views import contact_sheet
 from collalign.products.consistent_maps import VertexMaps
 from data_tools.io.output_folder import OutputFolder
 from data_tools.surface.shape import Shape

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.tools.certify.arrangement import PairEnergies
+from collalign.tools.certify.result import PairEnergies
 from collalign.tools.certify.rounds import MOST_ROWS, JointMaster, Rounds, bound_arrangements, problem_of
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
