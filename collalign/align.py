@@ -193,7 +193,8 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
     in_files = each_moved_by(np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions)
     session = with_group(run, matched.group).session
-    copies = find_copies(shapes.names, shapes.digests, [item.signature for item in samples])
+    signatures, notes = [item.signature for item in samples], [item.notes for item in samples]
+    copies = find_copies(shapes.names, shapes.digests, signatures, notes)
     return Collection(
         names=shapes.names,
         files=tuple(location(file) for file in shapes.files),

@@ -115,7 +115,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     if few := [one["name"] for one in facts if one["points"] < num]:
         notes.append(Note("too-few-points", tuple(few), {"num": num}))
     signatures = [one.signature for one in read]
-    copies = find_copies([one.name for one in read], [one.digest for one in read], signatures)
+    copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])
     notes += [one.note for one in copies]
     skipped = listing.skipped_names
     others = [Note("not-shapes", values={"num": len(skipped), "files": tuple(skipped)})] if skipped else []

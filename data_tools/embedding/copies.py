@@ -63,7 +63,12 @@ def shape_signature(shape: Shape) -> FloatArray:
 
 
 def find_copies(
-    names: Sequence[str], digests: Sequence[str], signatures: Sequence[FloatArray], *, tol: float = 3e-5
+    names: Sequence[str],
+    digests: Sequence[str],
+    signatures: Sequence[FloatArray],
+    notes: Sequence[Sequence[Note]],
+    *,
+    tol: float = 3e-5,
 ) -> tuple[Copies, ...]:
     """Find the shapes that are there more than once.
 
@@ -73,6 +78,9 @@ def find_copies(
         Of all shapes and their files' contents.
     signatures : sequence of ndarray, shape (18,)
         See :func:`shape_signature`.
+    notes : sequence of sequence of Note
+        Of all shapes. Where cleaning kept some components, copies have the same share of their area in these: alike
+        bodies of two guitars with other strings are no copies.
     tol : float
         How near signatures of copies are. Those of teeth, mouse skulls and nine classes of SHREC07 change by less
         than 1e-5 where a copy is rotated and saved in single precision or with five decimals; the nearest different
@@ -83,7 +91,9 @@ def find_copies(
     first = {digest: at for at, digest in reversed([*enumerate(digests)])}
     same = np.array([first[digest] for digest in digests], dtype=np.int64)
     pairs = np.column_stack([np.arange(len(names)), same])
-    values = np.array(signatures).reshape(len(names), -1)
+    shares = [[note.values["share"] for note in own if note.code == "components-kept"] or [100.0] for own in notes]
+    kept = np.array([np.mean(np.array(own, dtype=np.float64)) / 100.0 for own in shares])
+    values = np.column_stack([kept, np.array(signatures).reshape(len(names), -1)])
     near = cKDTree(values[:, :-1]).query_pairs(tol, output_type="ndarray").astype(np.int64)
     hands = values[near, -1]
     opposite = (hands.prod(axis=1) < 0) & (np.abs(hands).min(axis=1) > tol**2)  # else its own mirror image

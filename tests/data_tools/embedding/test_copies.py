@@ -8,6 +8,7 @@ from data_tools.datasets.synthetic_shapes import blob, chair
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
+from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
 
 SHAPE = blob(np.random.default_rng(3), num_vertices=500)
@@ -22,7 +23,8 @@ def turned(shape, rng, *, mirrored=False):
 
 def found(*shapes, digests=None):
     names = tuple(f"s{at}" for at in range(len(shapes)))
-    copies = find_copies(names, names if digests is None else digests, [shape_signature(one) for one in shapes])
+    signatures = [shape_signature(one) for one in shapes]
+    copies = find_copies(names, names if digests is None else digests, signatures, [one.notes for one in shapes])
     return [(one.kind, one.names) for one in copies]
 
 
@@ -39,6 +41,15 @@ def test_identical_files_are_called_so(rng):
     other = blob(np.random.default_rng(4), num_vertices=500)
     assert found(SHAPE, other, SHAPE, digests=("p", "q", "p")) == [("identical", ("s0", "s2"))]
     assert found(SHAPE, turned(SHAPE, rng), SHAPE, digests=("p", "q", "p")) == [("moved", ("s0", "s1", "s2"))]
+
+
+@pytest.mark.parametrize(("size", "expected"), [(0.3, [("moved", ("s0", "s1"))]), (0.301, [])])
+def test_shapes_with_other_small_components_are_no_copies(rng, size, expected):
+    """Cleaning drops these components."""
+    beside = [np.vstack([SHAPE.vertices, own * SHAPE.vertices + 0.5]) for own in (0.3, size)]
+    faces = np.vstack([SHAPE.faces, SHAPE.faces + len(SHAPE.vertices)])
+    first, second = (Shape.from_arrays(points, faces) for points in beside)
+    assert found(clean(first), clean(turned(second, rng))) == expected
 
 
 def test_clouds_have_copies_too(rng):
@@ -60,5 +71,5 @@ def test_a_mirror_image_of_a_symmetric_surface_is_the_same_or_a_mirror_image(rng
 
 
 def test_a_note_names_copies_and_their_kind():
-    (one,) = find_copies(("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3)
+    (one,) = find_copies(("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3, [()] * 3)
     assert one.note == Note("copies", ("a b", "c", "d e"), {"kind": "identical"})
