@@ -23,9 +23,9 @@ from .output.evidence.members import Members as Members
 from .products.consistent_maps import ConsistentMaps as ConsistentMaps
 from .products.consistent_maps import VertexMaps as VertexMaps
 from .products.own import OwnKeywords as OwnKeywords
+from .products.pair import AlignedPair as AlignedPair
 from .products.pair import Alternative as Alternative
 from .products.pair import Pair as Pair
-from .products.pair import SettledPair as SettledPair
 from .products.run_record import Made as Made
 from .products.run_record import RunRecord as RunRecord
 from .products.shapes import Excluded as Excluded

@@ -1,4 +1,4 @@
-"""The only array validators of the project: every public function checks its arrays here, at the door.
+"""The only array validators of the project: every public function checks its arrays here.
 
 Each validator returns a C-contiguous copy in the project's own type, so that the arithmetic behind it does not
 depend on strides or on the caller's dtype, and later changes by the caller change nothing.

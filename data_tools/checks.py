@@ -1,4 +1,4 @@
-"""Checks of option values, one sentence per kind; every class of options uses them at its door."""
+"""Checks of option values, one sentence per kind; every class of options uses them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One thread for linear algebra: the door through which every numerical entry point goes.
+"""One thread for linear algebra: every numerical entry point limits it here.
 
 The matrices here have tens or hundreds of rows. Shared out among threads, their products take longer than alone, many
 times longer where other work keeps the cores busy, and their last bits depend on the number of threads. Work is
@@ -39,7 +39,7 @@ def _set_num_threads(library: Any, num: int) -> None:
         take_charge(force=True)
 
 
-class _Door:
+class _ThreadLimiter:
     """Counts who is inside: the first one in limits what the process shares, the last one out undoes it."""
 
     def __init__(self) -> None:
@@ -79,18 +79,18 @@ class _Door:
         return True
 
 
-_DOOR = _Door()
+_LIMITER = _ThreadLimiter()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS and OpenMP to one thread, as a context or as a decorator (``@one_blas_thread()``).
 
-    Doors may be nested and entered from several threads; the limits that the caller had come back when the last one
+    Limits may be nested and entered from several threads; the limits that the caller had come back when the last one
     is left.
     """
-    own = _DOOR.enter()
+    own = _LIMITER.enter()
     try:
         yield
     finally:
-        _DOOR.leave(own)
+        _LIMITER.leave(own)

@@ -11,7 +11,7 @@ from .dense.points import DensePoints as DensePoints
 from .dense.refine import RefinedPose as RefinedPose
 from .dense.refine import refine_pose as refine_pose
 from .features.overlap import LocalPoses as LocalPoses
-from .features.overlap import judge_poses as judge_poses
+from .features.overlap import evaluate_poses as evaluate_poses
 from .features.overlap import match_overlapping as match_overlapping
 from .matching import MatchKeywords as MatchKeywords
 from .matching import match as match

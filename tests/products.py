@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from collalign.products.pair import Pair, SettledPair
+from collalign.products.pair import AlignedPair, Pair
 from data_tools.embedding.embedding import Samples
 
 
@@ -29,7 +29,7 @@ def settled_pair_of(rotations, energies, **fields):
         "map_target_source": own.maps[0] if len(own.maps) else np.full(8, -1),
         "energy": energies[0] if len(energies) else np.nan,
     }
-    return SettledPair(**vars(own) | settled | fields)
+    return AlignedPair(**vars(own) | settled | fields)
 
 
 def samples_at(points, *, invariants=None, **fields):

@@ -10,7 +10,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.evidence.evidence_file import save_correspondences, save_evidence
 from collalign.products.consistent_maps import ConsistentMaps
-from collalign.products.pair import Alternative, SettledPair
+from collalign.products.pair import AlignedPair, Alternative
 from collalign.products.run_record import RunRecord
 from collalign.products.shapes import Excluded
 from data_tools.notes import Note
@@ -117,7 +117,7 @@ def _pairs(R, rng):
             order = np.arange(NUM_SAMPLES)
             order[:2] = order[1::-1]
             pairs.append(
-                SettledPair(
+                AlignedPair(
                     target=i,
                     source=j,
                     rotations=np.array([first, second]),

@@ -22,7 +22,7 @@ from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.console.help import HELP_ALL, GroupedHelp
 from collalign.console.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
-from collalign.console.talk import configure_output, end, talking, tell
+from collalign.console.messages import add_to_summary, command_messages, configure_output, end
 from collalign.engine.run_options import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable
@@ -121,14 +121,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return READER_GONE
 
 
-@talking()
+@command_messages()
 def _run(words: list[str]) -> int:
     """Run a command; every way to end has its message and its exit code."""
     app.config = ()  # an earlier call may have set one
     app.help_formatter = GroupedHelp(everything=HELP_ALL in words)
     words = ["--help" if word == HELP_ALL else word for word in words]
     try:
-        tell(command=next((word for word in words if word in _COMMANDS), ""))
+        add_to_summary(command=next((word for word in words if word in _COMMANDS), ""))
         return end(int(app.meta(words, exit_on_error=False) or 0))
     except UnknownCommandError as error:
         instead = next((_INSTEAD[word] for word in words if word in _INSTEAD), None)

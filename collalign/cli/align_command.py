@@ -20,7 +20,7 @@ from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
-from collalign.console.talk import elapsed_s, say, say_files, tell, warn
+from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressBar, Session, progress_display
@@ -212,7 +212,7 @@ def demo(
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
         median, worst = float(np.median(errors)), float(errors.max())
-        tell(median_error_deg=median, worst_error_deg=worst)
+        add_to_summary(median_error_deg=median, worst_error_deg=worst)
         say(f"Rotation error against the truth, over all pairs: median {median:.2f} deg, worst {worst:.2f} deg")
     say(f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:")
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
@@ -268,7 +268,7 @@ def _say_known(collection: Collection) -> None:
     if known:
         shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
         say(f"Skipped {len(known)} files that the collection has already: {shown}")
-    tell(known=known)
+    add_to_summary(known=known)
 
 
 def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
@@ -355,7 +355,7 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
         say(note_text(Note("not-shapes", values={"num": len(files), "files": files})))
     for item in collection.excluded:
         warn(f"Left out: {item.file}: {item.reason}")
-    tell(
+    add_to_summary(
         shapes=len(collection.names),
         pairs=len(collection.pairs),
         seconds=seconds,

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from collalign.batch import estimate_job, read_batch
 from collalign.cli.align_command import Given, align
 from collalign.console.interruption import INCOMPLETE
-from collalign.console.talk import say, separate_summary, tell, warn
+from collalign.console.messages import add_to_summary, say, separate_summary, warn
 from collalign.engine.run_options import RunOptions
 from collalign.stages.forecast import RunEstimate
 from data_tools.errors import CollalignError
@@ -35,9 +35,9 @@ def batch(
     for job in read_batch(file):
         folder = ", ".join(map(str, job.folders))
         say(f"{folder} -> {job.out}")
-        with separate_summary() as told:
-            jobs.append(told)
-            tell(folder=folder, out=str(job.out))
+        with separate_summary() as summary:
+            jobs.append(summary)
+            add_to_summary(folder=folder, out=str(job.out))
             try:
                 if dry_run:
                     estimate = estimate_job(job, run)
@@ -51,15 +51,17 @@ def batch(
                         options=job.options,
                         run=run,
                     )
-                    tell(exit_code=code)
+                    add_to_summary(exit_code=code)
                     failed |= code != 0
             except BrokenPipeError:
                 raise
             except (CollalignError, OSError) as error:
                 warn(str(error))
-                tell(error=str(error), exit_code=error.exit_code if isinstance(error, CollalignError) else 1)
+                add_to_summary(
+                    error=str(error), exit_code=error.exit_code if isinstance(error, CollalignError) else 1
+                )
                 failed = True
-    tell(jobs=jobs)
+    add_to_summary(jobs=jobs)
     return INCOMPLETE if failed else 0
 
 
@@ -69,7 +71,7 @@ def _tell_estimate(estimate: RunEstimate) -> None:
         stage: {"seconds": seconds, "tasks": estimate.tasks.get(stage)}
         for stage, seconds in estimate.stages_s.items()
     }
-    tell(
+    add_to_summary(
         estimate=str(estimate),
         shapes=estimate.num_shapes,
         pairs=estimate.num_pairs,

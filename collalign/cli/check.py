@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from collalign.console.interruption import INCOMPLETE
-from collalign.console.talk import say, tell, warn
+from collalign.console.messages import add_to_summary, say, warn
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
@@ -52,11 +52,11 @@ class FileFacts:
     digest: str
     signature: Annotated[FloatArray, Holds(shape="18")]
 
-    def told(self) -> dict[str, Any]:
-        """Return what programs are told: all but what only finds copies."""
+    def record(self) -> dict[str, Any]:
+        """Return the facts in JSON types, without what only finds copies."""
         hidden = ("digest", "signature")
-        told = {field: value for field, value in asdict(self).items() if field not in hidden}
-        return told | {"notes": note_records(self.notes)}
+        shown = {field: value for field, value in asdict(self).items() if field not in hidden}
+        return shown | {"notes": note_records(self.notes)}
 
 
 def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
@@ -99,7 +99,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     with Session.open(options, replace(run, store=None), progress_display(True)) as session:
         found = session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
         read = [*found.values()]
-    facts = [one.told() for one in read]
+    facts = [one.record() for one in read]
     left_out = [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     for one in facts:
         triangles = f", {one['triangles']} triangles" if one["triangles"] else ""
@@ -124,7 +124,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     for item in left_out:
         warn(f"Would be left out: {item.file}: {item.reason}")
     missing = [{"file": item.file, "reason": item.reason} for item in left_out]
-    tell(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
+    add_to_summary(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
     able = len(facts) - len(few)
     if able < 2:
         raise CollectionError(f"{able} readable shapes, at least two are needed to align a collection")

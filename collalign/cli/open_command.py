@@ -12,8 +12,8 @@ from socketserver import ThreadingMixIn
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-from collalign.cli.desk import Desk
-from collalign.console.talk import say
+from collalign.cli.workspace import Workspace
+from collalign.console.messages import say
 from data_tools.errors import CollalignError, OptionsError
 
 #: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
@@ -34,14 +34,14 @@ def open_app(place: Path, *, sources: Path | None = None) -> int:
     sources
         Folder of the original files where they have moved; the page asks for it as well.
     """
-    desk = Desk(place, sources)
-    with served(desk) as server:
+    workspace = Workspace(place, sources)
+    with served(workspace) as server:
         say(f"{server.address}\nOnly this machine can open it. Press Ctrl-C to end.")
         webbrowser.open(server.address)
         try:
             server.serve_forever()
         finally:
-            desk.stop()
+            workspace.stop()
     return 0
 
 
@@ -57,7 +57,7 @@ class _Quiet(WSGIRequestHandler):
         """Say nothing of requests, whose addresses hold the token."""
 
 
-def served(desk: Desk) -> Server:
+def served(workspace: Workspace) -> Server:
     """Return a server of a result at a free port of this machine; an ``OptionsError`` if the extra is missing."""
     try:
         import bottle
@@ -95,10 +95,10 @@ def served(desk: Desk) -> Server:
     app.add_hook("before_request", guard)
     app.install(plain)
     app.get(f"/{token}/", callback=lambda: page(own, _PAGE_POLICY))
-    app.get(f"/{token}/result/<name:path>", callback=lambda name: page(desk.page(name), _RESULT_POLICY))
-    app.get(f"/{token}/state", callback=desk.state)
-    app.get(f"/{token}/progress", callback=desk.progress)
-    app.post(f"/{token}/files/<name>", callback=lambda name: desk.put(name, bottle.request.body.read()))
-    app.post(f"/{token}/run/<task>", callback=lambda task: desk.start(task, json.load(bottle.request.body)))
-    app.post(f"/{token}/stop", callback=desk.stop)
+    app.get(f"/{token}/result/<name:path>", callback=lambda name: page(workspace.page(name), _RESULT_POLICY))
+    app.get(f"/{token}/state", callback=workspace.state)
+    app.get(f"/{token}/progress", callback=workspace.progress)
+    app.post(f"/{token}/files/<name>", callback=lambda name: workspace.put(name, bottle.request.body.read()))
+    app.post(f"/{token}/run/<task>", callback=lambda task: workspace.start(task, json.load(bottle.request.body)))
+    app.post(f"/{token}/stop", callback=workspace.stop)
     return server

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.console.talk import warn
+from collalign.console.messages import warn
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.products.own import Own

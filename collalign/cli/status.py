@@ -6,7 +6,7 @@ from pathlib import Path
 
 from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, UNFINISHED
-from collalign.console.talk import say, tell
+from collalign.console.messages import add_to_summary, say
 from collalign.engine.store.file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.output.evidence.loading import load
@@ -35,7 +35,7 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     if cite:
         paragraph = methods_paragraph(load(result))
         say(paragraph)
-        tell(methods=paragraph)
+        add_to_summary(methods=paragraph)
         return 0
     store = _store_of(result)
     with Store.open(store, read_only=True) as opened:
@@ -43,7 +43,7 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
         failures = {kind: opened.failures(kind) for kind in counts}
     for kind, count in counts.items():
         failed = [{"label": one.label, "reason": one.reason} for one in failures[kind].values()]
-        tell(**{kind: count | {"failures": failed}})
+        add_to_summary(**{kind: count | {"failures": failed}})
     num_files, stage = int(notes.get(NUM_FILES, 0)), notes.get(STAGE, FINISHED)
     if num_files > (planned := counts["shapes"]["planned"]):
         say(f"files: {num_files}, of which {num_files - planned} are duplicates")
@@ -59,7 +59,7 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
         say(f"stage: {stage}")
     planned, left = (sum(count[state] for count in counts.values()) for state in ("planned", "left"))
     finished = stage == FINISHED and planned > 0 and not left
-    tell(run=notes, store_bytes=size, finished=finished)
+    add_to_summary(run=notes, store_bytes=size, finished=finished)
     if not finished:
         say("Not finished. If it no longer runs, the same command continues it.")
         return UNFINISHED
@@ -75,7 +75,7 @@ def _prune(store: Path) -> int:
     with Store.open(store) as opened:
         removed = opened.prune()
     after = store.stat().st_size
-    tell(removed=removed, store_bytes=after)
+    add_to_summary(removed=removed, store_bytes=after)
     say(f"{removed} records removed; store: {before / 2**20:.1f} MiB before, {after / 2**20:.1f} MiB now")
     return 0
 

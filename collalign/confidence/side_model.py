@@ -257,8 +257,8 @@ def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:
     known = np.isfinite(both).all(axis=1)
     pairs, preference = pairs[known], preferences(both[known])
     if not len(pairs):
-        return _judged(np.zeros(num_shapes, dtype=np.bool_), pairs, preference)
-    return _judged(_best_sides(pairs, preference, num_shapes), pairs, preference)
+        return _summary(np.zeros(num_shapes, dtype=np.bool_), pairs, preference)
+    return _summary(_best_sides(pairs, preference, num_shapes), pairs, preference)
 
 
 def preferences(energies: FloatArray) -> FloatArray:
@@ -284,7 +284,7 @@ def _smaller_sides(mirrored: BoolArray, pairs: IntArray) -> BoolArray:
     return np.asarray(mirrored ^ (2 * np.bincount(part, weights=mirrored) > np.bincount(part))[part])
 
 
-def _judged(mirrored: BoolArray, pairs: IntArray, preference: FloatArray) -> Sides:
+def _summary(mirrored: BoolArray, pairs: IntArray, preference: FloatArray) -> Sides:
     between = mirrored[pairs[:, 0]] != mirrored[pairs[:, 1]]
     agreement = np.where(between, -preference, preference)
     across, total = agreement[between], np.abs(preference).sum()

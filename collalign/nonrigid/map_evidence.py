@@ -24,7 +24,7 @@ MIXED_ORIENTATION = 0.4
 NUM_NEIGHBOURS = 6
 
 
-def judge(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) -> Evidence:
+def measure_evidence(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) -> Evidence:
     """Return the evidence for a refined map of the dense samples (all of them or the first ones)."""
     forward, backward = refined.map_target_source, refined.map_source_target
     on_target, on_source = target.dense[: len(backward)], source.dense[: len(forward)]

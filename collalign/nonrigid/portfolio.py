@@ -10,7 +10,7 @@ import numpy as np
 from collalign.confidence.map_model import FLOOR, LEAST_AGREEMENT, NEAR, Evidence, map_probability, point_probability
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
-from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, judge
+from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, measure_evidence
 from collalign.nonrigid.map_options import TUNED, NonrigidOptions
 from collalign.nonrigid.map_starts import ShellRefiner, candidate_mask, sign_starts, wave_gaps
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
@@ -63,7 +63,10 @@ def candidates_from(
     """Return distinct candidates that poses (m, 3, 3) of two meshes start, best evidence first."""
     mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
     few = at_few_samples(mapper)
-    coarse = [judged(few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES) for pose in poses]
+    coarse = [
+        refined_with_evidence(few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES)
+        for pose in poses
+    ]
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
@@ -86,7 +89,7 @@ def screened_from_within(target: SpectralShape, source: SpectralShape, options: 
     screened: list[Refined] = []
     for i in distinct_starts(starts, TUNED.num_screened):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
-        screened += [judged(target, source, refined, str(starts.origins[i])) for refined in maps]
+        screened += [refined_with_evidence(target, source, refined, str(starts.origins[i])) for refined in maps]
     return of_both_orientations(distinct_maps(screened), options.num_candidates)
 
 
@@ -128,7 +131,7 @@ def at_few_samples(mapper: PoseMapper) -> PoseMapper:
 
 def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions) -> list[Refined]:
     target, source = few.target.spectral, few.source.spectral
-    found = [with_pose_evidence(few, judged(target, source, one, FROM_POSES), options) for one in maps]
+    found = [with_pose_evidence(few, refined_with_evidence(target, source, one, FROM_POSES), options) for one in maps]
     if options.orientation == "preserving":
         found = [candidate for candidate in found if candidate.evidence.orientation > 0]
     return distinct_maps(found)[: TUNED.num_posed]
@@ -148,7 +151,7 @@ def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: Non
     target, source = mapper.target.spectral, mapper.source.spectral
     maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options))
     found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
-    return with_pose_evidence(mapper, judged(target, source, found, coarse.origin), options)
+    return with_pose_evidence(mapper, refined_with_evidence(target, source, found, coarse.origin), options)
 
 
 def mended(target: SpectralShape, source: SpectralShape, torn: Refined, options: NonrigidOptions) -> Refined:
@@ -180,7 +183,9 @@ def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> 
 def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Refined:
     """Return what a map leads to with all samples, smooth both ways, by the functions of the shapes alone."""
     maps = _at_all_samples(target, source, coarse)
-    return judged(target, source, HarmonicRefiner(target, source).refine(*maps, ANNEALED), coarse.origin)
+    return refined_with_evidence(
+        target, source, HarmonicRefiner(target, source).refine(*maps, ANNEALED), coarse.origin
+    )
 
 
 def _at_all_samples(target: SpectralShape, source: SpectralShape, coarse: Refined) -> tuple[IntArray, IntArray]:
@@ -255,9 +260,11 @@ def is_same_map(first: FloatArray, second: FloatArray) -> bool:
     return float(np.linalg.norm(first[:size, :size] - second[:size, :size])) < TUNED.same_map
 
 
-def judged(target: SpectralShape, source: SpectralShape, refined: FunctionalMap, origin: str) -> Refined:
+def refined_with_evidence(
+    target: SpectralShape, source: SpectralShape, refined: FunctionalMap, origin: str
+) -> Refined:
     """Return a refined map with its evidence."""
-    return Refined(functional_map=refined, evidence=judge(target, source, refined), origin=origin)
+    return Refined(functional_map=refined, evidence=measure_evidence(target, source, refined), origin=origin)
 
 
 #: Difference of scores at which a candidate counts e times as much as another. Chosen on 19 pairs of SCAPE,

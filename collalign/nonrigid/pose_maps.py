@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
-from collalign.nonrigid.map_evidence import judge
+from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.posed_surface import PosedSurface
 from collalign.nonrigid.refine import Refiner, unit_rows
 from data_tools.arrays import FloatArray, IntArray
@@ -95,7 +95,7 @@ class PoseMapper:
 
     def evidence(self, found: FunctionalMap) -> Evidence:
         """Return the evidence for a map."""
-        return judge(self.target.spectral, self.source.spectral, found)
+        return measure_evidence(self.target.spectral, self.source.spectral, found)
 
     def surface_gap(self, R_target_source: FloatArray) -> float:
         """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""

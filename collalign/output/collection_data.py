@@ -17,7 +17,7 @@ from collalign.output.moved_files import find_files, is_there
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.consistent_maps import ConsistentMaps, VertexMaps, position_of
-from collalign.products.pair import Alternative, Pairs, SettledPair
+from collalign.products.pair import AlignedPair, Alternative, Pairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
@@ -84,7 +84,7 @@ class CollectionData:
     consensus: Annotated[FloatArray, Holds(shape="_ 3")]
     landmarks: Annotated[FloatArray, Holds(shape="n _ 3", nan=True)]
     landmark_names: tuple[str, ...] = ()
-    pairs: Sequence[SettledPair]
+    pairs: Sequence[AlignedPair]
     alternatives: tuple[tuple[Alternative, ...], ...]
     part_numbers: Annotated[IntArray, Holds(shape="n")]
     excluded: tuple[Excluded, ...] = ()

@@ -89,7 +89,7 @@ class Pair:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SettledPair(Pair):
+class AlignedPair(Pair):
     """A pair of a result: what is known of it by itself (:class:`Pair`), and what the poses of all shapes make of it.
 
     Attributes
@@ -124,14 +124,14 @@ def are_weighed(pairs: Iterable[Pair]) -> bool:
     return any(len(pair.log_odds) for pair in pairs)
 
 
-class Pairs(tuple[SettledPair, ...]):
+class Pairs(tuple[AlignedPair, ...]):
     """Pairs in order, also by the names of their two shapes, either first: ``pairs["tooth1", "tooth2"]``."""
 
     names: tuple[str, ...]
     _places: dict[frozenset[str], int]
 
     @classmethod
-    def of(cls, pairs: Sequence[SettledPair], names: tuple[str, ...]) -> Pairs:
+    def of(cls, pairs: Sequence[AlignedPair], names: tuple[str, ...]) -> Pairs:
         """Return the pairs of shapes that have these names."""
         found = cls(pairs)
         found.names = names

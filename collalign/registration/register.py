@@ -150,14 +150,14 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[
     Medioni 1992 (offsets along normals count more than those along the surface); Tukey's biweight.
     """
     solver = _FieldSolver(source)
-    poses = [settled_pose(target, source, may_rotate=may_rotate) for may_rotate in (False, True)]
+    poses = [closest_pose(target, source, may_rotate=may_rotate) for may_rotate in (False, True)]
     fits = [_Fit.start(target, source, solver, pose) for pose in poses]
     fits = [fit.iterated(TUNED.noise[: TUNED.num_compared]) for fit in fits]
     best = min(fits, key=lambda fit: fit.energy(TUNED.noise[TUNED.num_compared - 1]))
     return best.iterated(TUNED.noise[TUNED.num_compared :]).result(TUNED.noise[-1])
 
 
-def settled_pose(target: RegistrationSurface, source: RegistrationSurface, *, may_rotate: bool) -> FloatArray:
+def closest_pose(target: RegistrationSurface, source: RegistrationSurface, *, may_rotate: bool) -> FloatArray:
     """Return the similarity, shape (4, 4), that lays a source onto a target best by what corresponds on both."""
     few = [replace(one, spread=one.spread[: TUNED.num_pose_points]) for one in (target, source)]
     search = _Search(few[0], few[1], tangential=1.0, cutoff=TUNED.pose_cutoff)

@@ -78,7 +78,7 @@ def _pose_on_complete(
     decided, matched, posed = _pose_others(run, missing) if known is None else _pose(run, known)
     if {*missing.values()} <= {OPEN} and looks_for_incomplete(run.session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
-    posed = _judged(decided, matched, posed)
+    posed = _with_confidences(decided, matched, posed)
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)
     return matched, posed
@@ -127,7 +127,7 @@ def _pose(run: Run, known: tuple[Run, Matched] | None = None) -> _Answer:
     return decided, matched, steps.pose(decided, matched)
 
 
-def _judged(decided: Run, matched: Matched, posed: Posed) -> Posed:
+def _with_confidences(decided: Run, matched: Matched, posed: Posed) -> Posed:
     """State confidences, settle doubts, and map all vertices, once it is known which shapes are posed together."""
     posed = steps.settle(decided, matched, steps.state_trust(decided, posed))
     return steps.with_vertices(decided, posed)

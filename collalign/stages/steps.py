@@ -16,7 +16,7 @@ from collalign.confidence.pose_model import resembles_none
 from collalign.confidence.side_model import MIN_SHAPES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
-from collalign.products.pair import FormerPairs, Pair, SettledPair, are_weighed
+from collalign.products.pair import AlignedPair, FormerPairs, Pair, are_weighed
 from collalign.products.shapes import Constraints, Excluded, Incomplete, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
@@ -138,7 +138,7 @@ class Posed:
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
     """
 
-    pairs: list[SettledPair]
+    pairs: list[AlignedPair]
     matched: list[Pair]
     solution: SynchronizationResult
     rotations: FloatArray

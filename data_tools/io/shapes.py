@@ -1,4 +1,4 @@
-"""Reading and writing shapes: one door for every format, one kind of error, arrays checked before anything else."""
+"""Reading and writing shapes: one way for every format, one kind of error, arrays checked before anything else."""
 
 from __future__ import annotations
 

@@ -22,8 +22,8 @@ from experiments.confidence.reliability import reliability
 from experiments.maps.map_cells import (
     NUM_EVALUATED,
     QUICK_SURFACE,
+    error_measure,
     evaluated_points,
-    judge_of,
     map_set,
     prepared,
 )
@@ -35,7 +35,7 @@ NUM_PAIRS, NUM_QUICK, SEED = 12, 2, 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedPair:
+class ScoredPair:
     """The candidates of one pair of shapes, and what is known of each of them.
 
     Attributes
@@ -68,11 +68,11 @@ class JudgedPair:
         return self.found.index(match.chosen_first(self.target, self.found, NonrigidOptions())[0])
 
 
-def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
+def scored_pairs(data: Path, name: str, quick: bool) -> list[ScoredPair]:
     """Match some pairs of a set of maps and compare their candidates, at dense samples, with the truth."""
     maps = map_set(data, name)
     order = np.random.default_rng(SEED).permutation(len(maps.pairs))[: NUM_QUICK if quick else NUM_PAIRS]
-    judged = []
+    scored = []
     for target, source in (maps.pairs[number] for number in order):
         settings: dict[str, Any] = {"set": name, "surface": QUICK_SURFACE if quick else {}}
         settings |= {"target": target, "source": source, "points": NUM_EVALUATED}
@@ -84,13 +84,13 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
             nearest = of.spectral.nearest_dense  # noqa: B023
             return in_files(forward[nearest], to.spectral, of.spectral)  # noqa: B023
 
-        judge = judge_of(maps, settings, None)
+        errors_of = error_measure(maps, settings, None)
         whole = match.vertex_maps(to.spectral, of.spectral, found[0])[0]
-        errors = [judge(whole).direct, *(judge(images(one)).direct for one in found[1:])]
+        errors = [errors_of(whole).direct, *(errors_of(images(one)).direct for one in found[1:])]
         at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]
         numbers = range(len(found))
-        judged.append(
-            JudgedPair(
+        scored.append(
+            ScoredPair(
                 target=to.spectral,
                 found=found,
                 terms=np.stack([map_terms(to.spectral, found, number) for number in numbers]),
@@ -98,12 +98,12 @@ def judged_pairs(data: Path, name: str, quick: bool) -> list[JudgedPair]:
                 in_place=np.stack(errors) <= map_model.NEAR,
             )
         )
-    return judged
+    return scored
 
 
 def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Fit the weights to all candidates, judge them on the chosen ones; scan the margin of the choice."""
-    drawn = {collection: judged_pairs(data, collection, quick) for collection in collections}
+    drawn = {collection: scored_pairs(data, collection, quick) for collection in collections}
     pairs = [(number, pair) for number, some in enumerate(drawn.values()) for pair in some]
     terms, right = (np.concatenate([getattr(pair, one) for _, pair in pairs]) for one in ("terms", "right"))
     kind = np.concatenate([np.full(len(pair.found), number) for number, pair in pairs])

@@ -57,20 +57,20 @@ confidence`). *Left out* judges each collection by weights that were fitted on t
 """
 
 
-def judged_by_the_others(records: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def stated_by_held_out_weights(records: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the records with what would be stated by weights that were fitted without each collection.
 
     What limits a confidence beside the weights (misfits, ties, sides in doubt) still does.
     """
-    judged = {}
+    held_out = {}
     for kind, record in records.items():
         others = {name: one for name, one in records.items() if name != kind and _scored(one, name).any()}
         weights, constant = fit_weights(*training_rows(others))
         chance = 1.0 / (1.0 + np.exp(-(terms(record["evidence"]) @ weights + constant)))
         is_limited = record["stated"] < probability(record["evidence"]) - ROUNDING
         limit = np.where(is_limited, record["stated"], ceiling(record["evidence"]))
-        judged[kind] = record | {"stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))}
-    return judged
+        held_out[kind] = record | {"stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))}
+    return held_out
 
 
 def facts(record: dict[str, Any], kind: str) -> Row:
@@ -213,8 +213,8 @@ def measure(bench: Bench) -> Outcome:
     cells = {kind: {"kind": kind, "seed": SEED, "runs": runs["real"]} for kind in real}
     cells |= {kind: {"kind": kind, "seed": SEED, "runs": runs["generated"]} for kind in generated}
     records = bench.measure(measure_collection, cells, version=VERSION)
-    judged = judged_by_the_others(records)
-    figures, left_out = pooled(records), pooled(judged)
+    held_out = stated_by_held_out_weights(records)
+    figures, left_out = pooled(records), pooled(held_out)
     goals: tuple[Row, ...] = tuple(
         {
             "figure": words,
@@ -235,18 +235,18 @@ def measure(bench: Bench) -> Outcome:
     return Outcome(
         tables=(
             Table(columns=COLUMNS, rows=tuple(facts(record, kind) for kind, record in records.items())),
-            Table(name="sizes", columns=SIZE_COLUMNS, rows=by_size(judged), caption="By size, left out."),
+            Table(name="sizes", columns=SIZE_COLUMNS, rows=by_size(held_out), caption="By size, left out."),
             Table(name="goals", columns=columns, rows=goals, caption="Figures to reach."),
         ),
         plots=(Plot(draw=lambda figure: draw(figure, records), title="Stated confidence and share that is right"),),
-        text=less_right_than_wanted(judged),
+        text=less_right_than_wanted(held_out),
     )
 
 
-def less_right_than_wanted(judged: dict[str, dict[str, Any]]) -> str:
+def less_right_than_wanted(held_out: dict[str, dict[str, Any]]) -> str:
     """Return the sentence that names the collections of which too few of the sure shapes are right."""
     wanted = next(goal for key, _, _, goal in GOALS if key == "sure_worst")
-    rows = {kind: facts(record, kind) for kind, record in judged.items()}
+    rows = {kind: facts(record, kind) for kind, record in held_out.items()}
     listed = [
         f"{kind} ({row['sure']:.0f} % of {row['num_sure']})"
         for kind, row in rows.items()

@@ -67,9 +67,9 @@ def measure_map(cell: Cell) -> Record:
     settings = cell.settings
     maps = map_set(cell.data, settings["set"])
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
-    judge = judge_of(maps, settings, mirror)
+    errors_of = error_measure(maps, settings, mirror)
     images, seconds = TOOLS[settings["tool"]](cell)
-    errors = judge(images)
+    errors = errors_of(images)
     return {
         "direct": errors.direct,
         "mirrored": errors.mirrored,
@@ -138,7 +138,9 @@ def errors_of(record: Record) -> MapErrors:
     return MapErrors(direct=record["direct"], mirrored=record["mirrored"])
 
 
-def judge_of(maps: MapSet, settings: Mapping[str, Any], mirror: Mirror | None) -> Callable[[IntArray], MapErrors]:
+def error_measure(
+    maps: MapSet, settings: Mapping[str, Any], mirror: Mirror | None
+) -> Callable[[IntArray], MapErrors]:
     """Return what gives the errors of any map, from the vertex of the target for each vertex of the source.
 
     Parameters

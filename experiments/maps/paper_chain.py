@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.map_starts import candidate_mask, descend_maps
-from collalign.nonrigid.portfolio import Refined, judged
+from collalign.nonrigid.portfolio import Refined, refined_with_evidence
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import match_of
 from collalign.tools.match.result import NonrigidMatch
@@ -70,7 +70,7 @@ def match_by_paper(target: SpectralShape, source: SpectralShape, chain: PaperCha
     minima, status = relaxation_starts(target, source, samples, allowed, chain)
     origin = "fast" if chain.is_fast else "paper"
     found: list[Refined] = [
-        judged(target, source, icp_map(target, source, rotation), origin)
+        refined_with_evidence(target, source, icp_map(target, source, rotation), origin)
         for rotation in minima.rotations[: chain.num_candidates]
     ]
     forward, backward = dense_point_maps(target, source, found[0].functional_map.C_source_target)

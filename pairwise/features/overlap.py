@@ -88,7 +88,9 @@ class LocalPoses:
 
 
 @one_blas_thread()
-def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray) -> LocalPoses:
+def evaluate_poses(
+    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
+) -> LocalPoses:
     """Return what descriptors and overlap say of rigid poses, rotations (p, 3, 3) of either determinant.
 
     Parameters
@@ -109,8 +111,8 @@ def judge_poses(target: LocalSurface, source: LocalSurface, rotations: FloatArra
     >>> directions = np.random.default_rng(0).normal(size=(500, 3)) * [1.0, 0.7, 0.5]
     >>> normals = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     >>> surface = pairwise.LocalSurface.from_user(normals, normals, cell=0.15)
-    >>> judged = pairwise.judge_poses(surface, surface, np.eye(3)[None], np.zeros((1, 3)))
-    >>> float(judged.overlap[0])
+    >>> found = pairwise.evaluate_poses(surface, surface, np.eye(3)[None], np.zeros((1, 3)))
+    >>> float(found.overlap[0])
     1.0
     """
     proper = np.linalg.det(rotations) > 0

@@ -99,7 +99,7 @@ def is_door(function, monkeypatch):
         raise Entered
 
     with monkeypatch.context() as patched:
-        patched.setattr(threads._DOOR, "enter", entered)
+        patched.setattr(threads._LIMITER, "enter", entered)
         try:
             function()
         except Entered:

@@ -135,7 +135,7 @@ def test_pairs_and_published_errors_are_those_of_the_files(collections):
 def test_the_true_map_has_no_error_and_another_has(collections):
     maps = map_sets.read_map_set(collections, "tosca")
     settings = {"target": "centaur0", "source": "centaur1", "points": 30}
-    judge = map_cells.judge_of(maps, settings, None)
+    judge = map_cells.error_measure(maps, settings, None)
     true_map = np.arange(len(maps.data.shape("centaur0").vertices))
     assert judge(true_map).direct.max() == pytest.approx(0.0, abs=1e-6)
     assert judge(true_map[::-1].copy()).direct.mean() > 0.3
@@ -174,5 +174,5 @@ def test_pyfm_maps_a_body_with_and_without_landmarks(num, collections):
     settings = {"set": "scape", "target": "mesh002", "source": "mesh000", "points": 30}
     images, seconds = map_cells._zoomout(Cell(data=collections, settings=settings), num_landmarks=num)
     maps = map_sets.read_map_set(collections, "scape")
-    assert map_cells.judge_of(maps, settings, None)(images).accepting_flips.mean() < 0.5
+    assert map_cells.error_measure(maps, settings, None)(images).accepting_flips.mean() < 0.5
     assert seconds > 0

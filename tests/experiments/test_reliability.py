@@ -4,7 +4,7 @@ import numpy as np
 
 from collalign.products.trust import KINDS
 from experiments.collections.posed import MIRRORED_DEG
-from experiments.confidence.confidence import by_size, judged_by_the_others
+from experiments.confidence.confidence import by_size, stated_by_held_out_weights
 from experiments.confidence.fit import training_rows
 from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
 
@@ -58,7 +58,7 @@ def record_of(slope, num=400):
 
 def test_a_collection_is_judged_by_the_others_alone():
     records = {"teeth": record_of(9.0), "ant": record_of(9.0), "fish": record_of(-9.0)}
-    judged = judged_by_the_others(records)
+    judged = stated_by_held_out_weights(records)
     votes = records["fish"]["evidence"][:, 0]
     assert np.corrcoef(judged["fish"]["stated"], votes)[0, 1] > 0.9  # what teeth and ants say, which is wrong here
     assert auc_within(judged["fish"]["stated"], records["fish"]["right"], records["fish"]["run"]) < 0.3
@@ -67,7 +67,7 @@ def test_a_collection_is_judged_by_the_others_alone():
 def test_limits_of_a_confidence_stay_when_others_judge():
     records = {"teeth": record_of(9.0), "ant": record_of(9.0)}
     records["ant"]["evidence"][:] = 1.0
-    stated = judged_by_the_others(records)["ant"]["stated"]
+    stated = stated_by_held_out_weights(records)["ant"]["stated"]
     np.testing.assert_array_equal(stated, 0.5)
 
 

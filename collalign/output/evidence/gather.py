@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from collalign.products.pair import Pair, SettledPair
+from collalign.products.pair import AlignedPair, Pair
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import AGREE_DEG, keep_apart, pose_angle_deg
 from data_tools.rotations import rotation_angles
@@ -69,10 +69,10 @@ def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[t
     return triangles
 
 
-def shown_pair(pair: SettledPair) -> SettledPair:
+def shown_pair(pair: AlignedPair) -> AlignedPair:
     """Return a pair with the poses that a person would tell apart, the likeliest first, without their maps."""
     kept, choice = distinct_poses(pair.rotations[:, :3, :3], pair.doubts, pair.choice)
-    return SettledPair(
+    return AlignedPair(
         target=pair.target,
         source=pair.source,
         rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),
@@ -119,7 +119,7 @@ def distinct_poses(rotations: FloatArray, doubts: FloatArray, choice: int) -> tu
     return shown, shown.index(near)
 
 
-def label_maps(pairs: Sequence[SettledPair], labels: IntArray) -> IntArray:
+def label_maps(pairs: Sequence[AlignedPair], labels: IntArray) -> IntArray:
     """Return the map of each pair in terms of labels (N, k).
 
     Returns

@@ -13,7 +13,7 @@ from collalign.nonrigid.common_bases import choose_maps, common_bases
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
-from collalign.products.pair import SettledPair
+from collalign.products.pair import AlignedPair
 from collalign.products.shapes import Shapes
 from collalign.stages.deformation.map_jobs import (
     CANDIDATES,
@@ -38,7 +38,7 @@ _SMALLEST = float(np.finfo(float).tiny)
 
 
 def map_vertices(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[SettledPair], rotations: FloatArray
+    session: AlignSession, shapes: Shapes, pairs: Sequence[AlignedPair], rotations: FloatArray
 ) -> VertexMaps | None:
     """Map all vertices between all shapes that the pairs connect, consistently; None where fewer than two are.
 
@@ -52,7 +52,7 @@ def map_vertices(
     ----------
     session : Session
     shapes : Shapes
-    pairs : sequence of SettledPair
+    pairs : sequence of AlignedPair
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.
     """
@@ -98,14 +98,14 @@ def map_vertices(
     return _vertices(session, shapes, members, bases, typical, rotations, surfaces)
 
 
-def _similar(num: int, pairs: Sequence[SettledPair]) -> list[SettledPair]:
+def _similar(num: int, pairs: Sequence[AlignedPair]) -> list[AlignedPair]:
     """Return the pairs of similar shapes, which connect whatever all pairs do."""
     ends = np.array([_ends(pair) for pair in pairs]).reshape(-1, 2)
     kept = {tuple(edge) for edge in local_pairs(num, ends, np.array([pair.energy for pair in pairs])).tolist()}
     return [pair for pair in pairs if _ends(pair) in kept]
 
 
-def _linked(pairs: Sequence[SettledPair]) -> tuple[list[int], list[SettledPair]]:
+def _linked(pairs: Sequence[AlignedPair]) -> tuple[list[int], list[AlignedPair]]:
     """Return the largest set of shapes that pairs connect, the first of several, and the pairs within it."""
     graph = nx.Graph([_ends(pair) for pair in pairs])
     parts = sorted((sorted(part) for part in nx.connected_components(graph)), key=lambda part: (-len(part), part))
@@ -114,11 +114,11 @@ def _linked(pairs: Sequence[SettledPair]) -> tuple[list[int], list[SettledPair]]
     return members, [pair for pair in pairs if pair.target in inside]
 
 
-def _ends(pair: SettledPair) -> tuple[int, int]:
+def _ends(pair: AlignedPair) -> tuple[int, int]:
     return pair.target, pair.source
 
 
-def _edges(members: Sequence[int], pairs: Sequence[SettledPair]) -> IntArray:
+def _edges(members: Sequence[int], pairs: Sequence[AlignedPair]) -> IntArray:
     """Return target and source of pairs, as positions among the members."""
     at = {shape: position for position, shape in enumerate(members)}
     return np.array([(at[pair.target], at[pair.source]) for pair in pairs])
@@ -144,7 +144,7 @@ def _of_pairs(
     return session.compute(job, wanted, time_limit_s=limit_s, strict=session.options.strict)
 
 
-def _starts(pair: SettledPair, common: FloatArray) -> FloatArray:
+def _starts(pair: AlignedPair, common: FloatArray) -> FloatArray:
     """Return the relative rotation of the common poses and those of the pair's likeliest other candidates."""
     starts = [common]
     for candidate in np.argsort(pair.doubts, kind="stable"):

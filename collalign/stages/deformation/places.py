@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.portfolio import judged, trust_of, with_others_from_poses
+from collalign.nonrigid.portfolio import refined_with_evidence, trust_of, with_others_from_poses
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.registration.by_map import MapGoals, fitted_by_map
 from collalign.stages.deformation.map_jobs import VertexSurface
@@ -65,7 +65,7 @@ def trust_of_places(
     forward, backward = (cKDTree(a).query(b)[1] for a, b in ((target.vertices, placed), (placed, target.vertices)))
     c = fitted_map(target.basis, source.basis, forward, backward)
     own = FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
-    found = with_others_from_poses(mapper, judged(target, source, own, _CONSISTENT), NonrigidOptions())
+    found = with_others_from_poses(mapper, refined_with_evidence(target, source, own, _CONSISTENT), NonrigidOptions())
     sure, at_samples = trust_of(target, source, found)
     return sure, at_samples[cKDTree(samples[1].vertices).query(of.vertices)[1]]
 

@@ -11,7 +11,7 @@ from collalign.confidence.incomplete_model import log_odds
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
-from collalign.products.pair import MAX_ALTERNATIVES, Alternative, SettledPair
+from collalign.products.pair import MAX_ALTERNATIVES, AlignedPair, Alternative
 from collalign.products.shapes import Constraints, Incomplete, Shapes
 from collalign.products.trust import KINDS, UNCERTAIN, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_chance
@@ -158,7 +158,7 @@ def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alte
 
 def incomplete_pairs(
     i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray
-) -> list[SettledPair]:
+) -> list[AlignedPair]:
     """Return the pairs of an incomplete shape: how each partner likes its poses, and the map at the common ones."""
     pairs = []
     for n, partner in enumerate(partners.tolist()):
@@ -170,7 +170,7 @@ def incomplete_pairs(
         angles = pose_angle_deg(asked, rotations[first].T @ rotations[second])
         agrees = bool(angles[0] <= AGREE_DEG)
         pairs.append(
-            SettledPair(
+            AlignedPair(
                 target=first,
                 source=second,
                 rotations=read_only(np.ascontiguousarray(asked)),

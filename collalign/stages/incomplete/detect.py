@@ -9,7 +9,7 @@ import numpy as np
 from collalign.confidence.incomplete_model import MISSING_SHARE
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
-from collalign.products.pair import Pair, SettledPair
+from collalign.products.pair import AlignedPair, Pair
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
@@ -84,7 +84,7 @@ def found_complete(incomplete: Iterable[Incomplete]) -> set[int]:
 
 
 def find_incomplete(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[SettledPair], transforms: FloatArray
+    session: AlignSession, shapes: Shapes, pairs: Sequence[AlignedPair], transforms: FloatArray
 ) -> dict[int, str]:
     """Return the shapes beyond whose rim those that match them best go on, and how far.
 
@@ -130,7 +130,7 @@ def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) ->
     return beyond_rim(surface, partners, pose)
 
 
-def _nearest(pairs: Iterable[SettledPair], num: int) -> list[list[int]]:
+def _nearest(pairs: Iterable[AlignedPair], num: int) -> list[list[int]]:
     """Return the partners of each shape whose pairs have least energy at the common poses."""
     energies: list[list[tuple[float, int]]] = [[] for _ in range(num)]
     for pair in pairs:

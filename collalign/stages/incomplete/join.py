@@ -24,7 +24,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
-from pairwise.features.overlap import FRONT_UNIT, LocalPoses, judge_poses, shares_in_front
+from pairwise.features.overlap import FRONT_UNIT, LocalPoses, evaluate_poses, shares_in_front
 from pairwise.features.poses import STEP_COSINE, rotations_by
 
 #: Pairs hold shapes if one of their poses is at least this probable; poses that are this probable may join blocks.
@@ -112,7 +112,7 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     kept = {}
     for i, j in agreeing:
         relative = np.linalg.inv(transforms[i]) @ transforms[j]
-        kept[i, j] = judge_poses(surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3])
+        kept[i, j] = evaluate_poses(surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3])
     graph = _held_together(len(surfaces), kept)
     parts = sorted((np.array(sorted(part)) for part in nx.connected_components(graph)), key=lambda p: (-len(p), p[0]))
     confidence = _confidence(len(surfaces), cuts, parts)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from collalign.confidence.overlap_model import overlap_chances
-from collalign.products.pair import Alternative, Pair, SettledPair, median_mismatch
+from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.incomplete.add import incomplete_note, label_map
@@ -203,7 +203,7 @@ def _pair(
     joined: JoinedScans,
     rotations: FloatArray,
     labels: IntArray,
-) -> SettledPair:
+) -> AlignedPair:
     """Return a pair with its poses, the most probable first, and the map of its samples at the common ones."""
     i, j = ends
     order = np.argsort(-overlap_chances(poses), kind="stable")
@@ -211,7 +211,7 @@ def _pair(
     angles = pose_angle_deg(chosen.rotations, rotations[i].T @ rotations[j])
     nearest = int(np.argmin(angles))
     agrees = ends in joined.kept and bool(angles[nearest] <= AGREE_DEG)
-    return SettledPair(
+    return AlignedPair(
         target=i,
         source=j,
         rotations=read_only(chosen.rotations),

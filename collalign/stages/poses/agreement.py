@@ -12,7 +12,7 @@ from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.store.records import Record
 from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignSession
-from collalign.products.pair import Pair, SettledPair
+from collalign.products.pair import AlignedPair, Pair
 from collalign.stages.local_evidence import local_evidence
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -65,7 +65,7 @@ def solve_again(
 
 def with_common_match(
     samples: Sequence[Samples], pairs: Sequence[Pair], solution: SynchronizationResult, rotations: FloatArray
-) -> list[SettledPair]:
+) -> list[AlignedPair]:
     """Return the pairs with what synchronization says of them, and with their best match at the common poses.
 
     Parameters
@@ -89,7 +89,7 @@ def with_common_match(
             "inlier": bool(solution.edge_inlier[e]),
             "disagreement_deg": float(rotation_angle_deg(pair.rotations[choice, :3, :3], common)),
         }
-        matched.append(SettledPair(**vars(pair) | settled))
+        matched.append(AlignedPair(**vars(pair) | settled))
     return matched
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from collalign.products.pair import SettledPair
+from collalign.products.pair import AlignedPair
 from collalign.synchronization import synchronize_maps
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
@@ -14,14 +14,14 @@ from data_tools.poses import moved_by
 
 
 def labels_at_common_poses(
-    samples: Sequence[Samples], pairs: Sequence[SettledPair], rotations: FloatArray
+    samples: Sequence[Samples], pairs: Sequence[AlignedPair], rotations: FloatArray
 ) -> IntArray:
     """Label the samples of all shapes consistently, from the pairs' maps and the common poses.
 
     Parameters
     ----------
     samples : sequence of Samples
-    pairs : sequence of SettledPair
+    pairs : sequence of AlignedPair
         With their maps at the common poses.
     rotations : ndarray, shape (N, 3, 3)
         ``R_common_shape``.

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from collalign.console.help import Flag
 from collalign.console.interruption import resumable
-from collalign.console.talk import say, say_files, tell
+from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.run_options import RunOptions
 from collalign.output.evidence.loading import load
 from collalign.output.verification import CERTIFIER
@@ -74,6 +74,6 @@ def certify(
 def _verify(result: Path) -> int:
     """Check every certificate of a result and print what each proves."""
     found = verify_result(result)
-    tell(**found.as_dict())
+    add_to_summary(**found.as_dict())
     say(found.table())
     return 0 if found.holds else InputError.exit_code

@@ -15,7 +15,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
-from collalign.products.pair import SettledPair
+from collalign.products.pair import AlignedPair
 from collalign.tools.certify.result import CertifiedCollection, PairEnergies
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
@@ -115,7 +115,7 @@ def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
 
 
-def _pairs_among(collection: Collection, members: Sequence[int]) -> list[SettledPair]:
+def _pairs_among(collection: Collection, members: Sequence[int]) -> list[AlignedPair]:
     """Return the pairs of the result with both shapes among the members, by position among these."""
     at = {shape: position for position, shape in enumerate(members)}
     pairs = [

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from collalign.console.help import Excluded, Flag
-from collalign.console.talk import say_files, warn
+from collalign.console.messages import say_files, warn
 from collalign.output.evidence.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from scipy.spatial import cKDTree
 
 from collalign.console.help import Flag
-from collalign.console.talk import say, say_files, tell
+from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.session import ProgressBar
 from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
@@ -99,7 +99,7 @@ def match(
     found = match_rigid(target, source, options=options)
     if options.group == "SO":
         found = with_mirror_score(found, options)
-    tell(**found.record())
+    add_to_summary(**found.record())
     say(_summary(found))
     if found.mirror_fits_better:
         note = Note("mirror-fits-better", (found.source.name,), {"energy": found.mirror_score})
@@ -136,7 +136,7 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
     words += f"{percent(best.overlap_source)} of it lies on {percent(best.overlap_target)} of the other"
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
-    tell(**found.record())
+    add_to_summary(**found.record())
     say("\n".join([words, *rows]))
     if found.mirror_fits_better:
         note = Note("mirror-part-fits-better", (found.source,), {"chance": found.mirror_chance})
@@ -185,6 +185,8 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
     say(result.summary)
     for note in (*result.notes, *notes):
         say(f"Note: {note_text(note)}")
-    tell(confidence=result.confidence, orientation=result.orientation, notes=note_records((*result.notes, *notes)))
+    add_to_summary(
+        confidence=result.confidence, orientation=result.orientation, notes=note_records((*result.notes, *notes))
+    )
     say_files(written)
     return 0

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from collalign.console.interruption import resumable
-from collalign.console.talk import say, say_files
+from collalign.console.messages import say, say_files
 from collalign.engine.run_options import RunOptions
 from collalign.output.evidence.loading import load
 from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability

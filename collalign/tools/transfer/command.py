@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, resumable
-from collalign.console.talk import say, say_files, tell, warn
+from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
 from collalign.output.evidence.loading import load
@@ -123,5 +123,5 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
             reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
             left_out[name] = {"landmarks": count, "reasons": reasons}
             say(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
-    tell(notes=note_records(found.notes), left_out=left_out)
+    add_to_summary(notes=note_records(found.notes), left_out=left_out)
     return INCOMPLETE if missing.any() else 0

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from collalign.analysis.label_table import read_labels
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import resumable
-from collalign.console.talk import say, say_files, tell, warn
+from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
 from collalign.output.evidence.loading import load
@@ -135,6 +135,6 @@ def _classify(
         [values[at] for at in chosen],
         names=[collection.names[at] for at in chosen],
     )
-    tell(**found.as_dict(), left_out=dict(who.left_out))
+    add_to_summary(**found.as_dict(), left_out=dict(who.left_out))
     say("\n".join(filter(None, [found.table(), _DISTANCES, *map(note_text, who.notes)])))
     return 0

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import collalign
-from collalign.cli.desk import Desk
 from collalign.cli.open_command import served
+from collalign.cli.workspace import Workspace
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
@@ -45,7 +45,7 @@ def out(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ask(out):
-    with served(Desk(out)) as server:
+    with served(Workspace(out)) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         _, _, host, base = server.address.split("/", 3)
 
@@ -75,7 +75,7 @@ def test_only_pages_are_served_and_hostile_files_and_names_are_refused(ask, out)
 
 
 def test_simultaneous_requests_start_one_command(out, monkeypatch):
-    started, desk, barrier, said = [], Desk(out), Barrier(12), []
+    started, workspace, barrier, said = [], Workspace(out), Barrier(12), []
 
     def popen(command, **how):
         started.append(command)
@@ -85,11 +85,11 @@ def test_simultaneous_requests_start_one_command(out, monkeypatch):
     def start():
         barrier.wait()
         try:
-            desk.start("variation", {})
+            workspace.start("variation", {})
         except InputError as error:
             said.append(str(error))
 
-    monkeypatch.setattr("collalign.cli.desk.Popen", popen)
+    monkeypatch.setattr("collalign.cli.workspace.Popen", popen)
     threads = [Thread(target=start) for _ in range(12)]
     for thread in threads:
         thread.start()
@@ -111,15 +111,15 @@ def test_files_of_the_user_are_not_overwritten(out, tmp_path):
     (copy / "given" / "templates").mkdir(parents=True, exist_ok=True)
     (copy / "given" / "labels.csv").write_text("name,kind\nmine,a\n")
     (copy / "given" / "templates" / "chair1.csv").write_text("mine")
-    desk = Desk(copy)
+    workspace = Workspace(copy)
     with pytest.raises(InputError, match=r"labels\.csv: .*was not written by this program"):
-        desk.put("labels.csv", b"name,kind\nchair1,b\n")
+        workspace.put("labels.csv", b"name,kind\nchair1,b\n")
     with pytest.raises(InputError, match=r"chair1\.csv: .*was not written by this program"):
-        desk.put("chair1.csv", b"0,0,0\n1,1,1\n")
+        workspace.put("chair1.csv", b"0,0,0\n1,1,1\n")
     assert (copy / "given" / "labels.csv").read_text() == "name,kind\nmine,a\n"
     assert (copy / "given" / "templates" / "chair1.csv").read_text() == "mine"
-    desk.put("chair2.csv", b"0,0,0\n1,1,1\n")
-    desk.put("chair2.csv", b"0,0,0\n1,1,2\n")
+    workspace.put("chair2.csv", b"0,0,0\n1,1,1\n")
+    workspace.put("chair2.csv", b"0,0,0\n1,1,2\n")
     assert (copy / "given" / "templates" / "chair2.csv").read_bytes() == b"0,0,0\n1,1,2\n"
 
 
@@ -130,7 +130,7 @@ def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out
     decisions = [{"shape": result.names[0], "decision": "pose", "rotation": R.tolist()}]
     record = {"format": "collalign-corrections", "version": 1, "decisions": decisions, "frame": frame}
     assert ask("files/decisions.json", json.dumps(record))[0] == 200
-    words = Desk(out).words("align", {"exclude": [result.names[3]]})
+    words = Workspace(out).words("align", {"exclude": [result.names[3]]})
     asked = (f"--corrections={out / 'given' / 'decisions.json'}", f"--exclude={result.names[3]}")
     assert {"--seed=3", "--refine=False", *asked} <= {*words}
 
@@ -145,8 +145,8 @@ def test_a_command_runs_in_a_process_of_its_own_until_its_exit_code(ask, out):
 
 @contextmanager
 def shown(browser, place):
-    """The page of a desk in a browser, and its frame of a task."""
-    with served(Desk(place)) as server:
+    """The page of a workspace in a browser, and its frame of a task."""
+    with served(Workspace(place)) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         with Page(browser, SimpleNamespace(as_uri=lambda: server.address), offline=False) as opened:
             yield opened, lambda task: opened.page.frame_locator(f"[data-shows={task}]")
@@ -213,10 +213,10 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
         page.locator("#said", has_text="All files are found").wait_for()
         assert page.locator("#moved").is_hidden()
         assert page.locator("#again").is_enabled()
-    desk = Desk(out)
-    assert desk.words("align", {})[1] == str(now)
-    assert f"--sources={now}" in desk.words("export", {"format": "ply"})
-    assert Desk(out, sources=now).state()["missing"] == []
+    workspace = Workspace(out)
+    assert workspace.words("align", {})[1] == str(now)
+    assert f"--sources={now}" in workspace.words("export", {"format": "ply"})
+    assert Workspace(out, sources=now).state()["missing"] == []
 
 
 def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path):
@@ -248,22 +248,22 @@ def test_specimens_of_parts_are_opened(tmp_path):
             write_mesh(tmp_path / "shapes" / f"c{at}" / f"{name}.ply", part)
     aligned = collalign.align_collection(tmp_path / "shapes", options=FEW, parts=True, jobs=1, progress=False)
     aligned.save(tmp_path / "out", report=False)
-    desk = Desk(tmp_path / "out")
-    assert [shape["name"] for shape in desk.state()["shapes"]] == ["c0", "c1", "c2"]
-    assert desk.words("align", {})[1:3] == [str(tmp_path / "shapes"), "--parts"]
+    workspace = Workspace(tmp_path / "out")
+    assert [shape["name"] for shape in workspace.state()["shapes"]] == ["c0", "c1", "c2"]
+    assert workspace.words("align", {})[1:3] == [str(tmp_path / "shapes"), "--parts"]
 
 
 def test_a_folder_is_described_before_anything_is_aligned(tmp_path):
     write_collection(tmp_path / "shapes", chairs(3))
     (tmp_path / "shapes" / "notes.md").write_text("mine")
-    desk = Desk(tmp_path / "shapes")
-    state = desk.state()
+    workspace = Workspace(tmp_path / "shapes")
+    state = workspace.state()
     assert not state["aligned"]
     assert state["found"].startswith("3 shapes (3 ply). ")
     assert [shape["name"] for shape in state["shapes"]] == ["chair1", "chair2", "chair3"]
     asked = {"exclude": ["chair1"], "incomplete": ["chair1", "chair2"], "group": "O", "scaling": "similarity"}
-    assert {*desk.words("align", asked)[3:]} == {"--group=O", "--incomplete=chair2", "--exclude=chair1"}
+    assert {*workspace.words("align", asked)[3:]} == {"--group=O", "--incomplete=chair2", "--exclude=chair1"}
     with pytest.raises(InputError, match="exclude"):
-        desk.words("align", {"exclude": ["--store=x"]})
+        workspace.words("align", {"exclude": ["--store=x"]})
     with pytest.raises(OptionsError):
-        desk.words("align", {"group": "x"})
+        workspace.words("align", {"group": "x"})

@@ -7,10 +7,10 @@ import pytest
 
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map
 from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
-from collalign.nonrigid.map_evidence import judge
+from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_starts import ShellRefiner
-from collalign.nonrigid.portfolio import judged, laid, mended, sharpened, smooth_candidates
+from collalign.nonrigid.portfolio import laid, mended, refined_with_evidence, sharpened, smooth_candidates
 from collalign.nonrigid.pose_maps import PoseMapper
 from collalign.nonrigid.posed_surface import sampled_surface
 from collalign.nonrigid.refine import without_torn_ends
@@ -68,9 +68,9 @@ def test_torn_maps_are_mended_and_all_vertices_follow(bodies):
     rest, unit = bodies[0].vertices, bodies[0].area ** 0.5
     for images in (forward, backward):
         assert np.linalg.norm(rest[images] - rest, axis=1).mean() < 0.04 * unit
-    before, after = (judge(*bodies, one).stretch for one in (as_map(bodies, broken), found))
+    before, after = (measure_evidence(*bodies, one).stretch for one in (as_map(bodies, broken), found))
     assert after < 2.0 < before
-    right, wrong = (judged(*bodies, one, "signs") for one in (found, as_map(bodies, broken)))
+    right, wrong = (refined_with_evidence(*bodies, one, "signs") for one in (found, as_map(bodies, broken)))
     sharp, left = (sharpened(*bodies, one).functional_map for one in (right, wrong))
     assert off(bodies, sharp.map_target_source) < 0.025
     assert left is wrong.functional_map is not sharp
@@ -92,7 +92,9 @@ def test_ends_of_limbs_that_are_exchanged_are_found_and_mended(bodies):
     wrong, right = (as_map(bodies, maps) for maps in ((there, back), true_maps(bodies)))
     for maps, found in zip(without_torn_ends(*bodies, wrong), ends, strict=True):
         np.testing.assert_array_equal(maps < 0, found)
-    whole, same = (mended(*bodies, judged(*bodies, one, "signs"), NonrigidOptions()) for one in (wrong, right))
+    whole, same = (
+        mended(*bodies, refined_with_evidence(*bodies, one, "signs"), NonrigidOptions()) for one in (wrong, right)
+    )
     assert off(bodies, whole.functional_map.map_target_source) < 0.05 < 0.15 < off(bodies, there)
     assert same.functional_map is right
 
@@ -113,7 +115,9 @@ def test_normals_turn_maps_over_that_exchange_front_and_back(bodies):
     over = np.where(np.arange(3) == np.argmin(np.ptp(rest, axis=0)), -1.0, 1.0)
     gaps = np.linalg.norm(over * rest[bodies[1].dense][:, None] - rest[bodies[0].dense], axis=2)
     wrong = as_map(bodies, (gaps.argmin(axis=1), gaps.argmin(axis=0)))
-    found = laid(ShellRefiner(*bodies), mapper, judged(*bodies, wrong, "poses"), NonrigidOptions()).functional_map
+    found = laid(
+        ShellRefiner(*bodies), mapper, refined_with_evidence(*bodies, wrong, "poses"), NonrigidOptions()
+    ).functional_map
     assert off(bodies, found.map_target_source) < 0.04 < off(bodies, wrong.map_target_source)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import at_few_samples, judged, posed_candidates, with_pose_evidence
+from collalign.nonrigid.portfolio import at_few_samples, posed_candidates, refined_with_evidence, with_pose_evidence
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.nonrigid.posed_surface import prepare_posed, sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
@@ -94,7 +94,9 @@ def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one():
     best = mapper.rotation_of(found[0].functional_map, chirality=1.0)
     assert rotation_angle_deg(best, turn.T) < 15.0
     starts = [mapper.map_from(start @ turn.T) for start in (np.eye(3), np.diag([-1.0, -1.0, 1.0]))]
-    judgements = [judged(target, source, mapper.oriented(one, preserving=True), "poses") for one in starts]
+    judgements = [
+        refined_with_evidence(target, source, mapper.oriented(one, preserving=True), "poses") for one in starts
+    ]
     right, flipped = (with_pose_evidence(mapper, one, NonrigidOptions()).evidence for one in judgements)
     assert right.normals < flipped.normals
     assert right.surface < flipped.surface

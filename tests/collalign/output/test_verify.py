@@ -10,7 +10,7 @@ import pytest
 
 from collalign.output.verification import write_certificates
 from collalign.output.verify import verify_result
-from collalign.products.pair import SettledPair
+from collalign.products.pair import AlignedPair
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.csv_cells import csv_text
@@ -32,7 +32,7 @@ class Certified:
 
     coordinates: np.ndarray
     invariants: np.ndarray
-    pairs: tuple[SettledPair, ...]
+    pairs: tuple[AlignedPair, ...]
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.functional_map import FunctionalMap
-from collalign.nonrigid.map_evidence import judge
+from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
 from collalign.nonrigid.spectral_shape import outward, prepare_surface, signed_volume, smoothed_curvature
@@ -50,19 +50,19 @@ def test_curvature_is_positive_on_bumps_and_negative_in_dents(rng):
 
 def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(body, rng):
     identity = identity_of(body)
-    perfect = judge(body, body, identity)
+    perfect = measure_evidence(body, body, identity)
     assert perfect.curvature == pytest.approx(0.0, abs=1e-9)
     assert perfect.commutativity == pytest.approx(0.0, abs=1e-9)
     assert perfect.roughness == pytest.approx(0.0, abs=1e-9)
     assert perfect.orientation == pytest.approx(1.0)
     mixed = rng.permutation(len(body.dense))
-    wrong = judge(body, body, replace(identity, map_target_source=mixed))
+    wrong = measure_evidence(body, body, replace(identity, map_target_source=mixed))
     assert wrong.curvature > 0.5
     assert wrong.roughness > 0.5
     assert wrong.score > perfect.score
     rotated = np.eye(41)
     rotated[1:3, 1:3] = [[0.0, 1.0], [-1.0, 0.0]]
-    assert judge(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
+    assert measure_evidence(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
 
 
 def test_both_orientations_are_kept():

@@ -12,7 +12,7 @@ from data_tools.local_surface import LocalSurface
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from pairwise import judge_poses, match_overlapping
+from pairwise import evaluate_poses, match_overlapping
 from pairwise.features.overlap import closeness
 
 TURN, SHIFT = random_rotation(np.random.default_rng(9)), np.array([2.0, -1.0, 0.5])
@@ -86,7 +86,7 @@ def test_the_true_pose_is_judged_better_than_wrong_ones(views, rng):
     wrong = np.stack([random_rotation(rng) for _ in range(5)])
     middle = views[1].points.mean(axis=0)
     shifts = TURN @ middle + SHIFT - wrong @ middle
-    found = judge_poses(*views, np.concatenate([TURN[None], wrong]), np.concatenate([SHIFT[None], shifts]))
+    found = evaluate_poses(*views, np.concatenate([TURN[None], wrong]), np.concatenate([SHIFT[None], shifts]))
     assert found.overlap[0] > found.overlap[1:].max()
     assert found.consensus[0] > 5.0 * found.consensus[1:].max()
     assert found.mismatch[0] < found.mismatch[1:].min() - 0.1
@@ -98,8 +98,8 @@ def test_the_true_pose_is_judged_better_than_wrong_ones(views, rng):
 def test_a_mirror_image_is_judged_as_the_mirrored_surface(views):
     target, source = views
     mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
-    plain = judge_poses(target, source, TURN[None], SHIFT[None])
-    both = judge_poses(target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT]))
+    plain = evaluate_poses(target, source, TURN[None], SHIFT[None])
+    both = evaluate_poses(target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT]))
     assert both.overlaps[0] == pytest.approx(plain.overlaps[0], abs=1e-3)
     assert both.mismatch[0] == pytest.approx(plain.mismatch[0], abs=1e-3)
     assert both.consensus[0] == pytest.approx(plain.consensus[0], abs=0.02)

@@ -7,7 +7,7 @@ from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape
-from pairwise.features.overlap import judge_poses, shares_in_front
+from pairwise.features.overlap import evaluate_poses, shares_in_front
 
 SIGHTS = (
     np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]]) / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
@@ -65,6 +65,6 @@ def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
     assert np.isnan(shares[0, 1])
     mirror = np.diag([-1.0, 1.0, 1.0])[None]
     image = views[0].mirrored()
-    judged = judge_poses(image, views[0], mirror, shifts)
+    judged = evaluate_poses(image, views[0], mirror, shifts)
     assert judged.in_front.max() < 0.01
     assert judged.overlap[0] > 0.99

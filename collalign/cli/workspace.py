@@ -44,7 +44,7 @@ _DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv",
 _SOURCES_FILE = "sources.txt"
 
 
-class Desk:
+class Workspace:
     """A result, or a folder of shapes that will have one beside it; nothing else is read or written."""
 
     def __init__(self, place: Path, sources: Path | None = None) -> None:
@@ -132,9 +132,9 @@ class Desk:
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
             usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
-            told = {*asked.get("incomplete", _incomplete(collection))} - {*exclude}
-            is_usual = usual in (ALL, AUTO, NEVER) and told == _incomplete(collection)
-            incomplete = usual if is_usual else ",".join(sorted(told)) or NEVER
+            named = {*asked.get("incomplete", _incomplete(collection))} - {*exclude}
+            is_usual = usual in (ALL, AUTO, NEVER) and named == _incomplete(collection)
+            incomplete = usual if is_usual else ",".join(sorted(named)) or NEVER
             options = option_words(replace(collection.options, incomplete=incomplete))
             words = [*shape_words(collection)[0], f"--out={out}", *options, *self._labels(collection)]
             words += [f"--corrections={decisions}"] if decisions.is_file() else []
@@ -161,8 +161,8 @@ class Desk:
         for key in ("exclude", "incomplete"):
             check_known(key, asked.get(key) or (), names)
         kept = {key: asked[key] for key in ("group", "scaling") if key in asked}
-        told = ",".join(sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())}))
-        options = AlignOptions(**kept, incomplete=told or AUTO)
+        named = ",".join(sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())}))
+        options = AlignOptions(**kept, incomplete=named or AUTO)
         return [*option_words(options), *(f"--exclude={name}" for name in asked.get("exclude") or ())]
 
     def start(self, task: str, asked: Mapping[str, Any]) -> None:

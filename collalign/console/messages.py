@@ -22,7 +22,7 @@ from collalign.engine.store.records import json_types
 from data_tools.errors import InputError, printable
 from data_tools.io.files import system_reason
 
-_ROOT, _SAID = logging.getLogger("collalign"), logging.getLogger("collalign.said")
+_ROOT, _PRINTED = logging.getLogger("collalign"), logging.getLogger("collalign.said")
 #: First line of a log, and of a log whose lines are JSON: nothing is appended to a file that begins otherwise.
 _FIRST_LINE, _FIRST_JSON_LINE = "# log of collalign\n", '{"format": "collalign-log", "version": 1}\n'
 _JSON_SUFFIX = ".jsonl"
@@ -32,8 +32,8 @@ _FOR_APPENDING |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | g
 
 
 @dataclass
-class _Talk:
-    """What a command prints, and what it has told programs."""
+class _Messages:
+    """What a command prints, and what it has put into the object for programs."""
 
     is_silent: bool = False
     as_json: bool = False
@@ -41,58 +41,58 @@ class _Talk:
     summary: dict[str, Any] = field(default_factory=dict)
 
 
-_TALK: ContextVar[_Talk] = ContextVar("talk")
+_MESSAGES: ContextVar[_Messages] = ContextVar("messages")
 
 
 def say(sentence: str) -> None:
     """Print a sentence for people: on standard output, which ``--quiet`` and ``--json`` keep free."""
     sentence = printable(sentence, keep="\n")
-    if not _talk().is_silent:
+    if not _messages().is_silent:
         print(sentence)
-    _SAID.info(sentence)
+    _PRINTED.info(sentence)
 
 
 def warn(sentence: str) -> None:
     """Print what people should not miss on standard error, and tell programs."""
     sentence = printable(sentence, keep="\n")
     print(f"collalign: {sentence}", file=sys.stderr)
-    _SAID.warning(sentence)
-    _talk().summary.setdefault("warnings", []).append(sentence)
+    _PRINTED.warning(sentence)
+    _messages().summary.setdefault("warnings", []).append(sentence)
 
 
 def say_files(paths: Iterable[Path]) -> None:
     """Print the paths of what was written, and tell programs."""
     for path in paths:
         say(str(path))
-        _talk().summary.setdefault("files", []).append(str(path))
+        _messages().summary.setdefault("files", []).append(str(path))
 
 
-def tell(**items: Any) -> None:
+def add_to_summary(**items: Any) -> None:
     """Put items into the object that ``--json`` prints."""
-    _talk().summary.update(items)
+    _messages().summary.update(items)
 
 
 def elapsed_s() -> float:
     """Return for how many seconds the command has run, or its work on one of many folders."""
-    return time.perf_counter() - _talk().began_s
+    return time.perf_counter() - _messages().began_s
 
 
 @contextmanager
 def separate_summary() -> Iterator[dict[str, Any]]:
-    """Gather what is told in this block in an object of its own, as for one of many folders."""
-    talk = _talk()
-    outer, talk.summary = talk.summary, {}
-    began_s, talk.began_s = talk.began_s, time.perf_counter()
+    """Gather what this block puts into the summary in an object of its own, as for one of many folders."""
+    messages = _messages()
+    outer, messages.summary = messages.summary, {}
+    began_s, messages.began_s = messages.began_s, time.perf_counter()
     try:
-        yield talk.summary
+        yield messages.summary
     finally:
-        talk.summary, talk.began_s = outer, began_s
+        messages.summary, messages.began_s = outer, began_s
 
 
 @contextmanager
-def talking() -> Iterator[None]:
+def command_messages() -> Iterator[None]:
     """Let one command write within this block; :func:`configure_output` says how."""
-    token, bars = _TALK.set(_Talk()), SHOW_BARS.set(True)
+    token, bars = _MESSAGES.set(_Messages()), SHOW_BARS.set(True)
     former = _ROOT.level, _ROOT.propagate, _ROOT.handlers
     try:
         yield
@@ -101,7 +101,7 @@ def talking() -> Iterator[None]:
             if handler not in former[2]:
                 handler.close()
         _ROOT.level, _ROOT.propagate, _ROOT.handlers = former
-        _TALK.reset(token)
+        _MESSAGES.reset(token)
         SHOW_BARS.reset(bars)
 
 
@@ -113,14 +113,14 @@ def configure_output(*, quiet: bool, as_json: bool, verbose: bool, log: Path | N
     InputError
         If the log cannot be written, or is a file that is no log of this program.
     """
-    talk = _talk()
-    talk.is_silent, talk.as_json = quiet or as_json, as_json
+    messages = _messages()
+    messages.is_silent, messages.as_json = quiet or as_json, as_json
     SHOW_BARS.set(not quiet)
     lines = logging.StreamHandler(sys.stderr)
     shows_stages = not quiet and not sys.stderr.isatty()
     lines.addFilter(
         lambda record: (
-            record.name != _SAID.name
+            record.name != _PRINTED.name
             and (record.levelno >= logging.WARNING or verbose or (shows_stages and record.name == STAGES.name))
         )
     )
@@ -166,27 +166,27 @@ class _JsonLines(logging.Formatter):
     """One JSON object a line: ``time``, ``level``, ``message``, and of stages the numbers."""
 
     def format(self, record: logging.LogRecord) -> str:
-        told = {
+        entry = {
             "time": datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "message": record.getMessage(),
         }
-        return json.dumps(told | getattr(record, "numbers", {}))
+        return json.dumps(entry | getattr(record, "numbers", {}))
 
 
 def end(code: int, error: str = "") -> int:
     """Say how the command ended, to whom it concerns, and return its exit code."""
     if error:
         error = printable(error, keep="\n")
-        tell(error=error)
-        _SAID.error(error)
-    _SAID.info("exit code %d", code, extra={"numbers": {"exit_code": code}})
-    talk = _talk()
-    if talk.as_json:
-        print(json.dumps(json_types({"exit_code": code} | talk.summary), indent=1))
+        add_to_summary(error=error)
+        _PRINTED.error(error)
+    _PRINTED.info("exit code %d", code, extra={"numbers": {"exit_code": code}})
+    messages = _messages()
+    if messages.as_json:
+        print(json.dumps(json_types({"exit_code": code} | messages.summary), indent=1))
     return code
 
 
-def _talk() -> _Talk:
+def _messages() -> _Messages:
     """Return the output of the running command; functions that are called without one have their own."""
-    return _TALK.get(None) or _Talk()
+    return _MESSAGES.get(None) or _Messages()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.console.talk import configure_output, end, talking, tell
+from collalign.console.messages import add_to_summary, command_messages, configure_output, end
 from collalign.engine import session
 
 TEXTS = (".json", ".csv", ".html")
@@ -101,9 +101,9 @@ def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
 
 
 def test_what_is_unknown_is_null_for_programs(capsys):
-    with talking():
+    with command_messages():
         configure_output(quiet=False, as_json=True, verbose=False, log=None)
-        tell(
+        add_to_summary(
             confidence=np.array([0.5, np.nan]),
             bound=float("-inf"),
             path=Path("a"),
