@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md shows the house as it is: its rooms, the way of a pair, and where something new goes."""
+"""CONTRIBUTING.md shows the project as it is: its layers, the way of a pair, and where something new goes."""
 
 import re
 import tomllib
@@ -37,8 +37,8 @@ def defined(name):
     return any(pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py"))
 
 
-def test_every_room_is_in_the_table_in_the_order_of_its_imports():
-    rows = [line.split("|")[1] for line in section("The rooms of collalign").splitlines() if line.startswith("| `")]
+def test_every_layer_is_in_the_table_in_the_order_of_its_imports():
+    rows = [line.split("|")[1] for line in section("The layers of collalign").splitlines() if line.startswith("| `")]
     rooms = [re.sub(r"/$|\.py$", "", name) for row in rows for name in named(row)]
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
     (layers,) = (one["layers"] for one in contracts if "exhaustive" in one)

@@ -1,4 +1,4 @@
-"""README and documentation keep to the rules of plain English that a program can tell."""
+"""README, CONTRIBUTING and documentation keep to the rules of plain English that a program can tell."""
 
 import re
 
@@ -24,7 +24,7 @@ AVOIDED = {
     r"outvoted": "rejected",
     r"stands? right": "is correct",
 }
-OTHERS = (README, ROOT / "RESULTS.md", ROOT / "CHANGELOG.md", ROOT / "paper" / "paper.md")
+OTHERS = (README, ROOT / "CONTRIBUTING.md", ROOT / "RESULTS.md", ROOT / "CHANGELOG.md", ROOT / "paper" / "paper.md")
 PAGES = sorted([*OTHERS, *(ROOT / "docs").rglob("*.md")])
 
 
