@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SEED = 11
 RUNS = {"real": 10, "generated": 6}
 #: Raised when stated confidences change.
-VERSION = "6"
+VERSION = "7"
 #: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.
 SURE, USABLE = 0.95, 0.9
 RIGID = ("teeth", "mouse skulls")
