@@ -10,50 +10,59 @@ from collalign.engine.jobs.run import run_jobs
 from tests.fuzz.mutations import mutate
 
 LIMITS = {"time_limit_s": 60.0, "memory_limit_bytes": 2 * 2**30}
+#: Endings as they should be, of files, of forgeries and of overlaps.
+GOOD = ("valid", "clear errors", "true", "refused", "done", "cannot be mounted")
 
 
 @dataclass
-class FuzzReport:
-    """How the damaged files ended, and those that ended badly: by name, with the reason."""
+class Report:
+    """How many ended in each way, and those that ended badly: by name, with the reason."""
 
     counts: Counter[str] = field(default_factory=Counter)
     bad: dict[str, str] = field(default_factory=dict)
-    slowest_s: float = 0.0
+
+    @classmethod
+    def of(cls, endings):
+        """Count endings, given with the name of what ended so; what follows a colon is a reason."""
+        report = cls()
+        for name, ending in endings:
+            report.counts[ending.split(":")[0]] += 1
+            if ending not in GOOD:
+                report.bad[name] = ending
+        return report
 
     def __str__(self):
-        kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
-        return f"{self.counts.total()} files: {kinds}; slowest {self.slowest_s:.2f} s"
+        return f"{self.counts.total()} cases: " + ", ".join(f"{n} {kind}" for kind, n in sorted(self.counts.items()))
 
 
-def fuzz(target, files, num, *, seed=0, num_jobs=1, keep=None):
-    """Run a target on ``num`` damaged files; the same seed damages in the same way.
+def fuzz(kinds, numbers, *, seed=0, num_jobs=1, keep=None):
+    """Damage so many files of each kind and yield how each ended; the same seed damages in the same way.
 
-    The target is a function of a module that takes (name, bytes). Damaged files keep the suffix of good ones; those
-    that ended badly go to the folder ``keep``.
+    A kind is a target and good files by name; a target is a function of a module that takes (name, bytes). Damaged
+    files keep the suffix of good ones; those that ended badly go to the folder ``keep``.
     """
-    report = FuzzReport()
     made = {}
 
     def tasks():
-        for i in range(num):
-            key = f"{seed}-{i}"
-            made[key] = damaged(files, seed, i)
-            yield key, made[key]
+        for kind, num in numbers.items():
+            target, files = kinds[kind]
+            for i in range(num):
+                key = f"{kind} {seed}-{i}"
+                made[key] = damaged(files, seed, i)
+                yield key, (target, made[key])
 
-    jobs = run_jobs(target, tasks(), num_jobs=num_jobs, **LIMITS)
-    for job in jobs:
+    for job in run_jobs(_call, tasks(), num_jobs=num_jobs, **LIMITS):
         name, data = made.pop(job.key)
-        kind = how_it_ended(job)
-        report.counts[kind] += 1
-        report.slowest_s = max(
-            report.slowest_s, job.seconds if job.seconds == job.seconds else LIMITS["time_limit_s"]
-        )
-        if kind not in ("valid", "clear errors"):
-            report.bad[f"{job.key}-{name}"] = f"{kind}: {job.failure}"
-            if keep is not None:
-                keep.mkdir(parents=True, exist_ok=True)
-                (keep / f"{job.key}-{name}").write_bytes(data)
-    return report
+        ending = how_it_ended(job)
+        if keep is not None and ending not in GOOD:
+            keep.mkdir(parents=True, exist_ok=True)
+            (keep / f"{job.key}-{name}").write_bytes(data)
+        yield f"{job.key}-{name}", ending
+
+
+def _call(task):
+    target, payload = task
+    return target(payload)
 
 
 def damaged(files, seed, index):
@@ -67,8 +76,8 @@ def damaged(files, seed, index):
 def how_it_ended(job):
     """Name the ending of a job; errors that the project does not raise on purpose carry their type."""
     if job.crashed:
-        return "crashes" if "time limit" not in str(job.failure) else "hangs"
+        return f"{'crashes' if 'time limit' not in str(job.failure) else 'hangs'}: {job.failure}"
     if job.failure is None:
         return "valid"
     unexpected = re.match(r"[A-Z]\w*(Error|Exception|Interrupt|Iteration): ", job.failure)
-    return "unclear errors" if unexpected else "clear errors"
+    return f"unclear errors: {job.failure}" if unexpected else "clear errors"

@@ -2,11 +2,8 @@
 
 import contextlib
 import warnings
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -23,35 +20,15 @@ TOL = 1e-9
 #: How a change fails that an array's type or shape does not allow; the array then stays as it is.
 NOT_FOR_THIS_TYPE = (TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
-Arrays = dict[str, Any]
-Change = Callable[[Arrays, np.random.Generator], Arrays]
 
-
-@dataclass
-class Attack:
-    """How the forgeries ended: refused, or proven no more than is true; and those that ended badly."""
-
-    counts: Counter[str] = field(default_factory=Counter)
-    bad: dict[str, str] = field(default_factory=dict)
-
-    def __str__(self):
-        kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(self.counts.items()))
-        return f"{self.counts.total()} forgeries or overlaps: {kinds}"
-
-
-def attack(num, *, seed=0):
-    """Forge ``num`` certificates of every kind and judge what the verifier says; the same seed forges the same."""
-    report, victims = Attack(), honest()
+def certificate_endings(num, *, seed=0):
+    """Forge ``num`` certificates of every kind and yield what the verifier says; the same seed forges the same."""
+    victims = honest()
     for index in range(num):
         rng = np.random.default_rng((seed, index))
         problem, certificate = victims[index % len(victims)]
         forged = forge(problem, certificate, rng)
-        states_problem = bool(rng.random() < 0.5)
-        ending = judge(problem, forged, states_problem)
-        report.counts[ending.split(":")[0]] += 1
-        if not ending.startswith(("refused", "true")):
-            report.bad[f"{seed}-{index} ({certificate.kind})"] = ending
-    return report
+        yield f"{seed}-{index} ({certificate.kind})", judge(problem, forged, bool(rng.random() < 0.5))
 
 
 def judge(problem, forged, states_problem):
@@ -286,19 +263,8 @@ def _repacked(arrays, rng):
 
 
 CHANGES = (
-    _on_one(_other_type),
-    _on_one(_other_class),
-    _on_one(_other_shape),
-    _on_one(_one_value),
-    _on_one(_shifted),
-    _on_one(_shifted),
-    _on_one(_shifted),
-    _on_one(_scaled),
-    _on_one(_flipped),
-    _cancelling,
-    _cancelling,
-    _removed,
-    _added,
-    _borrowed,
-    _repacked,
+    *map(_on_one, (_other_type, _other_class, _other_shape, _one_value, _scaled, _flipped)),
+    *3 * [_on_one(_shifted)],
+    *2 * [_cancelling],
+    *(_removed, _added, _borrowed, _repacked),
 )

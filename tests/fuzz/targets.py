@@ -12,15 +12,31 @@ from collalign.engine.store.store import Store
 from collalign.stages.pairs.match import PairPoses
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError
+from data_tools.io.listing import READERS
 from data_tools.io.shapes import read_shape
 from data_tools.landmarks.landmark_tables import read_specimens
 from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate
+from tests.fuzz import seeds
 from tests.fuzz.mutations import MARK
-from tests.fuzz.seeds import certificate_problem
 
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
+
+
+def kinds(folder):
+    """Return the target of every kind of file and its good files by name, made in a folder; readers by suffix."""
+    (folder / "shapes").mkdir()
+    shapes = seeds.shape_files(folder / "shapes")
+    return {
+        "shapes": (read_and_sample, shapes),
+        **{end: (read_and_sample, {n: data for n, data in shapes.items() if n.endswith(end)}) for end in READERS},
+        "landmarks": (read_landmark_file, seeds.landmark_files()),
+        "stores": (read_store, {"a.store": seeds.store_file(folder)}),
+        "records": (read_record, seeds.records()),
+        "certificate-files": (read_certificate, {"a.npz": seeds.certificate_file(folder)}),
+        "configs": (read_config, {"a.toml": seeds.CONFIG.encode()}),
+    }
 
 
 def read_and_sample(payload):
@@ -68,7 +84,7 @@ def read_record(payload):
 def read_certificate(payload):
     """Load a certificate and verify it; returns the bound."""
     with _as_file(payload) as path:
-        return verify_certificate(*certificate_problem(), Certificate.load(path))
+        return verify_certificate(*seeds.certificate_problem(), Certificate.load(path))
 
 
 def read_config(payload):
