@@ -174,32 +174,6 @@ def mixed_preferences(sides):
     return 0.3 * sides[edges[:, 0]] * sides[edges[:, 1]]
 
 
-@pytest.mark.parametrize(
-    ("agreement", "group", "limited", "code"),
-    [(1e-3, "O", [5], "left-right-mixed"), (2e-4, "SO", [1, 4, 5], "not-reflected-unclear")],
-)
-def test_shapes_of_an_undecided_side_are_limited_to_one_half(monkeypatch, agreement, group, limited, code):
-    sides = np.where(np.isin(np.arange(7), (1, 4)), -1.0, 1.0)
-    fits = find_sides(all_pairs(7), np.exp(np.outer(mixed_preferences(sides), [-0.5, 0.5])), 7)
-    fits = replace(fits, unsure=np.arange(7) == 5)
-    scores = agreement * np.outer(sides, sides)
-    scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
-    np.fill_diagonal(scores, np.nan)
-    monkeypatch.setattr(pilot, "surface_scores", lambda session, shapes: 7 / 5 * scores)
-    monkeypatch.setattr(pilot, "staged_sides", lambda *given: (fits, np.ones((3, 2))))
-    shapes = SimpleNamespace(names=tuple("abcdefg"), samples=())
-    with Session.open(AlignOptions(), ONE) as session:
-        found, notes, limits = group_of_shapes(session, shapes, np.zeros((7, 1)), all_pairs(7))
-    assert (found, notes[0].code) == (group, code)
-    assert limits == dict.fromkeys(limited, ONE_OF_TWO)
-
-
-def mixed_preferences(sides):
-    """Preferences of all pairs, positive for the same side."""
-    edges = all_pairs(len(sides))
-    return 0.3 * sides[edges[:, 0]] * sides[edges[:, 1]]
-
-
 def test_the_energies_of_both_kinds_are_told_apart():
     few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
     kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
