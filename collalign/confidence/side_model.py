@@ -42,6 +42,9 @@ LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
 #: They stay open as well where the sides that surfaces support best agree at least by the second: sets of one side
 #: had 4.8e-4 at most, but for ellipsoids with one big bump each, which are mirror images but for that.
 LEAST_OPEN, LEAST_OPEN_ALONE = 1.85e-4, 6e-4
+#: Two sides of one kind fit each other, one of them mirrored or not, up to so many times as badly as each side fits
+#: itself. Nine sets of crowns, bent figures and quadrupeds had .8 to 1.2; blobs and figures in one folder had 30.
+MOST_BETWEEN = 2.0
 #: Surfaces name the sides alone where the support of every shape is at least this. In sets without a mix, those above
 #: and mugs, starfish and six classes of SHREC07, the best sides had 3.1e-4 or less in their weakest shape; generated
 #: blobs with one mirrored had 1.6e-3 or more, bones with some mirrored, held out, 2.0e-3.
@@ -216,6 +219,23 @@ def look_like_posture(fits: Sides, surfaces: SurfaceSides) -> bool:
         Of the same sides.
     """
     return fits.are_likely and not are_open(fits, surfaces)
+
+
+def are_one_kind(mirrored: BoolArray, edges: IntArray, energies: FloatArray) -> bool:
+    """Whether pairs between two sides fit about as well as pairs within them: shapes of two kinds do not.
+
+    Parameters
+    ----------
+    mirrored : ndarray of bool, shape (N,)
+    edges : ndarray of int, shape (E, 2)
+    energies : ndarray, shape (E, 2)
+        Least energy of each pair as it is, and with one shape mirrored.
+    """
+    least = energies.min(axis=1)
+    between = mirrored[edges[:, 0]] != mirrored[edges[:, 1]]
+    if between.all() or not between.any():
+        return bool(between.any())
+    return bool(np.median(least[between]) <= MOST_BETWEEN * np.median(least[~between]))
 
 
 def undecided_sides(fits: Sides, surfaces: SurfaceSides, alone: SurfaceSides) -> BoolArray:

@@ -8,7 +8,7 @@ image.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +53,14 @@ class Subset:
             of_pairs = self.energies[num_poses, max_steps]
             return [(int(i), int(j)) for i, j in edges], of_pairs[edges[:, 0], edges[:, 1]]
 
-        found, _ = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
+        found, compared, energies = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
         by_surfaces = sides.surface_sides(self.scores, found.mirrored)
         alone = sides.surface_sides(self.scores)
         are_both = self.mirrored.any() and not self.mirrored.all()
         if alone.are_clear or sides.are_mixed(found, by_surfaces):
             return 1.0 if are_both else -FALSE_ALARM
+        if not sides.are_one_kind(alone.mirrored, compared, energies):
+            alone = replace(alone, mirrored=np.zeros(num, dtype=np.bool_))
         doubted = sides.undecided_sides(found, by_surfaces, alone)
         if not are_both:
             return float(1.0 - doubted.mean())

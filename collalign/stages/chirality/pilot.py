@@ -21,6 +21,7 @@ from collalign.confidence.side_model import (
     Sides,
     SurfaceSides,
     are_mixed,
+    are_one_kind,
     find_sides,
     look_like_posture,
     surface_sides,
@@ -130,11 +131,13 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
 
     samples = [Shared(key=str(i), reader=Samples) for i in range(num)]
     with table_of_values(shapes.samples) as table:
-        sides, energies = staged_sides(edges, descriptors, energies_of)
+        sides, compared, energies = staged_sides(edges, descriptors, energies_of)
     surfaces = surface_sides(scores, sides.mirrored)
     if are_mixed(sides, surfaces):
         undecided = np.flatnonzero(sides.unsure).tolist()
         return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
+    if not are_one_kind(alone.mirrored, compared, energies):
+        alone = replace(alone, mirrored=np.zeros(num, dtype=np.bool_))
     doubted = undecided_sides(sides, surfaces, alone)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     note = _note_of_none(sides, surfaces, doubted, num_better, shapes.names)
@@ -145,7 +148,7 @@ def staged_sides(
     edges: IntArray,
     descriptors: FloatArray,
     energies_of: Callable[[IntArray, int, int], tuple[list[tuple[int, int]], FloatArray]],
-) -> tuple[Sides, FloatArray]:
+) -> tuple[Sides, IntArray, FloatArray]:
     """Find the sides that few pairs show, or where these leave a suspicion, more.
 
     Parameters
@@ -160,8 +163,10 @@ def staged_sides(
     Returns
     -------
     sides : Sides
-    energies : ndarray, shape (e, 2)
+    pairs : ndarray of int, shape (e, 2)
         That they were found in.
+    energies : ndarray, shape (e, 2)
+        Of these pairs, as they are and mirrored.
     """
     num = len(descriptors)
     for num_partners, num_poses, max_steps in LOOKS:
@@ -169,7 +174,7 @@ def staged_sides(
         sides = find_sides(pairs, energies, num)
         if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
-    return sides, energies
+    return sides, np.array(pairs, dtype=np.int64).reshape(-1, 2), energies
 
 
 def _evenly_spaced(shapes: Shapes, num: int) -> tuple[Shapes, IntArray]:

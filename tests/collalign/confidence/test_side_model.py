@@ -10,6 +10,7 @@ from collalign.confidence.side_model import (
     Sides,
     SurfaceSides,
     are_mixed,
+    are_one_kind,
     are_open,
     find_sides,
     look_like_posture,
@@ -187,6 +188,17 @@ def test_sides_that_surfaces_alone_support_are_open_whatever_fits_find():
     assert undecided_sides(none, replace(WEAK, across=np.nan), strong).tolist() == strong.mirrored.tolist()
     for weak in ({"support": np.full(6, 5e-4)}, {"across": 5e-4}, {"across": np.nan}):
         assert not undecided_sides(none, replace(WEAK, across=np.nan), replace(strong, **weak)).any(), weak
+
+
+def test_two_kinds_of_shapes_are_no_two_sides():
+    edges = all_pairs(6)
+    mirrored = np.arange(6) < 2
+    between = mirrored[edges[:, 0]] != mirrored[edges[:, 1]]
+    energies = np.where(between[:, None], [0.5, 0.1], [0.1, 0.5])
+    assert are_one_kind(mirrored, edges, energies)
+    assert not are_one_kind(mirrored, edges, energies * np.where(between, 3.0, 1.0)[:, None])
+    assert not are_one_kind(mirrored, edges[~between], energies[~between]), "never compared"
+    assert are_one_kind(mirrored, edges[between], energies[between])
 
 
 def scores_of(mirrored, size, noise, rng):

@@ -160,7 +160,7 @@ def test_shapes_of_an_undecided_side_are_limited_to_one_half(monkeypatch, agreem
     scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
     np.fill_diagonal(scores, np.nan)
     monkeypatch.setattr(pilot, "surface_scores", lambda session, shapes: 7 / 5 * scores)
-    monkeypatch.setattr(pilot, "staged_sides", lambda *given: (fits, np.ones((3, 2))))
+    monkeypatch.setattr(pilot, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2))))
     shapes = SimpleNamespace(names=tuple("abcdefg"), samples=())
     with Session.open(AlignOptions(), ONE) as session:
         found, notes, limits = group_of_shapes(session, shapes, np.zeros((7, 1)), all_pairs(7))
