@@ -205,16 +205,19 @@ class Neighbourhoods:
 
     def _of_template(self, item: Template, specimen: int) -> FloatArray:
         """Tilts and reliefs of one template's landmarks, shape (2, l)."""
-        places, source, target = item.places.on(self._mean), self._copies[item.shape], self._copies[specimen]
+        places = item.places.on(self._mean)
+        source, target = self._copies[item.shape], self._copies[specimen]
         normals = [self._normals_of(shape) for shape in (item.shape, specimen)]
+        around = zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True)
         tilts, reliefs = [], []
-        for wide, narrow in zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True):
+        for wide, narrow in around:
             here, there = (points[wide] - points[wide].mean(axis=0) for points in (source, target))
             rotated = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
             cosines = np.abs((normals[0][wide] * rotated).sum(axis=1))
             tilts.append(np.sqrt(np.mean(2.0 - 2.0 * np.minimum(cosines, 1.0))))
-            reliefs.append(np.linalg.svd(source[narrow] - source[narrow].mean(axis=0), compute_uv=False)[-1])
-            reliefs[-1] /= np.sqrt(len(narrow)) * self._unit
+            patch = source[narrow] - source[narrow].mean(axis=0)
+            thickness = np.linalg.svd(patch, compute_uv=False)[-1]
+            reliefs.append(thickness / (np.sqrt(len(narrow)) * self._unit))
         return np.array([tilts, reliefs])
 
     def _around(self, places: FloatArray, radius: float) -> list[IntArray]:

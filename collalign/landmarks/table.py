@@ -35,18 +35,22 @@ def evenly_spaced(points: FloatArray, num: int, *, closed: bool) -> FloatArray:
     closed : bool
     """
     ends = points[[0]] if closed else points[:0]
-    kept = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 0])
+    kept = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0)
     knots = np.concatenate([points[kept], ends])
-    chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
+    chords = _lengths_along(knots)
     if len(knots) < 2 or chords[-1] == 0:
         return np.repeat(points[:1], num, axis=0)
     spline = CubicSpline(chords, knots, bc_type="periodic" if closed else "natural")
-    fine = np.concatenate(
-        [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(chords)] + [chords[-1:]]
-    )
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(spline(fine), axis=0), axis=1))])
+    steps = [np.linspace(a, b, _STEPS, endpoint=False) for a, b in itertools.pairwise(chords)]
+    fine = np.concatenate([*steps, chords[-1:]])
+    lengths = _lengths_along(spline(fine))
     wanted = np.linspace(0.0, lengths[-1], num, endpoint=not closed)
     return np.asarray(spline(np.interp(wanted, lengths, fine)))
+
+
+def _lengths_along(points: FloatArray) -> FloatArray:
+    """Return the length of a polyline (n, 3) up to each of its points, shape (n,)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
 
 
 def counting_like(points: FloatArray, other: FloatArray, *, closed: bool) -> IntArray:
@@ -61,7 +65,8 @@ def counting_like(points: FloatArray, other: FloatArray, *, closed: bool) -> Int
     """
     num = len(points)
     shifts = range(num) if closed else range(1)
-    orders = [np.roll(way, shift) for way in (np.arange(num), np.arange(num)[::-1]) for shift in shifts]
+    ways = np.arange(num), np.arange(num)[::-1]
+    orders = [np.roll(way, shift) for way in ways for shift in shifts]
     gaps = [float(((points[order] - other) ** 2).sum()) for order in orders]
     return np.asarray(orders[int(np.argmin(gaps))])
 
@@ -135,7 +140,8 @@ def _without_prefix(labels: Sequence[str]) -> list[str]:
     if numbered and all(numbered) and len({one[1] for one in numbered if one}) == 1:
         return [str(int(one[2])) for one in numbered if one]
     prefixes = [labels[0][: sign.end()] for sign in _SEPARATOR.finditer(labels[0])] if labels else []
-    shared = max((one for one in prefixes if all(label.startswith(one) for label in labels)), key=len, default="")
+    common = [one for one in prefixes if all(label.startswith(one) for label in labels)]
+    shared = max(common, key=len, default="")
     return [label.removeprefix(shared) for label in labels]
 
 
@@ -235,11 +241,12 @@ class _Builder:
         """Return everything in the order of first appearance."""
         labels = tuple(dict.fromkeys(label for own in self._columns.values() for label in own))
         numbers, missing = {label: at for at, label in enumerate(labels)}, np.full(3, np.nan)
+        points = {}
+        for name, own in self._columns.items():
+            points[name] = np.stack([own.get(label, missing) for label in labels])
         return LandmarkTable(
             labels=labels,
-            points={
-                name: np.stack([own.get(label, missing) for label in labels]) for name, own in self._columns.items()
-            },
+            points=points,
             semilandmarks=tuple(
                 SemilandmarkRows(name, kind, tuple(numbers[label] for label in own))
                 for name, (kind, own) in self._sets.items()
@@ -267,7 +274,8 @@ class _Builder:
         first = next((name for name, own in self._columns.items() if labels[0] in own), None)
         if first is None or one.kind == "patch":
             return placed
-        like = moved_by(self._transforms[first], np.stack([self._columns[first][label] for label in labels]))
+        there = np.stack([self._columns[first][label] for label in labels])
+        like = moved_by(self._transforms[first], there)
         here = moved_by(self._transforms[template], placed)
         order = counting_like(here, like, closed=one.kind == "closed curve")
         return placed[order]

@@ -135,13 +135,10 @@ def choose_maps(
     weights = np.array([_certainty(odds) for odds in log_odds])
     bases, residuals = _bases_of(edges, low, choice, num_shapes, weights)
     for _ in range(MAX_ROUNDS):
-        gaps = [
-            map_residuals(np.tile(edge, (len(maps), 1)), maps, bases) for edge, maps in zip(edges, low, strict=True)
-        ]
-        scores = [
-            odds - CYCLE_WEIGHT * np.log(np.maximum(gap, FLOOR)) for odds, gap in zip(log_odds, gaps, strict=True)
-        ]
-        better = np.array([int(np.argmax(score)) for score in scores])
+        better = choice.copy()
+        for pair, (edge, maps, odds) in enumerate(zip(edges, low, log_odds, strict=True)):
+            gaps = map_residuals(np.tile(edge, (len(maps), 1)), maps, bases)
+            better[pair] = np.argmax(odds - CYCLE_WEIGHT * np.log(np.maximum(gaps, FLOOR)))
         if (better == choice).all():
             break
         choice = better
@@ -152,7 +149,8 @@ def choose_maps(
 def _bases_of(
     edges: IntArray, maps: Sequence[FloatArray], choice: IntArray, num_shapes: int, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    return common_bases(edges, np.stack([own[c] for own, c in zip(maps, choice, strict=True)]), num_shapes, weights)
+    chosen = np.stack([own[c] for own, c in zip(maps, choice, strict=True)])
+    return common_bases(edges, chosen, num_shapes, weights)
 
 
 def _certainty(log_odds: FloatArray) -> float:

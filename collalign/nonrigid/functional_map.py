@@ -59,12 +59,14 @@ def mutual_nearest_rows(target: FloatArray, source: FloatArray) -> tuple[IntArra
         np.ones((len(source), num + 2), dtype=np.float32),
     )
     columns[:num], rows[:, :num] = target.T, source
-    columns[num], rows[:, num + 1] = (-0.5 * np.einsum("ij,ij->i", one, one) for one in (target, source))
+    columns[num] = -0.5 * np.einsum("ij,ij->i", target, target)
+    rows[:, num + 1] = -0.5 * np.einsum("ij,ij->i", source, source)
     if len(target) * len(source) <= _SMALL_ENTRIES:
         closeness = rows @ columns
         return closeness.argmax(axis=1), closeness.argmax(axis=0)
     forward = np.empty(len(source), dtype=np.int64)
-    backward, closest = np.zeros(len(target), dtype=np.int64), np.full(len(target), -np.inf, dtype=np.float32)
+    backward = np.zeros(len(target), dtype=np.int64)
+    closest = np.full(len(target), -np.inf, dtype=np.float32)
     buffer: Any = np.empty((_BLOCK_ROWS, len(target)), dtype=np.float32)
     for first in range(0, len(source), _BLOCK_ROWS):
         block = rows[first : first + _BLOCK_ROWS]
@@ -127,11 +129,14 @@ class ZoomOut:
             Its inverse, -1 where it is unknown.
         """
         forward = map_target_source
-        backward = np.full(len(self._target), -1) if map_source_target is None else map_source_target
+        backward = map_source_target
+        if backward is None:
+            backward = np.full(len(self._target), -1)
         for size in self._sizes:
-            c = fitted_map(self._target[:, :size], self._source[:, :size], forward, backward)
-            rows_target = np.hstack([self._target[:, :size], np.sqrt(size) * self._extra_target])
-            rows_source = np.hstack([self._source[:, :size] @ c, np.sqrt(size) * self._extra_source])
+            target, source = self._target[:, :size], self._source[:, :size]
+            c = fitted_map(target, source, forward, backward)
+            rows_target = np.hstack([target, np.sqrt(size) * self._extra_target])
+            rows_source = np.hstack([source @ c, np.sqrt(size) * self._extra_source])
             forward, backward = mutual_nearest_rows(rows_target, rows_source)
         last = self._sizes[-1]
         c = fitted_map(self._target[:, :last], self._source[:, :last], forward, backward)

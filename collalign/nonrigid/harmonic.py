@@ -81,9 +81,11 @@ class HarmonicRefiner:
         self, target: Side, source: Side, forward: IntArray, backward: IntArray, smoothness: float
     ) -> tuple[IntArray, IntArray]:
         """Return the nearest rows of two sides in both embeddings, fitted to point maps of the dense samples."""
-        of_target, of_source = self._target, self._source
-        to_source = fitted_map(of_target.own, of_source.basis, forward, backward, smoothness * of_source.frequencies)
-        to_target = fitted_map(of_source.own, of_target.basis, backward, forward, smoothness * of_target.frequencies)
-        return mutual_nearest_rows(
-            np.hstack([target.own, target.basis @ to_target]), np.hstack([source.basis @ to_source, source.own])
-        )
+        dense_target, dense_source = self._target, self._source
+        rough_target = smoothness * dense_target.frequencies
+        rough_source = smoothness * dense_source.frequencies
+        to_source = fitted_map(dense_target.own, dense_source.basis, forward, backward, rough_source)
+        to_target = fitted_map(dense_source.own, dense_target.basis, backward, forward, rough_target)
+        rows_target = np.hstack([target.own, target.basis @ to_target])
+        rows_source = np.hstack([source.basis @ to_source, source.own])
+        return mutual_nearest_rows(rows_target, rows_source)

@@ -46,7 +46,8 @@ def sign_starts(
     """
     problem = embedded_problem(target, source, source_samples, allowed, TUNED.num_signs)
     signs = np.array(list(product((1.0, -1.0), repeat=TUNED.num_signs)))
-    maps = np.unique(MatchingCosts(problem).assign(signs[:, :, None] * np.eye(TUNED.num_signs)), axis=0)
+    reflections = signs[:, :, None] * np.eye(TUNED.num_signs)
+    maps = np.unique(MatchingCosts(problem).assign(reflections), axis=0)
     return descend_maps(target, source, source_samples, allowed, maps, "signs")
 
 
@@ -137,7 +138,8 @@ class ShellRefiner:
         for size in self._sizes:
             on_target, of_source = _compared(self._target, self._source, size, (there, back), chirality)
             on_source, of_target = _compared(self._source, self._target, size, (back, there), chirality)
-            there, back = mutual_nearest_rows(np.hstack([on_target, of_target]), np.hstack([of_source, on_source]))
+            rows_target, rows_source = np.hstack([on_target, of_target]), np.hstack([of_source, on_source])
+            there, back = mutual_nearest_rows(rows_target, rows_source)
         return there, back
 
 
@@ -147,8 +149,10 @@ class _Skin:
     def __init__(self, spectral: SpectralShape) -> None:
         is_dense = np.zeros(len(spectral.vertices), dtype=bool)
         is_dense[spectral.dense] = True
-        used, faces = np.unique(spectral.faces[is_dense[spectral.faces].any(axis=1)], return_inverse=True)
-        self.places = (spectral.vertices[used] - spectral.mass @ spectral.vertices) / spectral.area**0.5
+        around = spectral.faces[is_dense[spectral.faces].any(axis=1)]
+        used, faces = np.unique(around, return_inverse=True)
+        centre = spectral.mass @ spectral.vertices
+        self.places = (spectral.vertices[used] - centre) / spectral.area**0.5
         self.faces, self.dense = faces.reshape(-1, 3), np.searchsorted(used, spectral.dense)
         self.basis, self.samples = spectral.basis[used], self.places[self.dense]
         self.side = cache(lambda size: Side.of(spectral, spectral.dense, size))
@@ -173,9 +177,10 @@ def _compared(
     to, of = fixed.side(size), moving.side(size)
     goals = np.hstack([to.own, fixed.samples])
     carried = fitted_map(goals, of.basis, *maps, SMOOTHNESS * of.frequencies)
-    pairs = np.vstack([fixed.samples[maps[0]], fixed.samples]), np.vstack([moving.samples, moving.samples[maps[1]]])
-    centred = [one - one.mean(axis=0) for one in pairs]
-    rotation = nearest_orthogonal(centred[0].T @ centred[1], determinant=chirality)
+    on_fixed = np.vstack([fixed.samples[maps[0]], fixed.samples])
+    on_moving = np.vstack([moving.samples, moving.samples[maps[1]]])
+    products = (on_fixed - on_fixed.mean(axis=0)).T @ (on_moving - on_moving.mean(axis=0))
+    rotation = nearest_orthogonal(products, determinant=chirality)
     laid = moving.unresolved(size) @ rotation.T + moving.basis[:, :size] @ carried[:, size:]
     weight = float(np.sqrt((to.own**2).sum(axis=1).mean()))
     return (

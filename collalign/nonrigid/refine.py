@@ -46,10 +46,13 @@ class Refiner:
         on_target, on_source = target.dense[:num_dense], source.dense[:num_dense]
         most = min(len(target.eigenvalues), len(source.eigenvalues)) + 1
         last = min(last or most, most)
-        self._form_target, self._form_source = target.orientation[:num_dense], source.orientation[:num_dense]
+        self._form_target = target.orientation[:num_dense]
+        self._form_source = source.orientation[:num_dense]
         self._target, self._source = target.basis[on_target], source.basis[on_source]
         has_normals = np.isfinite(target.curvature).all() and np.isfinite(source.curvature).all()
-        features = (_standardised(target)[on_target], _standardised(source)[on_source]) if has_normals else None
+        features = None
+        if has_normals:
+            features = _standardised(target)[on_target], _standardised(source)[on_source]
         self.zoomout = ZoomOut(
             self._target,
             self._source,
@@ -140,9 +143,9 @@ class _Net:
     def __init__(self, spectral: SpectralShape) -> None:
         edges, places = mesh_edges(spectral.faces), spectral.vertices / spectral.area**0.5
         surface = csr_array((_lengths(places, edges), edges.T), shape=(len(places),) * 2)
-        nearest = dijkstra(surface, directed=False, indices=spectral.dense, min_only=True, return_predecessors=True)[
-            2
-        ]
+        _, _, nearest = dijkstra(
+            surface, directed=False, indices=spectral.dense, min_only=True, return_predecessors=True
+        )
         sample = np.zeros(len(places), dtype=np.int64)
         sample[spectral.dense] = np.arange(len(spectral.dense))
         pairs = np.unique(np.sort(sample[nearest[edges]], axis=1), axis=0)

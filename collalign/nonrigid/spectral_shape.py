@@ -271,7 +271,8 @@ def _outside(
     """Return curvatures and the orientation form at the dense samples; NaN where there are no normals."""
     num = min(NUM_ORIENTATION, len(eigen.values))
     if not working.is_mesh:
-        return np.full((len(working.vertices), len(CURVATURE_TIMES)), np.nan), np.full((len(dense), num, num), np.nan)
+        no_curvature = np.full((len(working.vertices), len(CURVATURE_TIMES)), np.nan)
+        return no_curvature, np.full((len(dense), num, num), np.nan)
     operators = surface.operators
     curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
     return curvature, orientation_form(working, eigen.functions[:, :num])[dense]

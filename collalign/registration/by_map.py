@@ -41,7 +41,8 @@ class ArapSolver:
         operators = surface_operators(rest)
         stiffness = coo_array(operators.stiffness)
         off = (stiffness.row != stiffness.col) & (stiffness.data < 0)
-        self._at, self._to, self._weights = stiffness.row[off], stiffness.col[off], -stiffness.data[off]
+        self._at, self._to = stiffness.row[off], stiffness.col[off]
+        self._weights = -stiffness.data[off]
         centred = rest.vertices - rest.vertices.mean(axis=0)
         self.radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         self._rest, self.mass = rest.vertices, operators.mass
@@ -67,18 +68,21 @@ class ArapSolver:
     def rotated_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
         rest, _, rotations = self._edges(moved)
-        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eij,ej->ei", rotations, rest)))
+        rotated = np.einsum("eij,ej->ei", rotations, rest)
+        return np.asarray(self._sum @ (self._weights[:, None] * rotated))
 
     def rotated_back(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges on the moved surface (v, 3), rotated back."""
         _, now, rotations = self._edges(moved)
-        return np.asarray(self._sum @ (self._weights[:, None] * np.einsum("eji,ej->ei", rotations, now)))
+        rotated = np.einsum("eji,ej->ei", rotations, now)
+        return np.asarray(self._sum @ (self._weights[:, None] * rotated))
 
     def _edges(self, moved: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return edges at rest and now, (e, 3), and the mean of the rotations at their ends, (e, 3, 3)."""
         rest = self._rest[self._at] - self._rest[self._to]
         now = moved[self._at] - moved[self._to]
-        products = self._sum @ (self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]).reshape(-1, 9)
+        of_edges = self._weights[:, None, None] * now[:, :, None] * rest[:, None, :]
+        products = self._sum @ of_edges.reshape(-1, 9)
         rotations = nearest_orthogonal(products.reshape(-1, 3, 3), determinant=1.0)
         return rest, now, 0.5 * (rotations[self._at] + rotations[self._to])
 
