@@ -180,8 +180,10 @@ def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] |
     try:
         record = json.loads(read_text(file))
         names = tuple(str(shape["name"]) for shape in record["shapes"])
-        group, normalisation = str(record["decided"]["group"]), str(record["options"]["sampling"]["normalisation"])
-        transforms = as_floats([shape["transform"] for shape in record["shapes"]], "transforms", shape=(None, 4, 4))
+        group = str(record["decided"]["group"])
+        normalisation = str(record["options"]["sampling"]["normalisation"])
+        stated = [shape["transform"] for shape in record["shapes"]]
+        transforms = as_floats(stated, "transforms", shape=(None, 4, 4))
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(f"{file}: cannot be read as a result ({error})") from None
     if group not in ("SO", "O") or len(set(names)) < len(names):

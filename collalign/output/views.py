@@ -92,7 +92,8 @@ def _spread(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArr
     if len(faces):
         corners = vertices[faces]
         points = corners.mean(axis=1)
-        weights = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        weights = np.linalg.norm(np.cross(first, second), axis=1)
     weights = weights / (weights.sum() or 1.0)
     points = points - weights @ points
     return points / (np.sqrt(weights @ (points**2).sum(axis=1)) or 1.0), weights
@@ -185,7 +186,8 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, size[0]), ylim=(0.0, size[1]))
     axes.set_axis_off()
     sure = [tile for tile in tiles if not tile[2] < DOUBT] or tiles
-    view = camera(((moved_by(transform, shape.vertices), shape.faces) for shape, transform, _ in sure), frame)
+    posed = ((moved_by(transform, shape.vertices), shape.faces) for shape, transform, _ in sure)
+    view = camera(posed, frame)
     panels = []
     for position, (shape, transform, confidence) in enumerate(tiles):
         row, column = divmod(position, columns)

@@ -118,7 +118,8 @@ def save_collection(
         output.refuse_foreign(output_names(collection.names))
         _write_tables(collection, output)
         write_certificates(collection.pairs, collection.made, output)
-        meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in file_stems(collection.names)]
+        stems = file_stems(collection.names)
+        meshes = [output.stage(MESH_FOLDER, f"{stem}.ply").absolute() for stem in stems]
         vertices = collection.made.vertices
         colours = None if vertices is None else PlaceColours(vertices)
         parts = write_shapes(collection, meshes, colours, num_jobs=num_jobs, advance=advance)
@@ -132,15 +133,17 @@ def save_collection(
         )
         save_evidence(shown, output.staging)
         title = report_title(collection) if report else None
-        documents = _documents(shown, output, title)
-        share_out(write_document, ((name, {"write": write}) for name, write in documents), num_jobs=num_jobs)
-        run = replace(collection.run, times_s=collection.run.times_s | {OUTPUTS: time.perf_counter() - began_s})
+        tasks = ((name, {"write": write}) for name, write in _documents(shown, output, title))
+        share_out(write_document, tasks, num_jobs=num_jobs)
+        times_s = collection.run.times_s | {OUTPUTS: time.perf_counter() - began_s}
+        run = replace(collection.run, times_s=times_s)
         _write_text(output.stage(RUN_FILE), json.dumps(asdict(run), indent=1))
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(f"{output.folder}: the results cannot be written ({system_reason(error)})") from error
     tops = dict.fromkeys(output.folder / path.relative_to(output.folder).parts[0] for path in written)
-    return (*(path for path in tops if path.is_file()), *sorted(path for path in tops if path.is_dir()))
+    files, folders = (path for path in tops if path.is_file()), (path for path in tops if path.is_dir())
+    return (*files, *sorted(folders))
 
 
 def report_title(collection: CollectionData) -> str:
@@ -151,7 +154,8 @@ def report_title(collection: CollectionData) -> str:
 
 def output_names(names: Sequence[str]) -> list[str]:
     """Return the paths, relative to the folder, that the results of shapes of these names take."""
-    return [*_TABLES, REPORT_FILE, VERTEX_MAPS_FILE, *(f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))]
+    meshes = (f"{MESH_FOLDER}/{stem}.ply" for stem in file_stems(names))
+    return [*_TABLES, REPORT_FILE, VERTEX_MAPS_FILE, *meshes]
 
 
 def _evidence(collection: CollectionData, shape: int) -> dict[str, float | None]:
@@ -270,10 +274,12 @@ def _documents(
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield what writes the picture of all shapes and, with a title, the pages of the report, by name."""
     drawn = np.linspace(0, len(shown) - 1, min(len(shown), _MAX_TILES)).round().astype(np.int64)
-    meshes = {i: Shape.from_arrays(shown.vertices[i], shown.faces[i], name=shown.names[i]) for i in drawn.tolist()}
-    tiles = tuple(tile_of(mesh, shown.transforms[i], float(shown.confidence[i])) for i, mesh in meshes.items())
-    frame = NamedFrame.of(shown.options)
-    yield "sheet", partial(write_contact_sheet, output.stage(CONTACT_SHEET_FILE).absolute(), tiles, frame)
+    tiles = []
+    for i in drawn.tolist():
+        mesh = Shape.from_arrays(shown.vertices[i], shown.faces[i], name=shown.names[i])
+        tiles.append(tile_of(mesh, shown.transforms[i], float(shown.confidence[i])))
+    sheet, frame = output.stage(CONTACT_SHEET_FILE).absolute(), NamedFrame.of(shown.options)
+    yield "sheet", partial(write_contact_sheet, sheet, tuple(tiles), frame)
     if title is not None:
         for page in report_pages(shown, output.stage(REPORT_FILE).absolute(), title=title):
             yield page.title, page.write

@@ -85,8 +85,11 @@ def decode(data: bytes, name: str) -> Record:
 
 def to_arrays(record: Record) -> dict[str, NDArray[Any]]:
     """Return the fields of a record for an NPZ archive: arrays as they are, and bytes (b,) of whatever else."""
-    packed = {name: encode({name: value}) for name, value in record.items() if not isinstance(value, np.ndarray)}
-    return record | {name: np.frombuffer(content, dtype=np.uint8) for name, content in packed.items()}
+    arrays = dict(record)
+    for name, value in record.items():
+        if not isinstance(value, np.ndarray):
+            arrays[name] = np.frombuffer(encode({name: value}), dtype=np.uint8)
+    return arrays
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Record:
@@ -229,7 +232,8 @@ def _annotations(kind: Any) -> dict[str, Any]:
 
 def _made(kind: Any, record: Record) -> Any:
     sizes: dict[str, int] = {}
-    return kind(**{name: _checked(hint, record[name], name, sizes) for name, hint in _annotations(kind).items()})
+    hints = _annotations(kind)
+    return kind(**{name: _checked(hint, record[name], name, sizes) for name, hint in hints.items()})
 
 
 def _of_field(value: Any) -> Any:
@@ -308,7 +312,8 @@ def _array(scalar: Any, holds: Holds, value: Any, name: str, sizes: dict[str, in
         upper = min(MAX_INDEX, int(np.iinfo(scalar).max) + 1)
         array = as_indices(value, name, lower=holds.lower, upper=upper, shape=shape)
     else:
-        unknown = np.isnan(value) if holds.nan and value.dtype.kind == "f" else np.zeros(value.shape, dtype=np.bool_)
+        may_be_nan = holds.nan and value.dtype.kind == "f"
+        unknown = np.isnan(value) if may_be_nan else np.zeros(value.shape, dtype=np.bool_)
         array = as_floats(np.where(unknown, 0.0, value), name, shape=shape)
         array[unknown] = np.nan
         array = as_rotations(array, name) if holds.rotations else array

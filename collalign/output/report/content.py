@@ -54,6 +54,7 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
         document["meshes"][name], blobs[f"mesh-{name}"] = info, text
     pair_fields, blobs["pairs"], statuses = _pairs(collection)
     shape_statistics = shape_map(collection)
+    decided = {"group": collection.group, "own": collection.own}
     document |= {
         "numSamples": collection.landmarks.shape[1],
         "numParts": len(np.unique(collection.part_numbers)),
@@ -70,7 +71,7 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
         "places": [_place(at, colours) for at, colours in enumerate(collection.places)] if places else [],
         "cycles": cycle_histogram(collection),
         "excluded": [(one.file, one.reason) for one in collection.excluded],
-        "options": asdict(collection.options) | {"decided": {"group": collection.group, "own": collection.own}},
+        "options": asdict(collection.options) | {"decided": decided},
         "versions": collection.run.versions,
         "timings": collection.run.times_s,
         "command": collection.run.command,
@@ -117,7 +118,8 @@ def _run_key(collection: CollectionData) -> str:
 def categories(collection: CollectionData) -> list[str]:
     """Label columns worth colouring by: at least two values, and few enough that shapes share them."""
     most = max(2, min(MOST_CATEGORIES, len(collection) // 2))
-    return [column for column, values in collection.labels.items() if 2 <= len(set(values) - {""}) <= most]
+    counts = {column: len(set(values) - {""}) for column, values in collection.labels.items()}
+    return [column for column, count in counts.items() if 2 <= count <= most]
 
 
 def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
@@ -183,11 +185,13 @@ def _centroid(samples: FloatArray, points: FloatArray) -> FloatArray:
 def _pairs(collection: CollectionData) -> tuple[Fields, str, list[str]]:
     """Pack the pairs as arrays of equal length, their poses one after the other."""
     pairs = collection.pairs
-    advice = [Status[pair.status].value if pair.status in Status.__members__ else pair.status for pair in pairs]
+    values = {name: status.value for name, status in Status.__members__.items()}
+    advice = [values.get(pair.status, pair.status) for pair in pairs]
     statuses = sorted(set(advice))
     own = own_disagreements_deg(collection)
     energies = np.concatenate([np.empty(0), *(pair.energies for pair in pairs)])
-    packed, mirrored = quaternions(np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)]))
+    rotations = np.concatenate([np.empty((0, 3, 3)), *(pair.rotations for pair in pairs)])
+    packed, mirrored = quaternions(rotations)
 
     def column(name: str, dtype: type) -> NDArray[Any]:
         return np.array([getattr(pair, name) for pair in pairs], dtype=dtype)

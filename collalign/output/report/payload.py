@@ -38,7 +38,8 @@ def pack(arrays: Mapping[str, NDArray[Any]]) -> tuple[Fields, str]:
         Base64; the same arrays give the same text.
     """
     fields = [(name, array.dtype.name, int(array.size)) for name, array in arrays.items()]
-    raw = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays.values())
+    little = (array.astype(array.dtype.newbyteorder("<")) for array in arrays.values())
+    raw = b"".join(array.tobytes() for array in little)
     return fields, base64.b64encode(gzip.compress(raw, compresslevel=9, mtime=0)).decode("ascii")
 
 

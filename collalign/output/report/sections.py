@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from scipy.cluster.hierarchy import cophenet, leaves_list, linkage
@@ -36,9 +36,11 @@ def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], 
     half_turns = _half_turn_rotations(collection)
     offered = []
     for R, poses in zip(collection.rotations, collection.alternatives, strict=True):
-        known = (*poses, *(Alternative(rotation=half_turn @ R, origin="half turn") for half_turn in half_turns))
+        added = (Alternative(rotation=half_turn @ R, origin="half turn") for half_turn in half_turns)
+        known = (*poses, *added)
         rotations = np.stack([R, *(one.rotation for one in known)])
-        offered.append(tuple(known[at - 1] for at in keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)[1:]))
+        kept = keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)
+        offered.append(tuple(known[at - 1] for at in kept[1:]))
     return tuple(offered)
 
 
@@ -59,8 +61,10 @@ def _half_turn_rotations(collection: CollectionData) -> FloatArray:
     """Return rotations by 180 degrees about the principal axes of all aligned samples, shape (3, 3, 3)."""
     points = collection.aligned_landmarks.reshape(-1, 3)
     points = points[~np.isnan(points).any(axis=1)]
-    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2] if len(points) > 2 else np.eye(3)
-    return cast(FloatArray, 2 * axes[:, :, None] * axes[:, None, :] - np.eye(3))
+    axes = np.eye(3)
+    if len(points) > 2:
+        axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    return 2 * axes[:, :, None] * axes[:, None, :] - np.eye(3)
 
 
 _HISTOGRAM_BINS = 36
@@ -154,7 +158,8 @@ def incomplete_content(collection: CollectionData) -> tuple[dict[str, Any], Mesh
     listed = sorted(collection.incomplete, key=lambda one: (one.coverage, one.shape))
     drawn, vertices, faces = listed[:MOST_DRAWN], collection.vertices, collection.faces
     partners = {i for one in drawn for i in one.partners.tolist()}
-    has = {i: counterparts_on(moved_by(collection.transforms[i], vertices[i]), faces[i]) for i in partners}
+    aligned = {i: moved_by(collection.transforms[i], vertices[i]) for i in partners}
+    has = {i: counterparts_on(aligned[i], faces[i]) for i in partners}
     meshes: Meshes = {}
     content: dict[str, Any] = {
         "shapes": [_entry(collection, one) for one in listed],

@@ -39,13 +39,14 @@ def page_members(collection: CollectionData) -> list[IntArray]:
 
     Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
     """
-    ends = np.array([(pair.target, pair.source) for pair in collection.pairs if pair.inlier], dtype=np.int64).reshape(
-        -1, 2
-    )
+    num = len(collection)
+    agreeing = [(pair.target, pair.source) for pair in collection.pairs if pair.inlier]
+    ends = np.array(agreeing, dtype=np.int64).reshape(-1, 2)
     rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
-    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(len(collection), len(collection))).tocsr()
+    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(num, num)).tocsr()
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    return [np.sort(members) for members in np.array_split(order, -(-len(collection) // MOST_SHOWN))]
+    num_pages = -(-num // MOST_SHOWN)
+    return [np.sort(members) for members in np.array_split(order, num_pages)]
 
 
 def some_shapes(collection: C, chosen: IntArray) -> C:
@@ -88,8 +89,9 @@ def _chosen_incomplete(collection: CollectionData, position: dict[int, int]) -> 
     for one in collection.incomplete:
         kept = np.array([partner in position for partner in one.partners.tolist()], dtype=bool)
         if one.shape in position:
+            shape = position[one.shape]
             partners = np.array([position[i] for i in one.partners[kept].tolist()], dtype=np.int64)
-            chosen.append(replace(one, shape=position[one.shape], partners=partners, overlaps=one.overlaps[kept]))
+            chosen.append(replace(one, shape=shape, partners=partners, overlaps=one.overlaps[kept]))
     return tuple(chosen)
 
 
