@@ -32,7 +32,7 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "not-kept": "the file also has {things}, which are not kept",
     "outside-component": "{num} of {total} vertices are outside the largest component and are not matched",
     "points-without-coordinates": "left out {num} of {total} points without coordinates",
-    "stray-points-left-out": "left out {num} stray points beside the surface",
+    "stray-points-left-out": "left out {num} stray points off the surface",
     "subsampled": "computed on {kept} of {total} points",
     "tufted-laplacian": "computed with a tufted Laplacian, because of needles or edges of more than two triangles",
     "unreferenced-dropped": "dropped {num} vertices of no triangle",
@@ -100,10 +100,10 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "resembles-none": lambda of: _resembles_none(of, **of.values),
     "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
     "holds several kinds, use --clusters 0 to align each by itself.",
-    "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful and others evenly "
-    "spaced. alignment.json, pairs.csv and the exports hold all.",
-    "sides-by-fit": "The mirror image fits better in {num_between} pairs between the sides, by a median factor of "
-    "{factor:.2f} in energy, and the surfaces agree. {contradicted:.1%} of the evidence contradicts the sides.",
+    "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful, and some of the "
+    "others. alignment.json, pairs.csv and the exports hold all.",
+    "sides-by-fit": "In {num_between} pairs between the sides the mirror image fits better, by a median factor of "
+    "{factor:.2f} in energy. The surfaces agree. {contradicted:.1%} of the evidence contradicts the sides.",
     "sides-by-surface": "The surfaces of the two sides are mirror images of each other in detail, whatever the "
     "poses.",
     "sides-sampled": "Left and right specimens were looked for among {num} of {total} shapes.",
@@ -119,21 +119,21 @@ COLLECTION_TEXTS: dict[str, _Text] = {
 
 #: What commands add about tables, landmarks, statistics, exports and proofs.
 TOOL_TEXTS: dict[str, _Text] = {
-    "arrangement-bound": "Proven: no consistent arrangement of these {num} shapes is cheaper than the result by more "
-    "than {gap:.2%}, or than the cheapest one known by more than {unproven:.2%}. The lower bound is {bound:.6g}, "
-    "the result has {result:.6g}, the cheapest {cheapest:.6g}: squared distances of {num_points} matched samples, "
-    "summed over {num_pairs} pairs. The search stopped because {ended}.",
+    "arrangement-bound": "Proven: no consistent arrangement of these {num} shapes is more than {gap:.2%} cheaper "
+    "than the result, or {unproven:.2%} cheaper than the cheapest one known. Lower bound {bound:.6g}, result "
+    "{result:.6g}, cheapest {cheapest:.6g}. These are squared distances of {num_points} matched samples, summed over "
+    "{num_pairs} pairs. The search stopped because {ended}.",
     "arrangement-cheapest": "The poses of the result are those of the cheapest arrangement known, up to {deg:.0f} "
     "deg.",
-    "arrangement-fixed": "What is unproven is {times:.2g} times what the pairs of one shape cost on average. Which "
-    "single shapes this leaves free was not asked.",
+    "arrangement-fixed": "What is unproven is {times:.2g} times what the pairs of one shape cost on average. Single "
+    "shapes were not tested.",
     "arrangement-free": "Every single shape may still be free: more is unproven than the pairs of one shape cost "
     "({one:.2%} on average).",
     "arrangement-refuted": lambda of: _refuted(of, **of.values),
     "arrangement-scope": "Not proven: that the poses are anatomically right, or that the cheapest poses are.",
     "asymmetry-uncertain": "The directional asymmetry ({directional:.2g} radii) is not larger than the error of "
-    "finding the other side ({error:.2g} radii), which all specimens share. Do not report it unless landmarks "
-    "show it too.",
+    "finding the other side ({error:.2g} radii). All specimens share this error. Do not report the asymmetry unless "
+    "landmarks show it too.",
     "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
     "specimens are reflected. The table of specimens has the centroid sizes.",
     "coordinates-procrustes": "Coordinates: superimposed at unit centroid size. {num_reflected} of {total} specimens "
@@ -172,7 +172,10 @@ TOOL_TEXTS: dict[str, _Text] = {
     ),
     "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
     "{shapes}.",
-    "not-shapes": "Skipped {num} files that are not shapes: {files}",
+    "not-shapes": lambda of: (
+        f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
+        f"{_joined(of.values['files'])}"
+    ),
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "size-not-tested": lambda of: (
         "Size is not tested, because some files are probably in another unit: "
@@ -226,6 +229,10 @@ def note_records(notes: Iterable[Note]) -> list[dict[str, Any]]:
 
 def _joined(value: Value) -> str | int | float:
     return listed([*map(str, value)]) if isinstance(value, tuple) else value
+
+
+def _counted(num: int, one: str, several: str) -> str:
+    return f"{num} {one if num == 1 else several}"
 
 
 def _paired(names: Iterable[str], words: Iterable[str]) -> str:

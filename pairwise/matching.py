@@ -138,8 +138,8 @@ def _warn_of_shift(problem: Problem, best: Candidate) -> None:
     shift, spread = float(np.linalg.norm(rest.mean(axis=0))), float(np.sqrt(matched.var(axis=0).sum()))
     if shift > SHIFTED * spread > 0 and shift**2 > 0.5 * (rest**2).sum(axis=1).mean():
         warnings.warn(
-            f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, since poses "
-            "turn about the origin; translation=True shifts both sets to their centroids first",
+            f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, because poses "
+            "rotate about the origin. Use translation=True to shift both sets to their centroids first",
             stacklevel=4,
         )
 

@@ -153,8 +153,7 @@ class _LogFile(logging.FileHandler):
                 os.write(descriptor, first)
             elif found != first:
                 raise InputError(
-                    f"--log {path}: holds something else than a log of this program, so nothing is appended to it; "
-                    "name a new file"
+                    f"--log {path}: is not a log of this program, so nothing was written to it. Name a new file"
                 )
             return open(descriptor, "a", encoding="utf-8", errors="backslashreplace")
         except BaseException:

@@ -106,8 +106,8 @@ def place_templates(
             notes += _off_surface(name, placed[name], surface)
         elif codes:
             raise InputError(
-                f"{name}: none of its landmarks lies on its surface; each is three times one number, as a code for "
-                "what is missing. Give a specimen whose landmarks are placed"
+                f"{name}: no landmark is on the surface. Each is one number three times, which is a code for missing "
+                "landmarks. Give a specimen with landmarks"
             )
     return placed, tuple(notes), "RAS" if systems == {"RAS"} else "LPS"
 
@@ -198,9 +198,9 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
     helps = near <= min(off / _NEARER, FAR)
     if off > FAR or (helps and several):
         raise InputError(
-            f"{name}: its landmarks do not lie on its surface, the median one is {off * surface.radius:.4g} off, and "
-            f"the surface has a root mean square radius of {surface.radius:.4g}; "
-            + (remedy if helps else "check that the file is of this specimen, its unit and its coordinate system")
+            f"{name}: its landmarks are not on its surface. The median distance is {off * surface.radius:.4g}, and "
+            f"the root mean square radius of the surface is {surface.radius:.4g}. "
+            + (f"Possible reason: {remedy}" if helps else "Check the specimen, its unit and its coordinate system")
         )
     return []
 

@@ -232,7 +232,7 @@ class _Builder:
         if first is not None and not set(own) & set(self._columns[first]):
             here, there = (listed([*map(repr, one)]) for one in (own, self._columns[first]))
             raise InputError(
-                f"{name}: none of its landmarks ({here}) is called as any of {first} ({there}); give the same "
+                f"{name}: no landmark ({here}) has the name of one of {first} ({there}). Give the same "
                 "landmarks the same labels in both files"
             )
         self._columns[name] = own

@@ -130,8 +130,8 @@ def read_corrections(path: Path | str) -> Corrections:
             raise InputError(f"{source}: two decisions about {shape!r}; keep one")
         if len(pose) == 4 and shape not in incomplete:
             raise InputError(
-                f"{source}, decision {at}: {shape!r} has a translation and a scale, and is complete: only what "
-                "'incomplete' lists is placed by hand; delete them, its place and size follow from its rotation"
+                f"{source}, decision {at}: {shape!r} has a translation and a scale, but is complete. Delete them: "
+                "place and size follow from the rotation. Only the shapes in 'incomplete' have their own"
             )
         decisions[shape] = pose
     poses = {str(name): _pose(one, f"{source}, frame of {name!r}") for name, one in frame.items()}

@@ -164,7 +164,7 @@ def given_constraints(
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
     if options.rotates_frame and by_hand and not kept:
-        raise OptionsError("up: poses set by hand fix the common frame, so nothing can turn it; name an axis")
+        raise OptionsError("up: poses set by hand fix the common frame, so it cannot be rotated; name an axis")
     return Constraints(
         fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in rotations.items()},
         fixed_transforms={at[name]: transform for name, transform in whole.items()},

@@ -158,12 +158,12 @@ class OutputFolder:
                 continue
             if above or not self._is_ours(name, entries):
                 raise InputError(
-                    f"{path}: lies where a result belongs, and was not written by this program or was changed "
-                    f"since; move it away, or {_ADVICE}"
+                    f"{path}: is in the place of a result. It was not written by this program, or was changed "
+                    f"since. Move it away, or {_ADVICE}"
                 )
             writer = entries[name]["writer"]
             if writer.split(" ")[0] != self._writer.split(" ")[0]:
-                raise InputError(f"{path}: lies where a result belongs, and is one of `{writer}`; {_ADVICE}")
+                raise InputError(f"{path}: is in the place of a result, and was written by `{writer}`; {_ADVICE}")
 
     def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
         """Move everything staged into place.

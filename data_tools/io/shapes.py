@@ -266,6 +266,6 @@ def _checked(source: Source, raw: RawShape, name: str) -> Shape:
     if triangles_of.max() > MAX_TRIANGLES_OF_VERTEX:
         raise InputError(
             f"{path}: vertex {triangles_of.argmax()}, counted from 0, is a corner of {triangles_of.max()} triangles, "
-            f"at most {MAX_TRIANGLES_OF_VERTEX} are worked on (a face of many corners is split at its first)"
+            f"more than {MAX_TRIANGLES_OF_VERTEX}. Split faces of many corners otherwise than at one corner"
         )
     return shape if kept is None else replace(shape, source_indices=read_only(kept), file_size=file_size)

@@ -271,8 +271,8 @@ def _refuse_numbered(first: FloatArray, width: int, name: str) -> None:
     num = len(first)
     if width > 3 and num >= _MIN_NUMBERED_ROWS and np.array_equal(first - first[0], np.arange(num)):
         raise InputError(
-            f"{name}: its first column counts the rows and it has no heading; it is not clear which columns are x, y "
-            "and z. Add a heading"
+            f"{name}: it is not clear which columns are x, y and z. The first column counts the rows, and there is "
+            "no heading. Add a heading"
         )
 
 
@@ -283,8 +283,8 @@ def _refuse_grid(values: FloatArray, name: str) -> None:
     is_whole = (values == np.floor(values)).all(axis=0)
     if is_whole[:2].all() and not is_whole[2:5].any():
         raise InputError(
-            f"{name}: its first two columns are whole numbers, perhaps row and column of a scanner, and it has no "
-            "heading; it is not clear which columns are x, y and z. Add a heading"
+            f"{name}: it is not clear which columns are x, y and z. The first two are whole numbers, perhaps row and "
+            "column of a scanner, and there is no heading. Add a heading"
         )
 
 

@@ -209,16 +209,16 @@ def _by_heading(heading: list[str], name: str) -> _Columns:
     words = [word.lower() for word in _words(heading)]
     if {"radius", "status"} <= {*words}:
         raise InputError(
-            f"{name}: these landmarks were carried over, not placed by a person; give the files that they were "
-            "carried from, or templates.csv, which landmarks.html saves"
+            f"{name}: these landmarks were carried over, not placed by a person. Give the original files, or "
+            "templates.csv, which landmarks.html saves"
         )
     axes, system = _axes(words)
     if axes is None and len(words) in (3, 4):
         axes = tuple(range(len(words) - 3, len(words)))
     if axes is None or len(axes) != 3:
         raise InputError(
-            f"{name}: which columns hold the coordinates is not clear from its heading ({', '.join(heading)}); "
-            "call one each x, y and z"
+            f"{name}: its heading does not say which columns are the coordinates ({', '.join(heading)}). "
+            "Call one each x, y and z"
         )
     others = {word: at for at, word in reversed([*enumerate(words)]) if at not in axes}
     before = (at for at in range(min(axes)) if words[at] not in _SPECIMEN)

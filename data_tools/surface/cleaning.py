@@ -124,8 +124,8 @@ def drop_non_finite(
     good = finite[faces].all(axis=1)
     if num_bad > MAX_NON_FINITE_SHARE * len(vertices) or not good.any():
         raise InputError(
-            f"{shape_name}: {num_bad} of {len(vertices)} vertices have coordinates that are NaN or infinite; up to "
-            f"{MAX_NON_FINITE_SHARE:.0%} of them are dropped with their triangles, more are damage"
+            f"{shape_name}: {num_bad} of {len(vertices)} vertices have coordinates that are NaN or infinite. The "
+            f"file is damaged: at most {MAX_NON_FINITE_SHARE:.0%} can be left out. Save it again"
         )
     note = Note("non-finite-dropped", values={"vertices": num_bad, "triangles": int((~good).sum())})
     return vertices[finite], (np.cumsum(finite) - 1)[faces[good]], np.flatnonzero(finite), note

@@ -200,8 +200,8 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
             stiffness, mass = robust_laplacian.point_cloud_laplacian(centred, n_neighbors=NUM_NEIGHBOURS)
     except RuntimeError:  # its message names lines of C++, not what is wrong with the shape
         raise InputError(
-            f"{shape.name}: no {kind} Laplacian can be built, its points do not lie on a surface "
-            "(all on a line, or around a single triangle)"
+            f"{shape.name}: no {kind} Laplacian can be built, because its points are not on a surface. "
+            "They are on a line, or around a single triangle"
         ) from None
     return SurfaceOperators(csc_array(stiffness), np.array(mass.diagonal()), kind)
 

@@ -208,4 +208,4 @@ def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:
 
 def _check_sizes(blocks: Iterable[tuple[int, int]]) -> None:
     if any(stop - start < 2 for start, stop in blocks):
-        raise OptionsError("rotation_pattern: a rotation block has two coordinates or more, one cannot turn")
+        raise OptionsError("rotation_pattern: a rotation block needs two coordinates or more")

@@ -211,17 +211,17 @@ class Problem:
         p = as_points(source, "source", dim=q.shape[1])
         n, k = len(q), len(p)
         if q.shape[1] < 2:
-            raise InputError("target and source: points of one coordinate cannot turn; give two or more")
+            raise InputError("target and source: points of one coordinate cannot be rotated; give two or more")
         if rotation_pattern is None and max(n, k) <= MOST_COLUMN_DIM < q.shape[1]:
             raise InputError(
-                f"target and source: {n} and {k} points of {q.shape[1]} coordinates; points are rows, give target.T "
-                f"and source.T (rotation_pattern=({q.shape[1]},) says that they really have so many)"
+                f"target and source: {n} and {k} points of {q.shape[1]} coordinates. Points are rows: give target.T "
+                f"and source.T. If they have so many coordinates, give rotation_pattern=({q.shape[1]},)"
             )
         largest = float(max(np.abs(q).max(), np.abs(p).max()))
         if largest and not 1.0 / LARGEST_COORDINATE <= largest <= LARGEST_COORDINATE:
             raise InputError(
-                f"target and source: coordinates of up to {largest:.3g}, whose powers overflow or vanish; give "
-                f"them in a unit where the largest is between {1 / LARGEST_COORDINATE:g} and {LARGEST_COORDINATE:g}"
+                f"target and source: coordinates of up to {largest:.3g} are too large or too small to compute with. "
+                f"Use a unit in which the largest is between {1 / LARGEST_COORDINATE:g} and {LARGEST_COORDINATE:g}"
             )
         if k > n:
             raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")

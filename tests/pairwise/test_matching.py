@@ -260,7 +260,7 @@ def test_points_at_the_origin_behind_a_mask_are_proven_in_every_unit(unit, dim):
 
 def test_centroids_that_a_pose_about_the_origin_cannot_bring_together_are_said(rng):
     target = rng.random((20, 3))
-    with pytest.warns(UserWarning, match="poses turn about the origin; translation=True"):
+    with pytest.warns(UserWarning, match="poses rotate about the origin. Use translation=True"):
         match(target, target + np.array([3.0, 0.0, 0.0]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -199,8 +199,8 @@ def _check_layout(connection: sqlite3.Connection, path: Path) -> None:
         raise StoreError(f"{path}: not a store of this program; name another file")
     if version != FORMAT_VERSION:
         raise StoreError(
-            f"{path}: of format version {version}, this one reads {FORMAT_VERSION}; move it away, and the next run "
-            "computes everything anew (finished results beside it stay as they are)"
+            f"{path}: has format version {version}, and this program reads {FORMAT_VERSION}. Move it away: the next "
+            "run computes everything again. Finished results stay as they are"
         )
     rows = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
     if {sql for (sql,) in rows} != set(STATEMENTS):

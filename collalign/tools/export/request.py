@@ -176,8 +176,8 @@ def complete_labels(collection: Collection) -> BoolArray:
     common = common_labels(collection.landmarks)
     if common.sum() < MIN_LABELS:
         raise InputError(
-            f"only {int(common.sum())} landmarks exist on every shape, at least {MIN_LABELS} are needed: "
-            "export a format that knows missing landmarks (tps, morphologika), or align the partial shapes apart"
+            f"only {int(common.sum())} landmarks exist on every shape, but this format needs {MIN_LABELS}. "
+            "Use a format with missing landmarks (tps, morphologika), or align the incomplete shapes separately"
         )
     return common
 

@@ -195,7 +195,7 @@ def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> tu
     """Return distinct poses of a source on a target, the most probable first."""
     local = _poses_by_neighbourhoods(target, source, group)
     if known_sizes and not local:
-        raise InputError(f"{source.name} on {target.name}: no pose found, since no neighbourhoods agree on one")
+        raise InputError(f"{source.name} on {target.name}: no pose was found, because no parts of the surfaces match")
     is_convincing = bool(local) and _chance_of_first(local) >= DOUBT
     return local if known_sizes or is_convincing else _poses_by_search(target, source, group)
 

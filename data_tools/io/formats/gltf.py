@@ -248,7 +248,7 @@ class _Document:
         named = [word for name, word in _COMPRESSIONS.items() if name in entry.get("extensions", {})]
         if named:
             return InputError(
-                f"{self.path}: is compressed with {named[0]}, which is not read; export it without compression, or "
+                f"{self.path}: is compressed with {named[0]}, which is not read. Export it without compression, or "
                 "unpack it with `npx @gltf-transform/cli copy IN.glb OUT.glb`"
             )
         return InputError(f"{self.path}: damaged, it names data that is not in it")

@@ -46,8 +46,8 @@ def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[Note, ..
     num = room if is_unknown and rest == 0 else promised
     if not 0 < num <= room:
         raise InputError(
-            f"{path}: not an STL file or truncated: no text that begins with 'solid', and {len(content)} bytes "
-            f"where a binary header promises {promised} triangles"
+            f"{path}: not an STL file, or truncated. It does not begin with 'solid', and its {len(content)} bytes "
+            f"are too few for the {promised} triangles of a binary header"
         )
     triangles = np.frombuffer(content, dtype=STL_TRIANGLE, count=num, offset=84)
     ignored = len(content) - 84 - num * STL_TRIANGLE.itemsize

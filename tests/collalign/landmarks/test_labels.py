@@ -59,5 +59,5 @@ def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
     assert table.notes == (
         Note("landmarks-renamed", ("b",), {"template": "a", "how": "they were matched by their order"}),
     )
-    with pytest.raises(InputError, match=r"none of its landmarks \('p', 'q'\) is called as any of a .*same labels"):
+    with pytest.raises(InputError, match=r"no landmark \('p', 'q'\) has the name of one of a .*same labels"):
         landmark_table({"a": numbered("A-", range(1, 4)), "b": marks("p", "q")}, poses)

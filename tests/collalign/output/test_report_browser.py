@@ -326,8 +326,8 @@ def test_chances_of_a_shape_add_up(read):
     read.page.locator("#confidence").get_by_role("button", name="shape_001").click()
     text = read.page.locator("dialog[open]").inner_text()
     assert "present pose: chance about 21 %" in text
-    assert "pose 1: turned by 180.0°, chance about 10 %" in text
-    assert "neither it nor another proposed pose is, 68 %" in text
+    assert "pose 1: rotated by 180.0°, chance about 10 %" in text
+    assert "There is a 68 % chance that none of the poses shown is right" in text
     assert "log-odds" not in text
 
 
@@ -362,13 +362,13 @@ def test_decisions_survive_a_reload_where_files_get_no_storage(browser, tmp_path
 def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     """Three steps of 7.5 degrees to the right turn the shape about the upright axis of the screen."""
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
-    figure = opened.page.locator("dialog[open] figure", has_text="turn the shape by hand")
+    figure = opened.page.locator("dialog[open] figure", has_text="rotate the shape by hand")
     figure.locator("canvas").focus()
     for _ in range(3):
         opened.page.keyboard.press("ArrowRight")
     figure.get_by_role("button", name="Use this pose").click()
     opened.page.keyboard.press("Escape")
-    assert "turned by hand by 22.5°" in opened.page.locator(".decisions").inner_text()
+    assert "rotated by hand by 22.5°" in opened.page.locator(".decisions").inner_text()
     with opened.page.expect_download() as download:
         opened.page.get_by_role("button", name="Download decisions").click()
     download.value.save_as(tmp_path / "corrections.json")

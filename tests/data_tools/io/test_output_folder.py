@@ -257,7 +257,10 @@ def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path):
 
 def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path):
     (tmp_path / "meshes").write_text("mine")
-    with OutputFolder.open(tmp_path, writer="align") as output, pytest.raises(InputError, match="meshes: lies where"):
+    with (
+        OutputFolder.open(tmp_path, writer="align") as output,
+        pytest.raises(InputError, match="meshes: is in the place"),
+    ):
         output.refuse_foreign(["meshes/a.ply"])
 
 

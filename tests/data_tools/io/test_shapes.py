@@ -71,7 +71,7 @@ MALFORMED = [
     ),
     ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
     ("garbage.obj", "\x00\x01 not a mesh", "no vertex lines"),
-    ("garbage.stl", "not a mesh", "not an STL file or truncated"),
+    ("garbage.stl", "not a mesh", "not an STL file, or truncated"),
     ("cut.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "truncated STL text"),
     ("garbage.glb", "not a mesh at all, but long enough to be one", "not a glTF file"),
     ("long.glb", "glTF\x02\x00\x00\x00\x7f\x7f\x7f\x7f", "truncated, its header promises"),

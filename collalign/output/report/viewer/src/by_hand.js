@@ -95,7 +95,7 @@ function placeFields(app, pose) {
     size.field,
     button("−", () => pose.grow(1 / GROWTH), { "aria-label": "Smaller by 2 %" }),
     button("+", () => pose.grow(GROWTH), { "aria-label": "Larger by 2 %" })];
-  const words = "Where the middle of the shape lies in the common frame, and how large the shape is, 1 as it is now";
+  const words = "Centre of the shape in the common frame, and its size compared with now (1 is unchanged)";
   return { update, row: el("div", { class: "row numbers", role: "group", "aria-label": words, title: words }, el("span", { class: "muted" }, "Middle at"), ...axes.map(({ field }) => field), ...sized) };
 }
 
@@ -115,8 +115,8 @@ export function poseByHand(app, drawn, row, index, ghost, decided) {
     if (placed && moves.checked !== Boolean(event?.shiftKey)) pose.move(dx * pixel, dy * pixel);
     else pose.turn(dx, dy);
   };
-  const words = placed ? "place the shape by hand: drag, or focus and use the arrow keys, to turn it, and with Shift to move it"
-    : "turn the shape by hand: drag, or focus and use the arrow keys";
+  const words = placed ? "place the shape by hand: drag it, or use the arrow keys, to rotate it; hold Shift to move it"
+    : "rotate the shape by hand: drag it, or use the arrow keys";
   const { tile, figure } = drawn.add(row, words, () => [corrections.layer(index, pose.matrix), ...ghost()], { turn });
   const use = button("Use this pose", () => {
     const taken = corrections.poseOf(index) === BY_HAND;
@@ -127,8 +127,8 @@ export function poseByHand(app, drawn, row, index, ghost, decided) {
   fields?.update();
   figure.classList.add("placing");
   figure.append(el("div", { class: "row" }, use,
-    button("↺", () => pose.turn(0, 0, ROLL), { "aria-label": "Turn by 15° against the clock" }),
-    button("↻", () => pose.turn(0, 0, -ROLL), { "aria-label": "Turn by 15° with the clock" }),
+    button("↺", () => pose.turn(0, 0, ROLL), { "aria-label": "Rotate by 15° counterclockwise" }),
+    button("↻", () => pose.turn(0, 0, -ROLL), { "aria-label": "Rotate by 15° clockwise" }),
     collection.options.decided?.group === "O" ? button("Mirror", () => pose.mirror()) : "",
     button("Snap to nearest", () => (said.textContent = `Snapped to ${pose.snap()}.`)),
     placed ? el("label", { class: "check" }, moves, "drag moves") : "", said), fields?.row ?? "");

@@ -135,7 +135,7 @@ export class Corrections {
 
   wordsByHand(index) {
     const { angle } = angleDeg(rotationMatrix(this.collection.shapes[index].R), this.rotation(index));
-    const turned = `turned by hand by ${degrees(angle)}`;
+    const turned = `rotated by hand by ${degrees(angle)}`;
     if (!this.collection.isPlaced(index)) return turned;
     const [old, now] = [this.offered(index, CONFIRMED), this.shown(index)];
     const [from, to] = [old, now].map((matrix) => new Vector3(...this.collection.shapes[index].centroid).applyMatrix4(matrix));

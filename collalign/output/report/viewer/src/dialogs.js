@@ -15,7 +15,7 @@ function figures(stage) {
   const tiles = [];
   return {
     add(parent, caption, layers, options = {}) {
-      const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn, plus and minus zoom` });
+      const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys rotate, plus and minus zoom` });
       const text = el("figcaption", null, caption);
       const figure = el("figure", null, canvas, text);
       parent.append(figure);
@@ -106,8 +106,8 @@ function chancesInWords(shape) {
   }
   const others = chances(shape).reduce((sum, chance) => sum + (chance || 0), 0);
   const none = 1 - shape.confidence - others;
-  const rest = none >= 0.01 ? `; that neither it nor another proposed pose is, ${percent(none)}` : "";
-  return `The chance that the present pose is right is ${percent(shape.confidence)}${rest}. Grey and clear: a certain shape to compare with.`;
+  const rest = none >= 0.01 ? `. There is a ${percent(none)} chance that none of the poses shown is right` : "";
+  return `This pose is right with a chance of ${percent(shape.confidence)}${rest}. Grey and clear: a certain shape to compare with.`;
 }
 
 export function shapeDialog(app) {
@@ -135,7 +135,7 @@ export function shapeDialog(app) {
     const chance = chances(shape);
     shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
-      const turned = origin === "candidates" ? (mirrored ? "mirrored" : `turned by ${degrees(angle)}`) : origin;
+      const turned = origin === "candidates" ? (mirrored ? "mirrored" : `rotated by ${degrees(angle)}`) : origin;
       const words = Number.isNaN(chance[at]) ? "no pair proposes it" : chanceInWords(chance[at]);
       add(`pose ${at + 1}: ${turned}, ${words}`, layers(at), at);
     });

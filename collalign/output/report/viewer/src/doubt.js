@@ -31,10 +31,10 @@ export function doubtSection(app) {
     return [open, meter(app, shapes[index]), degrees(median), share, String(shapes[index].alternatives.length), marks];
   });
   const words = doubtful === 0
-    ? "No shape is below the threshold of doubt."
-    : `${doubtful} of ${shapes.length} shapes are below the threshold of ${number(doubtThreshold)}: open them, compare with the reference, and choose the right pose.`;
+    ? "No pose is doubtful."
+    : `${doubtful} of ${shapes.length} shapes are below the threshold of ${number(doubtThreshold)}. Open them, compare them with the reference, and choose the right pose.`;
   const head = ["Shape", "Confidence", "Median disagreement of its pairs", "Pairs left out", "Other poses", "Marks"];
-  const stability = el("p", null, el("code", null, "collalign stability"),
-    " with the name of this folder writes stability.html beside this report: how often every pose, mirror image and neighbourhood stays with other points, seeds and fewer shapes.");
+  const stability = el("p", null, "Run ", el("code", null, "collalign stability FOLDER"),
+    " to write stability.html next to this report; FOLDER is the folder of this page. It says how often each pose and mirror image stays the same with other points, other seeds and fewer shapes.");
   return [el("p", null, words), stability, table("Shapes by confidence", head, cells, { class: "doubt" })];
 }

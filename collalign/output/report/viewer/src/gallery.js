@@ -82,7 +82,7 @@ export function gallerySection(app) {
   order("doubt");
   filter("");
   return [
-    el("p", { class: "muted" }, "Grey: as in the file. Bone: aligned. Drag a shape, or focus it and use the arrow keys, to turn all of them together; click or press Enter to open it. Corresponding points carry the same colour on every shape."),
+    el("p", { class: "muted" }, "Grey: as in the file. Bone: aligned. Drag a shape, or use the arrow keys, to rotate all of them. Click it, or press Enter, to open it. Corresponding points carry the same colour on every shape."),
     el("div", { class: "row tools" }, el("label", { class: "field" }, el("span", null, "Find"), search), select("Order by", choices, order, "doubt"), el("label", { class: "check" }, points, "corresponding points"), shown),
     list,
   ];

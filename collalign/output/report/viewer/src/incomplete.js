@@ -9,7 +9,7 @@ function share(value) {
 }
 
 function figure(app, parent, caption, layers) {
-  const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys turn, plus and minus zoom` });
+  const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": `${caption}; arrow keys rotate, plus and minus zoom` });
   parent.append(el("figure", null, canvas, el("figcaption", null, caption)));
   const tile = app.stage.add(canvas, layers, { zoomable: true, fitted: true });
   app.corrections.onchange(() => app.stage.refresh(tile));

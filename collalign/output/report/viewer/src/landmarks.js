@@ -149,7 +149,7 @@ function gallery(app) {
   order("doubt");
   const legend = [["given", "placed by an expert"], ["carried", "carried over, with its radius in the unit of the file: nine of ten lie within"], ["moved", "placed or confirmed here"], ["flagged", "flagged"]];
   return [
-    el("p", { class: "muted" }, "Click a specimen to open it: there, click a landmark to flag it as wrong, or drag it to where it belongs. Drag beside the landmarks to turn."),
+    el("p", { class: "muted" }, "Click a specimen to open it. Then click a landmark to flag it as wrong, or drag it to the right place. Drag elsewhere to rotate."),
     el("ul", { class: "chips" }, ...legend.map(([state, words]) => el("li", { class: "chip" }, el("span", { class: "dot", style: `background:${COLORS[state]}` }), words))),
     el("div", { class: "row tools" }, select("Order by", [["doubt", "missing and largest radius first"], ["name", "name"]], order, "doubt"),
       button("All landmarks (TPS)", () => saveText("landmarks.tps", tpsText(marks.names, marks.labels, (index, label) => (marks.state(index, label) === "flagged" ? null : marks.place(index, label)))))),
@@ -234,7 +234,7 @@ export function landmarkDialog(app) {
     const mesh = await collection.mesh(collection.shapes[index].mesh);
     const geometry = stage.assets.geometry(collection.shapes[index].mesh, mesh);
     const name = marks.names[index];
-    const canvas = el("canvas", { class: "large", tabindex: 0, role: "img", "aria-label": `${name} with its landmarks; arrow keys turn, plus and minus zoom` });
+    const canvas = el("canvas", { class: "large", tabindex: 0, role: "img", "aria-label": `${name} with its landmarks; arrow keys rotate, plus and minus zoom` });
     const matrix = poseOf(app, index);
     const annotate = (context, project, orientation) => {
       context.font = `${12 * Math.min(2, devicePixelRatio || 1)}px system-ui, sans-serif`;
@@ -256,7 +256,7 @@ export function landmarkDialog(app) {
     const list = el("div");
     const hint = el("p", { class: "muted", role: "status" });
     view.show = () => {
-      hint.textContent = view.placing === null ? "Click a landmark to flag it, drag it to move it; drag beside them to turn." : `Click on the surface where ${marks.labels[view.placing]} is.`;
+      hint.textContent = view.placing === null ? "Click a landmark to flag it, drag it to move it; drag elsewhere to rotate." : `Click on the surface where ${marks.labels[view.placing]} is.`;
       list.replaceChildren(table(`Landmarks of ${name}`, ["Landmark", "What it is", "Radius (unit of the file)", ""], rows(app, index, view)));
     };
     view.show();

@@ -63,7 +63,7 @@ export function overlaySection(app) {
   const chips = el("ul", { class: "chips", "aria-label": "Shapes in the overlay" });
   const say = el("p", { class: "muted", role: "status" });
   overlay.onchange((chosen) => {
-    canvas.setAttribute("aria-label", `Overlay of ${chosen.size} aligned shapes; arrow keys turn, plus and minus zoom`);
+    canvas.setAttribute("aria-label", `Overlay of ${chosen.size} aligned shapes; arrow keys rotate, plus and minus zoom`);
     say.textContent = chosen.size ? `${chosen.size} shapes` : "Nothing chosen: tick shapes in the gallery, or choose a set.";
     chips.replaceChildren(...[...chosen].map((index) => {
       const { name } = collection.shapes[index];

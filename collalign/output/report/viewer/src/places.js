@@ -27,10 +27,10 @@ export function placesSection(app) {
     cards.push(el("li", { class: "card" }, el("figure", null, ...pictures, words)));
   });
   const without = shapes.filter((_, at) => places[at] === null).map(({ name }) => name);
-  const parts = [el("p", { class: "muted" }, "Equal colours are corresponding places, grey has no counterpart: where colours run in another way than on the other shapes, look twice.")];
+  const parts = [el("p", { class: "muted" }, "Equal colours are corresponding places. Grey has no counterpart. Check shapes on which the colours run differently.")];
   if (places.some((place) => place && place.sure !== null)) {
     const ramp = el("span", { class: "ramp", style: `background:${VIRIDIS_CSS}` });
-    parts.push(el("div", { class: "legend" }, "0", ramp, "1", el("span", { class: "muted" }, "probability that a place is right within .1 of the square root of the area; the number is the share of places that are expected to be")));
+    parts.push(el("div", { class: "legend" }, "0", ramp, "1", el("span", { class: "muted" }, "probability that a place is right, within 10 % of the square root of the area. The number is the expected share of such places")));
   }
   if (without.length) parts.push(el("p", null, `No maps: ${without.join(", ")}.`));
   return [...parts, el("ul", { class: "gallery small" }, ...cards)];

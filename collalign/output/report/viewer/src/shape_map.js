@@ -91,6 +91,6 @@ export function mapSection(app) {
 
 // A file cannot see whether the page that another command writes is there: a link to it might lead nowhere.
 function surfacesNote() {
-  return el("p", null, el("code", null, "collalign variation"),
-    " with the name of this folder writes variation/variation.html beside this report, with whole surfaces in correspondence: components that deform the mean surface, group means, each specimen against the mean, left and right, numbered landmarks.");
+  return el("p", null, "Run ", el("code", null, "collalign variation FOLDER"),
+    " to write variation/variation.html next to this report; FOLDER is the folder of this page. It has whole surfaces in correspondence. It shows components that deform the mean surface, group means, each specimen compared with the mean, left and right, and numbered landmarks.");
 }

@@ -96,7 +96,7 @@ function groupsSection(app) {
     needles = arrows ? [variation.arrows(a, b, factor)] : [];
     bar.set(largest);
     const distance = Math.sqrt(a.reduce((sum, value, at) => sum + (b[at] - value) ** 2, 0) / (variation.size / 3));
-    words.textContent = `The mean of ${one} (${membersOf(variation, column, one).length}), coloured by where the mean of ${other} (${membersOf(variation, column, other).length}) lies outside or inside of it, with arrows towards it. The means are ${number(distance)} root mean square radii apart.`;
+    words.textContent = `The mean of ${one} (${membersOf(variation, column, one).length}). Colours show where the mean of ${other} (${membersOf(variation, column, other).length}) is outside or inside of it. Arrows point towards it. The means are ${number(distance)} root mean square radii apart.`;
     view.show(a, offsets, largest, true);
   };
   const choose = (kinds) => {
@@ -167,7 +167,7 @@ function qualitySection(app) {
   const cells = rows.map((row) => row.map((value, column) => (column === 1 ? button(value, () => draw(row), { class: "link" }) : number(value))));
   draw(rows[0]);
   return [
-    el("p", { class: "muted" }, "Distances of the specimen's surface to the mean surface fitted to it, and back, in the unit of its file: median, 95th and 99th percentile. Ranked by the larger 95th percentile in percent of the specimen's radius, the worst first. A name shows where it does not fit."),
+    el("p", { class: "muted" }, "Distances between the surface of the specimen and the mean surface fitted to it, both ways, in the unit of its file: median, 95th and 99th percentile. The worst come first, by the larger 95th percentile in percent of the radius. Click a name to see where it does not fit."),
     words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
     table("Specimens by how well they are represented", head.map((word) => word.replaceAll("_", " ")), cells, { class: "numbers" }),
   ];
@@ -195,7 +195,7 @@ function symmetrySection(app) {
       select("Asymmetry of", [["0", "all (directional)"], ...variation.names.map((name, shape) => [String(shape + 1), name])], (value) => { at = Number(value); draw(); }, "0"),
       slider("Times", 0, 20, 1, factor, (value) => { factor = value; draw(); }).field),
     words, view.canvas, bar.box, el("div", { class: "row tools" }, ...view.buttons),
-    el("p", { class: "muted" }, "An error of registration that all specimens share, in finding the other side, looks like directional asymmetry: where the first lines of this page warn, do not report it."),
+    el("p", { class: "muted" }, "Registration errors that all specimens share look like directional asymmetry. If the first lines of this page warn of it, do not report it."),
     shownTable("Procrustes ANOVA of asymmetry", symmetry.anova),
     table("Asymmetry of every specimen, in radii", ["specimen", "asymmetry", "without the directional part"], order.map((shape) => [variation.names[shape], number(symmetry.asymmetry[shape]), number(symmetry.fluctuating[shape])])),
   ];
