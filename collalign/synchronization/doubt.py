@@ -1,4 +1,4 @@
-"""How far synchronized poses can be trusted: beliefs about rotations, and whether other likely answers agree."""
+"""How far synchronized poses can be trusted: beliefs about rotations, and how much the pairs can say at all."""
 
 from __future__ import annotations
 
@@ -7,26 +7,20 @@ import numpy as np
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
 from collalign.synchronization.problem.graph import degrees
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.hypotheses import SAME_ROTATION
-from collalign.synchronization.solvers.search import State, common_costs
+from collalign.synchronization.solvers.search import State
 from data_tools.arrays import BoolArray, FloatArray
 
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.999
 
-#: Pairs of rotations that are compared at once: more would only take memory.
-_MOST_COMPARED = 2048**2
 
-
-def assess(
-    states: list[State], frames: FloatArray, free: BoolArray
-) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
+def assess(state: State, frames: FloatArray, free: BoolArray) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
     """Return the doubts about an answer: of one connected group the confidence of each pose and its alternatives.
 
     Parameters
     ----------
-    states : list of State
-        What the starts led to, the answer first.
+    state : State
+        The answer.
     frames : ndarray, shape (N, d, d)
         The reported frames: the answer's, refined.
     free : ndarray of bool, shape (N,)
@@ -38,10 +32,10 @@ def assess(
     alternatives : list of tuple of Alternative
         Per shape.
     """
-    best = states[0]
-    confidence = beliefs_of_answers(states) * (0.5 + 0.5 * np.minimum(1.0, evidence(best)))
+    beliefs = np.minimum(state.beliefs[:, 0], MOST_CONFIDENT)
+    confidence = beliefs * (0.5 + 0.5 * np.minimum(1.0, evidence(state)))
     confidence[~free] = 1.0
-    return confidence, pose_alternatives(best, frames)
+    return confidence, pose_alternatives(state, frames)
 
 
 def evidence(state: State) -> FloatArray:
@@ -67,33 +61,6 @@ def evidence(state: State) -> FloatArray:
     signal = power * explained.mean() ** 2 * max(degree - 1.0, 0.0)
     own = power * np.maximum(degrees(graph, explained) - 1.0, 0.0)
     return np.minimum(signal / PRIORS.enough_signal, own / PRIORS.enough_pairs)
-
-
-def beliefs_of_answers(states: list[State]) -> FloatArray:
-    """Return the probability that each pose is right relative to its group, shape (N,).
-
-    The belief in the reported rotation, times the share of the likely answers, by their costs, that agree with it.
-    """
-    best = states[0]
-    costs = common_costs(states)
-    share = np.exp(-PRIORS.evidence_part * np.maximum(costs - costs[0], 0.0))
-    agree = np.array([agreement(best.frames, state.frames) for state in states])
-    supported = share @ agree / share.sum()
-    return np.minimum(best.beliefs[:, 0] * supported, MOST_CONFIDENT)
-
-
-def agreement(frames: FloatArray, others: FloatArray) -> BoolArray:
-    """Return for each shape whether two answers agree, up to the one rotation that most shapes agree about."""
-    rotations = (np.swapaxes(frames, 1, 2) @ others).reshape(len(frames), -1)
-    most = np.zeros(len(frames), dtype=bool)
-    rows = max(1, _MOST_COMPARED // max(1, len(frames)))
-    for first in range(0, len(frames), rows):
-        apart = 2.0 * frames.shape[-1] - 2.0 * rotations[first : first + rows] @ rotations.T
-        close = apart <= SAME_ROTATION
-        best = close[np.argmax(close.sum(axis=1))]
-        if best.sum() > most.sum():
-            most = best
-    return most
 
 
 def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternative, ...]]:

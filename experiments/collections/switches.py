@@ -19,7 +19,6 @@ from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.pairs.match import MATCHING
 from collalign.stages.trust import rival_poses as rivals
 from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.search import _starts
 from data_tools.arrays import FloatArray
 
 #: What a switch needs of a collection to change anything, and which of its results are taken from a store.
@@ -80,10 +79,6 @@ def _without_ties(trust: Trust) -> FloatArray:
 def _no_limits(*arguments: Any, **keywords: Any) -> Any:
     group, note, _ = decide_group(*arguments, **keywords)
     return group, note, {}
-
-
-def _first_start(*arguments: Any) -> Iterator[FloatArray]:
-    yield next(iter(_starts(*arguments)))
 
 
 def _no_rotations(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> FloatArray:
@@ -168,7 +163,6 @@ SWITCHES: dict[str, Switch] = {
     ),
     # synchronization
     "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_rotations}),
-    "start from eigenvectors": Switch(patches={f"{_SYNC}.search._starts": _first_start}),
     "turns common to wrong pairs": Switch(patches={f"{_SYNC}.hypotheses.PRIORS": _priors(rare_flip=9.0)}),
     "blurred noise where turns are chosen": Switch(
         patches={f"{_SYNC}.search.PRIORS": _priors(label_noise_factors=(1.0, 1.0))}

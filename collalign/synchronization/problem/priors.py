@@ -35,8 +35,6 @@ class Priors(NamedTuple):
     """Energies of pairs count within this factor of their median, either way."""
     spent_share: float = 0.8
     """Most of the right candidates that the frames may use up, when degrees of freedom are counted."""
-    first_scale: float = 2.0
-    """Where reweighting starts: squared distances of this size count half."""
     label_noise_factors: tuple[float, float] = (2.0, 3.0)
     """Noise is this many times larger where rotations are chosen, with one candidate per pair and with several:
     frames fitted to one choice of candidates fit their noise too, which would count as evidence for the choice."""
@@ -44,17 +42,12 @@ class Priors(NamedTuple):
     """How probable a shape's own pose is where beliefs start, ..."""
     other_hypotheses: float = 0.1
     """... and all its other rotations together."""
-    settled_share: float = 0.005
-    """No further starts where fewer shapes than this are expected to be wrong."""
     explained_share: float = 0.8
     """A shape of which this share of the pairs is explained has no rotations but the common ones."""
     flipped: float = 0.1
     """How many pairs, of one more, are taken to be wrong by each common rotation where none is seen."""
     rare_flip: float = 0.003
     """Common rotations by which fewer pairs than this are wrong are left out of their costs."""
-    evidence_part: float = 0.5
-    """Differences of cost between answers count by this part: pairs are not as independent as the model says, and
-    beliefs on a graph with loops repeat themselves."""
     enough_signal: float = 1.5
     """A signal of the graph below this makes beliefs overconfident; confidences shrink, to half without a signal."""
     enough_pairs: float = 2.6

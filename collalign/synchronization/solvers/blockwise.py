@@ -23,9 +23,7 @@ from pairwise.problem.pattern import RotationPattern
 INLIER_PROBABILITY = 0.5
 
 
-def solve_block(
-    graph: PairGraph, fixed: Mapping[int, FloatArray]
-) -> tuple[FloatArray, IntArray, BoolArray, list[State]]:
+def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[FloatArray, IntArray, BoolArray, State]:
     """Find the poses of a connected group.
 
     Returns
@@ -33,14 +31,13 @@ def solve_block(
     frames : ndarray, shape (N, b, b)
     choice : ndarray of int, shape (E,)
     inlier : ndarray of bool, shape (E,)
-    states : list of State
-        What the starts led to, the answer first.
+    state : State
+        The answer with the model fitted to it.
     """
-    states = find_poses(graph, fixed)
-    best = states[0]
-    squared = squared_distances(graph, best.frames)
-    right = best.model.responsibilities(squared).sum(axis=1)
-    return best.frames, best_candidates(squared, best.model), right >= INLIER_PROBABILITY, states
+    state = find_poses(graph, fixed)
+    squared = squared_distances(graph, state.frames)
+    right = state.model.responsibilities(squared).sum(axis=1)
+    return state.frames, best_candidates(squared, state.model), right >= INLIER_PROBABILITY, state
 
 
 def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:
@@ -127,14 +124,14 @@ def _solve_component(
     for number, index in enumerate(part.pattern.components):
         block = restricted(part, index, draft.choice[kept] if number else None)
         given = {i: frame[index[:, None], index] for i, frame in fixed.items()}
-        frames, choice, inlier, states = solve_block(block, given)
+        frames, choice, inlier, state = solve_block(block, given)
         draft.frames[np.ix_(members, index, index)] = frames
         if number:
             continue
         draft.choice[kept], draft.inlier[kept] = choice, inlier
         free = np.ones(len(members), dtype=bool)
         free[list(fixed)] = False
-        draft.confidence[members], alternatives = assess(states, frames, free)
+        draft.confidence[members], alternatives = assess(state, frames, free)
         for shape, own in zip(members, alternatives, strict=True):  # in the component's own frame
             draft.alternatives[shape] = own
 

@@ -1,76 +1,25 @@
-"""Averaging that outliers do not move: redescending reweighting (Geman-McClure) and expectation-maximisation."""
+"""Averaging that outliers do not move: expectation-maximisation, and least absolute deviations."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from collalign.synchronization.problem.checks import relative
-from collalign.synchronization.problem.graph import PairGraph
 from collalign.synchronization.problem.model import EdgeModel, squared_distances
-from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.least_squares import gauss_newton_step
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import chordal_angles
 from data_tools.threads import one_blas_thread
 
-#: The scale of good pairs is this many times the quantile of their squared distances below which this share of all
-#: pairs lies, but not less than the least scale (set on planted graphs: experiments/peers/synchronization.py).
-GOOD_SCALE, GOOD_SHARE, LEAST_SCALE = 2.0, 0.25, 1e-6
-
-#: Factor of the scale from one step to the next, and how near its goal it has arrived (set on the same simulations).
-SCALE_FACTOR, SCALE_ARRIVED = 0.7, 1.01
-
 #: No pair weighs less than this share of the heaviest: the equations keep full rank.
 LEAST_SHARE = 1e-9
 
-#: Reweighting ends with steps shorter than this, radians; the likelihood's own steps follow.
-REWEIGHTED_STEP = 1e-3
-
-#: Reweightings, and steps of the likelihood, at most; these end with steps shorter than this, radians.
-MAX_REWEIGHTINGS, MAX_LIKELIHOOD_STEPS, LIKELIHOOD_STEP = 40, 30, 1e-4
+#: Steps of the likelihood at most; they end with a step shorter than this, radians.
+MAX_LIKELIHOOD_STEPS, LIKELIHOOD_STEP = 30, 1e-4
 
 #: Every pair's lowest candidate keeps this share of the heaviest pair's weight: no shape is left without any.
 UNTRUSTED_SHARE = 1e-7
-
-
-def reweighted_frames(
-    graph: PairGraph,
-    rotations: FloatArray,
-    weights: FloatArray,
-    frames: FloatArray,
-    free: BoolArray,
-) -> FloatArray:
-    """Return iteratively reweighted least squares with Geman-McClure weights, one rotation per pair.
-
-    The weight ``(c^2 / (c^2 + r^2))^2`` redescends; c falls from the median distance to that of the good pairs
-    (graduated non-convexity; Yang et al. 2020).
-
-    Parameters
-    ----------
-    graph : PairGraph
-        Connected.
-    rotations : ndarray, shape (E, d, d)
-    weights : ndarray, shape (E,)
-        Prior weights.
-    frames : ndarray, shape (N, d, d)
-        Where to start.
-    free : ndarray of bool, shape (N,)
-    """
-    left, right = graph.edges.T
-    scale = np.inf
-    for _ in range(MAX_REWEIGHTINGS):
-        squared = ((rotations - frames[left] @ np.swapaxes(frames[right], 1, 2)) ** 2).sum(axis=(1, 2))
-        target = max(GOOD_SCALE * float(np.quantile(squared, GOOD_SHARE)), LEAST_SCALE)
-        is_first = not np.isfinite(scale)
-        falling = SCALE_FACTOR * min(scale, PRIORS.first_scale)
-        scale = target if is_first and target > PRIORS.first_scale else max(target, falling)
-        redescending = np.where(graph.fixed, 1.0, (scale / (scale + squared)) ** 2)
-        current = np.maximum(weights * redescending, LEAST_SHARE * weights.max())
-        frames, step = gauss_newton_step(frames, graph.edges, rotations * current[:, None, None], current, free)
-        if step < REWEIGHTED_STEP and scale <= SCALE_ARRIVED * target:
-            break
-    return frames
 
 
 def maximise_likelihood(

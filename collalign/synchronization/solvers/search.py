@@ -1,8 +1,8 @@
-"""Finding the poses of one component: several starts, discrete rotations by beliefs, continuous refinement."""
+"""Finding the poses of one component: eigenvectors, discrete rotations by beliefs, continuous refinement."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,19 +11,18 @@ from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.hypotheses import (
-    Hypotheses,
     aligned_candidates,
     hypothesis_costs,
     propagate_beliefs,
     propose_hypotheses,
 )
-from collalign.synchronization.solvers.robust import maximise_likelihood, reweighted_frames, weighted_start
+from collalign.synchronization.solvers.robust import maximise_likelihood, weighted_start
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Costs that fall by less than this, nats, have not fallen.
 COST_TOL = 1e-6
 
-#: Rounds of choosing rotations and refining, per start.
+#: Rounds of choosing rotations and refining.
 MAX_ROUNDS = 4
 
 
@@ -46,8 +45,8 @@ class State:
     alternatives: Hypotheses
 
 
-def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]:
-    """Return the states that several starts lead to, the most likely one first.
+def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> State:
+    """Return the likely poses that the eigenprojection leads to.
 
     Parameters
     ----------
@@ -59,19 +58,8 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> list[State]
     gauge = dict(fixed) or {int(np.argmax(degrees(graph, graph.weights))): np.eye(graph.dim)}
     free, is_fixed = np.ones(graph.num_shapes, dtype=bool), np.zeros(graph.num_shapes, dtype=bool)
     free[list(gauge)], is_fixed[list(fixed)] = False, True
-    states: list[State] = []
-    for frames in _starts(graph, free):
-        states.append(improve(EdgeModel(graph=graph), _in_gauge(frames, gauge, graph), free, is_fixed))
-        states = ranked(states)
-        if 1.0 - states[0].beliefs[:, 0].mean() <= PRIORS.settled_share:
-            break
-    return states
-
-
-def ranked(states: list[State]) -> list[State]:
-    """Return the states, the most likely first."""
-    order = np.argsort(common_costs(states), kind="stable")
-    return [states[k] for k in order]
+    model = EdgeModel(graph=graph)
+    return improve(model, _in_gauge(weighted_start(model), gauge, graph), free, is_fixed)
 
 
 def common_costs(states: list[State]) -> FloatArray:
@@ -136,15 +124,6 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0
     return State(model=model, frames=frames, beliefs=beliefs, alternatives=alternatives)
-
-
-def _starts(graph: PairGraph, free: BoolArray) -> Iterator[FloatArray]:
-    """Yield frames to start from: reweighted averaging, weighted eigenprojection."""
-    model = EdgeModel(graph=graph)
-    rotations = graph.chosen(graph.best_choice)
-    spectral = weighted_start(model)
-    yield reweighted_frames(graph, rotations, 1.0 / model.variances, spectral, free)
-    yield spectral
 
 
 def _in_gauge(frames: FloatArray, gauge: Mapping[int, FloatArray], graph: PairGraph) -> FloatArray:

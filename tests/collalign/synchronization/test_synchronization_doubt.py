@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from collalign.synchronization import PairGraph, find_parts, synchronize
-from collalign.synchronization.doubt import agreement
 from data_tools.errors import OptionsError
 from tests.synchronization_problems import (
     D2_FLIPS,
@@ -110,13 +109,3 @@ def test_one_kind_of_shapes_is_not_split():
     assert not find_parts(graph).any()
     with pytest.raises(OptionsError, match="num_parts"):
         find_parts(graph, num_parts=21)
-
-
-@pytest.mark.parametrize("compared", [1, 45, 2048**2])
-def test_agreement_sees_one_flipped_shape(compared, monkeypatch):
-    monkeypatch.setattr("collalign.synchronization.doubt._MOST_COMPARED", compared)
-    frames = random_rotations(np.random.default_rng(10), 9)
-    others = frames @ random_rotations(np.random.default_rng(11), 1)[0]
-    assert agreement(frames, others).all()
-    others[4] = D2_FLIPS[1] @ others[4]
-    assert np.flatnonzero(~agreement(frames, others)).tolist() == [4]
