@@ -21,15 +21,13 @@ from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from experiments.calibration.fragments import broken
-from experiments.peers.bones import bone
 from tests.notes import only
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.products import settled_pair_of
@@ -278,18 +276,3 @@ def test_open_shapes_that_match_like_copies_are_posed_with_the_others():
         )
     ]
     assert match_like_copies(pairs) == {0}
-
-
-def test_broken_bones_are_found_among_closed_ones_and_a_bone_with_a_hole_is_whole(tmp_path):
-    rng = np.random.default_rng(2)
-    directions, faces = sphere_mesh(900)
-    bones = [bone(directions, faces, rng, f"bone{i}") for i in range(7)]
-    bones[6] = broken(bones[6], np.array([0.0, 0.1, 1.0]), 0.3, rng)
-    bones[1] = cut(bones[1], np.array([1.0, 0.0, 0.8]), 0.04)
-    turns = np.stack([random_rotation(rng) for _ in bones])
-    for shape, turn in zip(bones, turns, strict=True):
-        write_mesh(tmp_path / f"{shape.name}.ply", moved(shape, turn, 1.0, np.zeros(3)))
-    aligned = align(tmp_path)
-    assert [aligned.names[one.shape] for one in aligned.incomplete] == ["bone6"]
-    assert aligned.incomplete[0].coverage < 0.5 < aligned.incomplete[0].beyond
-    assert errors_deg(aligned, turns)[6] < 20
