@@ -114,7 +114,7 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         "The maps of these shapes are more likely wrong than right: "
         f"{_with(of, map(percent, of.values['confidences']))}. The report shows where."
     ),
-    "vertex-maps-missing": "{shapes}: no map of the vertices, because {reason}.",
+    "vertex-maps-missing": "{shapes}: no map of the vertices ({reason}).",
 }
 
 #: What commands add about tables, landmarks, statistics, exports and proofs.
@@ -163,7 +163,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "landmarks-renamed": "{shapes}: its landmarks have other names than those of {template}; {how}.",
     "landmarks-too-far": "{shapes}: landmarks taken as missing: {labels}. They are farther from the surface than its "
     "radius.",
-    "left-out-of-statistics": lambda of: f"Left out of the statistics: {_with(of, of.values['reasons'])}.",
+    "left-out-of-statistics": lambda of: (
+        f"Left out of the statistics: {_with(of, map(reason_text, of.values['reasons']))}."
+    ),
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
     "mirror-part-fits-better": lambda of: (
@@ -190,6 +192,27 @@ _COPIES = {
     "moved": "these files hold one surface in different poses or sizes",
     "mirrored": "these files hold mirror images of one surface",
 }
+#: Why shapes are incomplete, do not count or have no map, how labels were matched, and why a search stopped.
+_REASONS = {
+    "named": "you named it",
+    "found-before": "found by an earlier run",
+    "open-surface": "its surface is open, the others are closed",
+    "cut-off": "similar shapes go on beyond its rim",
+    "scan": "it shares only a part with the others",
+    "doubtful": "in doubt",
+    "incomplete": "incomplete",
+    "other-part": "not aligned with the largest part",
+    "excluded": "excluded by name",
+    "no-trusted-pair": "no trusted pair connects it to the others",
+    "by-order": "they were matched by their order",
+    "curves-by-order": "curves were matched by their order",
+    "without-prefix": "they were matched by what follows their prefix",
+    "enough": "enough is proven",
+    "too-many": "the shapes are too many for multipliers, so the bounds of all pairs are added",
+    "no-gain": "the bound no longer rises",
+    "rounds": "the rounds ended",
+    "time": "there was no time for another round",
+}
 _UNCLEAR = {
     "no-outer-side": "Without triangles that agree on an outer side, side and posture cannot be told apart.",
     "few-shapes": "So few shapes do not tell side and posture apart.",
@@ -213,6 +236,7 @@ def note_text(note: Note) -> str:
     text = _TEXTS.get(note.code, "")
     fields = {name: _joined(value) for name, value in note.values.items()}
     fields |= {"shapes": listed(note.shapes), "num_shapes": len(note.shapes)}
+    fields |= {name: reason_text(str(fields[name])) for name in ("reason", "how", "ended") if name in fields}
     try:
         said = text.format_map(fields) if isinstance(text, str) else text(note)
     except (KeyError, TypeError, ValueError):  # of another version, or damaged
@@ -220,6 +244,11 @@ def note_text(note: Note) -> str:
     if note.code in SHAPE_TEXTS and note.shapes:
         said = f"{listed(note.shapes)}: {said}"
     return said or str(note)
+
+
+def reason_text(code: str) -> str:
+    """Return the words of a reason; those of an error, or of another version, are their own text."""
+    return _REASONS.get(code, code)
 
 
 def note_records(notes: Iterable[Note]) -> list[dict[str, Any]]:
@@ -266,7 +295,9 @@ def _components_kept(kept: int, total: int, share: float, dropped: int) -> str:
 def _covered(note: Note) -> str:
     shares, reasons = _tuple(note, "coverages"), _tuple(note, "reasons")
     words = [f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder" for share in shares]
-    return "; ".join(f"{name} ({why}; {word})" for name, why, word in zip(note.shapes, reasons, words, strict=True))
+    return "; ".join(
+        f"{name} ({reason_text(why)}; {word})" for name, why, word in zip(note.shapes, reasons, words, strict=True)
+    )
 
 
 def _copies(note: Note, kind: str) -> str:

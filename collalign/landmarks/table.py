@@ -105,7 +105,7 @@ def called_like(marks: Landmarks, other: Landmarks) -> tuple[Landmarks, str]:
     alike = [one.kind for one in curves] == [one.kind for one in there]
     if curves and alike and not {*names} & {one.name for one in curves}:
         curves = tuple(replace(one, name=name) for one, name in zip(curves, names, strict=True))
-        how = how or "curves were matched by their order"
+        how = how or "curves-by-order"
     return replace(marks, labels=labels, semilandmarks=curves), how
 
 
@@ -113,16 +113,14 @@ def _matched(own: tuple[str, ...], other: tuple[str, ...]) -> tuple[tuple[str, .
     """Return labels in the words of others, and how they were matched."""
     counted, counted_there = _counted(own), _counted(other)
     if own != other and counted and len(own) == len(other) and counted == counted_there:
-        return other, "they were matched by their order"
+        return other, "by-order"
     if {*own} & {*other}:
         return own, ""
     rest, rest_there = _without_prefix(own), _without_prefix(other)
     if len({*rest}) < len(rest) or not {*rest} & {*rest_there}:
         return own, ""
     of = dict(zip(rest_there, other, strict=True))
-    return tuple(of.get(word, label) for word, label in zip(rest, own, strict=True)), (
-        "they were matched by what follows their prefix"
-    )
+    return tuple(of.get(word, label) for word, label in zip(rest, own, strict=True)), "without-prefix"
 
 
 def _counted(labels: Sequence[str]) -> list[int]:

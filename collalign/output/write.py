@@ -32,7 +32,7 @@ from collalign.products.pair import are_weighed
 from collalign.products.run_record import OUTPUTS
 from collalign.products.trust import KINDS, Trust
 from collalign.version import __version__
-from collalign.wording import note_records
+from collalign.wording import note_records, reason_text
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.csv_cells import csv_text
@@ -191,6 +191,7 @@ def _incomplete(collection: CollectionData) -> dict[str, Any]:
             {
                 "name": collection.names[one.shape],
                 "reason": one.reason,
+                "reason_text": reason_text(one.reason),
                 "scale": float(scales_of(collection.transforms[one.shape])),
                 "translation": collection.transforms[one.shape][:3, 3].tolist(),
                 "coverage": _number(one.coverage),

@@ -55,7 +55,7 @@ class Incomplete:
     shape : int
         Its position in the collection.
     reason : str
-        Why it counts as incomplete.
+        Code of why it counts as incomplete; :func:`collalign.wording.reason_text` has the words.
     partners : ndarray of int, shape (n,)
         The shapes that it was posed on.
     overlaps : ndarray, shape (n, 2)

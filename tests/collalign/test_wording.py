@@ -21,8 +21,8 @@ REFLECTED = {"num_reflected": 2, "total": 6}
 EXAMPLES = [
     Note("components-kept", values={"kept": 1, "total": 2, "share": 99.0, "dropped": 8}),
     Note("components-kept", values={"kept": 2, "total": 2, "share": 100.0, "dropped": 0}),
-    Note("all-incomplete", PAIR, {"reasons": ("as told", "open"), "coverages": (0.37, 0.0)}),
-    Note("incomplete", PAIR, {"reasons": ("as told", "open"), "coverages": (0.37, 0.0)}),
+    Note("all-incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
+    Note("incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
     Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
     *(Note("copies", (*"abcdefghijkl",), {"kind": kind}) for kind in ("identical", "moved", "mirrored")),
     Note("few-for-sides", values={"most": 0.8}),
@@ -61,7 +61,7 @@ EXAMPLES = [
     Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ()}),
     Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ("a",)}),
     Note("landmarks-off-surface", ("a",), {"labels": PAIR, "distances": (0.5, 2.0)}),
-    Note("left-out-of-statistics", PAIR, {"reasons": ("incomplete", "in doubt")}),
+    Note("left-out-of-statistics", PAIR, {"reasons": ("incomplete", "doubtful")}),
     Note("size-not-tested", PAIR, {"times": (1e3, 25.4)}),
 ]
 

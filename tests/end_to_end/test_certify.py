@@ -85,7 +85,7 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, 
     shutil.copy(result / "store.sqlite", tmp_path)
     found = collalign.certify_collection(result, budget_s=1e-9, run=run, progress=False).joint
     assert main(["status", str(tmp_path / "store.sqlite")]) == 0
-    assert (found.bound, found.ended) == (0.0, "there was no time for another round")
+    assert (found.bound, found.ended) == (0.0, "time")
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = []
     monkeypatch.setattr("collalign.tools.certify.rounds._ENOUGH", 1.0)
@@ -94,7 +94,7 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, 
         found = collalign.certify_collection(result, run=run, progress=False).joint
         ended.append(found.ended)
         assert 0.5 * found.energy < found.bound <= found.energy
-    assert ended == ["the rounds ended", "enough is proven"]
+    assert ended == ["rounds", "enough"]
 
 
 def test_what_a_part_of_the_pairs_proves_passes_verification(result, tmp_path, monkeypatch):

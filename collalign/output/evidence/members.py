@@ -9,6 +9,7 @@ import numpy as np
 
 from collalign.output.collection_data import CollectionData
 from collalign.products.trust import DOUBT
+from collalign.wording import reason_text
 from data_tools.arrays import IntArray
 from data_tools.embedding.copies import Copies
 from data_tools.io.csv_cells import csv_text
@@ -27,7 +28,7 @@ class Members:
     chosen : ndarray of int
         Positions of those who do, ascending.
     left_out : tuple of (str, str)
-        Name of each other shape, and why it does not count.
+        Name of each other shape, and the code of why it does not count.
     copies : tuple of Copies
         Shapes that count and are one and the same surface.
     """
@@ -47,7 +48,8 @@ class Members:
     @property
     def table(self) -> bytes:
         """The same as CSV."""
-        return csv_text([["name", "reason"], *self.left_out]).encode("utf-8", "backslashreplace")
+        rows = [[name, reason_text(reason)] for name, reason in self.left_out]
+        return csv_text([["name", "reason"], *rows]).encode("utf-8", "backslashreplace")
 
     def too_few(self, least: int) -> str:
         """Return why nothing can be computed of fewer than so many; empty where there are enough."""
@@ -58,7 +60,7 @@ class Members:
 
     @property
     def _listed(self) -> str:
-        return ", ".join(f"{name} ({reason})" for name, reason in self.left_out)
+        return ", ".join(f"{name} ({reason_text(reason)})" for name, reason in self.left_out)
 
 
 def statistics_members(
@@ -85,12 +87,12 @@ def statistics_members(
     known = np.asarray(np.isfinite(collection.confidence))
     if not include_doubtful and known.any():  # without any confidence, as of a baseline, there is nothing to doubt
         for at in np.flatnonzero(~(collection.confidence >= DOUBT)):
-            reasons[at] = f"in doubt, confidence {collection.confidence[at]:.2f}" if known[at] else "in doubt"
+            reasons[at] = "doubtful"
     if not include_incomplete:
         reasons[collection.is_incomplete] = "incomplete"
     if one_part:
-        reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "not aligned with the largest part"
-    reasons[[collection.index(name) for name in exclude]] = "excluded by name"
+        reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "other-part"
+    reasons[[collection.index(name) for name in exclude]] = "excluded"
     left_out = {collection.names[at]: str(reasons[at]) for at in np.flatnonzero(reasons != "")}
     counted = [
         replace(one, names=tuple(name for name in one.names if name not in left_out)) for one in collection.copies

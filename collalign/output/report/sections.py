@@ -16,7 +16,7 @@ from collalign.output.evidence.members import statistics_members
 from collalign.output.report.payload import pack_mesh
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
-from collalign.wording import note_text
+from collalign.wording import note_text, reason_text
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import APART_DEG, keep_apart, moved_by
@@ -178,7 +178,7 @@ def _entry(collection: CollectionData, one: Incomplete) -> dict[str, Any]:
     """Return what is known of one shape without pictures."""
     return {
         "shape": one.shape,
-        "reason": one.reason,
+        "reason": reason_text(one.reason),
         "coverage": one.coverage,
         "partners": one.partners,
         "overlaps": one.overlaps,

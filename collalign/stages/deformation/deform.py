@@ -178,9 +178,7 @@ def _vertices(
     }
     found = session.map_parallel("maps of all vertices", places_on_reference, tasks)
     left_out = {
-        i: surfaces.failures.get(i, "no trusted pair connects it to the others")
-        for i in range(len(shapes.names))
-        if i not in set(members)
+        i: surfaces.failures.get(i, "no-trusted-pair") for i in range(len(shapes.names)) if i not in set(members)
     }
     return VertexMaps(
         names=tuple(shapes.names[i] for i in members),

@@ -127,7 +127,7 @@ def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps 
     """Return the maps of the complete shapes' vertices, which say that the others have none."""
     if maps is None:
         return None
-    return replace(maps, left_out=(*maps.left_out, *((name, "it is incomplete") for name in without)))
+    return replace(maps, left_out=(*maps.left_out, *((name, "incomplete") for name in without)))
 
 
 def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -> Incomplete:

@@ -16,13 +16,13 @@ from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, plane_normals
-from data_tools.percent import percent
 from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
-#: Said of shapes that a person named, of those that were found when others were aligned, and of broken ones.
-TOLD, FOUND, OPEN = "as told", "as found before", "its surface is open, the others are closed"
+#: Codes of reasons: a person named the shape, an earlier run found it, its surface is open among closed ones, or
+#: similar shapes go on beyond its rim.
+NAMED, FOUND, OPEN, CUT_OFF = "named", "found-before", "open-surface", "cut-off"
 #: Shapes that each is compared with: those of least energy.
 NUM_PARTNERS = 6
 #: Neighbourhoods of copies differ by less than this share of what any two do, in the median of these partners: guns
@@ -48,10 +48,10 @@ def named_incomplete(options: AlignOptions, names: Sequence[str], found: Iterabl
     if options.incomplete in (AUTO, NEVER):
         return {names.index(name): FOUND for name in sorted(found) if options.incomplete == AUTO}
     if options.incomplete == ALL:
-        return dict.fromkeys(range(len(names)), TOLD)
+        return dict.fromkeys(range(len(names)), NAMED)
     asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
     check_known("incomplete", asked, names)
-    return {names.index(name): TOLD for name in sorted(set(asked))}
+    return {names.index(name): NAMED for name in sorted(set(asked))}
 
 
 def open_among_closed(shapes: Shapes) -> dict[int, str]:
@@ -86,7 +86,7 @@ def found_complete(incomplete: Iterable[Incomplete]) -> set[int]:
 def find_incomplete(
     session: AlignSession, shapes: Shapes, pairs: Sequence[AlignedPair], transforms: FloatArray
 ) -> dict[int, str]:
-    """Return the shapes beyond whose rim those that match them best go on, and how far.
+    """Return the shapes beyond whose rim those that match them best go on, and the code of that reason.
 
     Works on the dense samples at the poses (N, 4, 4) that they have as if all were complete, from which each shape is
     first refined on its partners; nothing is found where shapes have too few of them. A mesh can only be incomplete
@@ -109,7 +109,7 @@ def find_incomplete(
     missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE]
     if len(missing) > MOST_MISSING * len(samples):
         return {}
-    return {i: f"{percent(shares[i])} of the shapes most like it lie beyond its rim" for i in missing}
+    return dict.fromkeys(missing, CUT_OFF)
 
 
 def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:

@@ -37,7 +37,7 @@ BADLY_MATCHED = 0.75
 #: 40 degrees to either side have .87, those all around 0.
 MOST_SURE, MOST_ALIKE = 0.5, 0.8
 #: Why shapes count as incomplete that nobody called so.
-OVERLAPPING = "they share only parts with each other"
+OVERLAPPING = "scan"
 
 
 def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:

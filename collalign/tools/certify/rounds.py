@@ -343,13 +343,13 @@ def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:
 
 
 def _ended(bounds: Sequence[float], promised: float, energy: float, is_large: bool, is_late: bool) -> str:
-    """Return why no further round begins, empty if one does."""
+    """Return the code of why no further round begins, empty if one does."""
     if max(bounds) >= _ENOUGH * energy:
-        return "enough is proven"
+        return "enough"
     if is_large:
-        return "the shapes are too many for multipliers, so the bounds of all pairs are added"
+        return "too-many"
     if promised - max(bounds) <= _SETTLED * energy:
-        return "the bound no longer rises"
+        return "no-gain"
     if len(bounds) >= _MOST_ROUNDS:
-        return "the rounds ended"
-    return "there was no time for another round" if is_late else ""
+        return "rounds"
+    return "time" if is_late else ""

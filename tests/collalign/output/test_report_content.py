@@ -108,14 +108,14 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence():
 
 
 def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
-    half = Incomplete(shape=4, reason="as told", partners=np.array([0]), overlaps=np.ones((1, 2)))
+    half = Incomplete(shape=4, reason="named", partners=np.array([0]), overlaps=np.ones((1, 2)))
     view = dataclasses.replace(view_of(9), part_numbers=np.array([0, 0, 0, 0, 0, 0, 0, 0, 1]), incomplete=(half,))
     who = statistics_members(view)
     assert who.chosen.tolist() == [0, 2, 3, 5, 6, 7]
     reasons = {
-        "shape_001": "in doubt, confidence 0.21",
+        "shape_001": "doubtful",
         "shape_004": "incomplete",
-        "shape_008": "not aligned with the largest part",
+        "shape_008": "other-part",
     }
     assert dict(who.left_out) == reasons
     (note,) = who.notes

@@ -28,7 +28,7 @@ def broken_view(*, every=False):
     samples = view.landmarks.copy()
     samples[BROKEN][placed[:, 0] > height] = np.nan
     partners = np.array([0, 1, 2])
-    incomplete = Incomplete(shape=BROKEN, reason="as told", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0]))
+    incomplete = Incomplete(shape=BROKEN, reason="named", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0]))
     others = [
         Incomplete(shape=i, reason="", partners=np.array([BROKEN]), overlaps=np.ones((1, 2)))
         for i in range(6)
@@ -81,7 +81,7 @@ def test_the_record_counts_what_the_arrays_hold():
     labels[BROKEN, 5:] = -1  # label 0 among those that stay
     view = dataclasses.replace(view, maps=dataclasses.replace(view.maps, labels=labels))
     (told,) = _incomplete(view)["incomplete"]
-    assert (told["name"], told["reason"], told["samples_with_labels"]) == (view.names[BROKEN], "as told", 5)
+    assert (told["name"], told["reason"], told["samples_with_labels"]) == (view.names[BROKEN], "named", 5)
     assert told["coverage"] == pytest.approx(view.incomplete[0].coverage)
     assert told["overlaps"] == {view.names[i]: {"partner": 0.7, "own": 1.0} for i in (0, 1, 2)}
     np.testing.assert_allclose(told["translation"], view.transforms[BROKEN][:3, 3])

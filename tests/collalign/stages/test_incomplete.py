@@ -87,7 +87,7 @@ def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
         assert aligned.confidence[one.shape] > 0.5
     note = only(aligned.notes, "incomplete")
     assert note.shapes == BROKEN
-    assert note.values["reasons"] == ("as told",) * len(BROKEN)
+    assert note.values["reasons"] == ("named",) * len(BROKEN)
     assert note.values["coverages"] == tuple(one.coverage for one in aligned.incomplete)
     assert np.isfinite(aligned.consensus).all()
 
@@ -173,7 +173,7 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
         write_mesh(tmp_path / f"tooth{number}.ply", moved(part, random_rotation(rng), 1.0, np.zeros(3)))
     aligned = align(tmp_path, sampling=SamplingOptions(num_points=24, num_dense_points=400))
     assert [aligned.names[one.shape] for one in aligned.incomplete] == ["tooth4"]
-    assert "beyond its rim" in aligned.incomplete[0].reason
+    assert aligned.incomplete[0].reason == "cut-off"
     assert judged == [6]  # confidences of poses that are thrown away are not computed
 
 
@@ -229,7 +229,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
     ("options", "missing", "rims", "tries"),
     [
         ({}, {}, "open", True),
-        ({}, {1: "as told"}, "open", False),
+        ({}, {1: "named"}, "open", False),
         ({}, {}, "closed", False),
         ({"incomplete": "never"}, {}, "open", False),
         ({"clusters": 2}, {}, "open", False),

@@ -290,7 +290,7 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
         assert [view.names[at] for at in range(6) if view.names[at] not in tables["a"][name]] == [
             view.names[at] for at in out
         ]
-    assert tables["a"]["left_out.csv"].splitlines()[1] == 'shape_001,"in doubt, confidence 0.21"'
+    assert tables["a"]["left_out.csv"].splitlines()[1] == "shape_001,in doubt"
     marked = [row["left_out"] for row in rows(tmp_path / "a" / "shapes.csv")]
     assert [at for at, reason in enumerate(marked) if reason] == out
     everybody = export(view, "tps", tmp_path / "all", space="procrustes", include_doubtful=True)

@@ -29,7 +29,7 @@ function entry(app, one) {
   const { name } = app.collection.shapes[one.shape];
   const row = el("div", { class: "figures few" });
   if (one.own) figure(app, row, `${name}, what the others have too`, () => [after(app, one.shape, { mesh: one.own })]);
-  const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason || "as told"}.`;
+  const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason}.`;
   return el("div", { class: "entry" }, el("h3", null, button(name, () => app.openShape(one.shape), { class: "link" })), el("p", null, words), row, overlapTable(app, one));
 }
 
