@@ -11,6 +11,7 @@ from collalign.synchronization.problem.graph import PairGraph, degrees
 from collalign.synchronization.problem.model import EdgeModel
 from collalign.synchronization.problem.priors import PRIORS
 from collalign.synchronization.solvers.hypotheses import (
+    Hypotheses,
     aligned_candidates,
     hypothesis_costs,
     propagate_beliefs,
