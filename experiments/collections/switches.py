@@ -22,7 +22,7 @@ from collalign.synchronization.problem.priors import PRIORS
 from data_tools.arrays import FloatArray
 
 #: What a switch needs of a collection to change anything, and which of its results are taken from a store.
-ALWAYS, RIGID, BENT, OPEN = "always", "rigid", "bent", "open"
+ALWAYS, BENT, OPEN = "always", "bent", "open"
 SHAPES, PAIRS, MAPS = "shapes", "pairs", "maps"
 
 
@@ -34,9 +34,8 @@ class Switch:
     ----------
     patches : dict of str to object
         What takes the place of attributes, by their dotted names.
-    where : {"always", "rigid", "bent", "open"}
-        Collections in which the mechanism may do anything: all, those posed without maps, those posed with them, or
-        those with open surfaces.
+    where : {"always", "bent", "open"}
+        Collections in which the mechanism may do anything: all, those posed with maps, or those with open surfaces.
     since : {"maps", "pairs", "shapes"}
         The last results that are taken from the store: those of maps, of pairs, or of shapes alone.
     """
@@ -169,9 +168,6 @@ SWITCHES: dict[str, Switch] = {
     ),
     # refinement
     "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
-    "weights of near pairs in refinement": Switch(
-        patches={"collalign.stages.poses.refinement._weights": np.ones_like}, where=RIGID
-    ),
     # confidence
     "own turns": Switch(patches={f"{_TRUST}.near_symmetries": _always(np.zeros((0, 3, 3)))}),
     "copies": Switch(

@@ -2,13 +2,12 @@
 
 Matches of few samples are accurate to their spacing, and distant shapes pull each other off the true pose. So the
 discrete question (which pose) is settled on all pairs first, and then the pairs of similar shapes alone are refined
-on hundreds of points each and synchronized with weights that fall with the square of their energy.
+on hundreds of points each and synchronized again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -22,7 +21,7 @@ from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
 from collalign.stages.poses.bent import bent_poses
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
@@ -32,8 +31,6 @@ from pairwise.problem.pattern import RotationPattern
 NUM_NEIGHBOURS = 8
 #: Most steps of closest points.
 MOST_STEPS = 16
-#: Weight of a pair is (energy / median energy), within a range, to the power of minus this.
-LOCALITY, ENERGY_RANGE = 2.0, (0.1, 1e3)
 
 
 def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> tuple[FloatArray, float]:
@@ -142,14 +139,7 @@ def refine_rotations(
         num_shapes=len(samples),
         pattern=pattern,
     )
-    weights = _weights(np.array([energy for _, energy in poses]))
-    return synchronize_graph(replace(graph, weights=weights), fixed=fixed).rotations
-
-
-def _weights(energies: FloatArray) -> FloatArray:
-    """Return the trust in each pair: the nearer the shapes, the more."""
-    floor = max(float(np.median(energies)), np.finfo(float).tiny)
-    return read_only(np.clip(energies / floor, *ENERGY_RANGE) ** -LOCALITY)
+    return synchronize_graph(graph, fixed=fixed).rotations
 
 
 def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS) -> IntArray:
