@@ -10,15 +10,32 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # two tests run at a time: worker processes only for ``two_cores``
 
-#: Ends of the names of files whose tests kill processes: one worker for all, first. The longest file of few tests,
-#: which would begin last and keep one worker waiting, is among them.
+#: Ends of the names of files whose tests kill processes: one worker for all, first.
 KILLING = (
     *(f"collalign/engine/test_{name}.py" for name in ("cluster", "faults", "jobs", "jobs_dask", "jobs_guard")),
     "collalign/engine/test_jobs_interrupted.py",
     "collalign/cli/test_main.py",
     "tests/test_packaging.py",
 )
+#: Folders of many quick files: they come last, so that neither of two workers waits long for the other.
+QUICK = ("data_tools", "pairwise")
 SHARED_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+def pytest_configure(config):
+    """Let files begin in the order of the collection, not of their numbers of tests."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the tests that kill processes, and end with the folders of quick files."""
+
+    def place(item):
+        name = item.path.as_posix()
+        folder = name.removeprefix(f"{Path(__file__).resolve().parent.as_posix()}/").partition("/")[0]
+        return not name.endswith(KILLING), folder in QUICK
+
+    items.sort(key=place)
 
 
 @pytest.hookimpl(optionalhook=True)
