@@ -2,6 +2,7 @@
 
 import doctest
 import pydoc
+from functools import partial
 from importlib import import_module
 from pkgutil import walk_packages
 from types import FunctionType
@@ -46,8 +47,16 @@ def complaints(test):
 EXAMPLES = [test for package in (data_tools, pairwise, collalign) for test in examples_of(package)]
 
 
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    return tmp_path_factory.mktemp("examples") / "store.sqlite"
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
-def test_the_example_runs(example):
+def test_the_example_runs(example, store, monkeypatch):
+    """Examples of what reads a result align the same three chairs; what one has matched the next ones find."""
+    if ".tools." in example.name:
+        monkeypatch.setattr(collalign, "align_collection", partial(collalign.align_collection, store=store))
     assert not complaints(example)
 
 
