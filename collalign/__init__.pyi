@@ -18,8 +18,8 @@ from .options import TwoShapeKeywords as TwoShapeKeywords
 from .options import TwoShapeOptions as TwoShapeOptions
 from .output.collection import Collection as Collection
 from .output.collection_data import AlignedShape as AlignedShape
-from .output.evidence.loading import load as load
-from .output.evidence.members import Members as Members
+from .output.loading import load as load
+from .output.members import Members as Members
 from .products.consistent_maps import ConsistentMaps as ConsistentMaps
 from .products.consistent_maps import VertexMaps as VertexMaps
 from .products.own import OwnKeywords as OwnKeywords
@@ -91,7 +91,7 @@ from .tools.match.rigid import match_rigid as match_rigid
 from .tools.stability.run import Stability as Stability
 from .tools.stability.run import StabilityOptions as StabilityOptions
 from .tools.stability.run import check_stability as check_stability
-from .tools.transfer.result import TransferredLandmarks as TransferredLandmarks
+from .tools.transfer.run import TransferredLandmarks as TransferredLandmarks
 from .tools.transfer.run import transfer_landmarks as transfer_landmarks
 from .tools.variation.run import write_surface_variation as write_surface_variation
 from .tools.variation.shape_model import ShapeTestOptions as ShapeTestOptions

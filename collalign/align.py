@@ -18,7 +18,7 @@ from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.file import FINISHED
 from collalign.options import AlignKeywords, AlignOptions, AlignSession
 from collalign.output.collection import Collection
-from collalign.output.evidence.gather import by_label, cycle_errors_deg, part_numbers
+from collalign.output.evidence_file import by_label, cycle_errors_deg, part_numbers
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.own import Own, OwnKeywords
 from collalign.products.pair import FormerPairs

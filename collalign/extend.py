@@ -13,7 +13,7 @@ from collalign.align import align_listing
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.products.pair import FormerPairs
 from data_tools.arrays import read_only
 from data_tools.checks import as_options

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
-from collalign.output.evidence.evidence_file import save_correspondences, save_evidence
+from collalign.output.evidence_file import save_correspondences, save_evidence
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import AlignedPair, Alternative
 from collalign.products.run_record import RunRecord

@@ -17,7 +17,7 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.own_file import read_marks, read_own
+from collalign.cli.config import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
@@ -29,7 +29,7 @@ from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
 from collalign.products.own import Own
 from collalign.products.run_record import REST

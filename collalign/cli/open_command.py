@@ -1,20 +1,270 @@
-"""``collalign open``: the pages of a result, served to this machine alone, where decisions take effect."""
+"""``collalign open``: the pages of a result, served to this machine alone, and the commands run on its files."""
 
 from __future__ import annotations
 
 import json
+import os
+import re
 import secrets
+import shlex
+import sys
 import webbrowser
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from socketserver import ThreadingMixIn
+from subprocess import PIPE, STDOUT, Popen
+from threading import Lock, Thread
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-from collalign.cli.workspace import Workspace
+from collalign.analysis.label_table import read_labels
 from collalign.console.messages import say
-from data_tools.errors import CollalignError, OptionsError
+from collalign.landmarks.templates import read_templates
+from collalign.options import ALL, AUTO, NEVER, AlignOptions
+from collalign.output.collection import Collection
+from collalign.output.corrections import fixed_by, read_corrections
+from collalign.output.loading import load
+from collalign.output.moved_files import missing_files
+from collalign.output.provenance import option_words, shape_words
+from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
+from collalign.tools.export.run import FORMATS
+from data_tools.checks import check_known
+from data_tools.errors import CollalignError, InputError, OptionsError
+from data_tools.io.csv_cells import csv_text
+from data_tools.io.files import resolved, write_atomic
+from data_tools.io.listing import FolderListing, read_folder
+from data_tools.io.output_folder import OutputFolder, output_path
+from data_tools.io.source import location
+from data_tools.landmarks.landmark_tables import READABLE
+
+#: Pages that are shown, by the command that writes them.
+_PAGES = {"align": REPORT_FILE, "variation": "variation/variation.html", "transfer": "landmarks/landmarks.html"}
+#: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are. The
+#: folder has a manifest of its own: a file there that is somebody else's is never overwritten.
+_GIVEN, _TEMPLATES = "given", "templates"
+#: The command, in the manifest of that folder.
+_WRITER = "open"
+_DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
+_SOURCES_FILE = "sources.txt"
+
+
+class Workspace:
+    """A result, or a folder of shapes that will have one beside it; nothing else is read or written."""
+
+    def __init__(self, place: Path, sources: Path | None = None) -> None:
+        self._shapes, self.out = resolved(place), resolved(place)
+        if not (place / ALIGNMENT_FILE).is_file():
+            read_folder(place)
+            self.out = self.out.with_name(f"{self.out.name}-aligned")
+        self._process: Popen[str] | None = None
+        self._starting, self._keeping = Lock(), Lock()
+        self._command, self._lines = "", deque[str](maxlen=500)
+        if sources is not None:
+            self.put(_SOURCES_FILE, str(resolved(sources)).encode("utf-8", "surrogateescape"))
+
+    def state(self) -> dict[str, Any]:
+        """Return shapes, pages, formats and files that were given; JSON types only."""
+        pages = {task: page for task, page in _PAGES.items() if (self.out / page).is_file()}
+        state: dict[str, Any] = {
+            "out": str(self.out),
+            "pages": pages,
+            "formats": list(FORMATS),
+            "aligned": False,
+            "found": "",
+            "shapes": [],
+            "byHand": [],
+            "missing": [],
+        }
+        if not (self.out / ALIGNMENT_FILE).is_file():
+            listing = read_folder(self._shapes)
+            shapes = [{"name": name, "exclude": False, "incomplete": False} for name in listing.names]
+            return state | {"found": _found(listing), "shapes": shapes}
+        collection = self._load()
+        left_out, incomplete = _left_out(collection), _incomplete(collection)
+        shapes = [
+            {"name": name, "exclude": name in left_out, "incomplete": name in incomplete}
+            for name in (*collection.names, *left_out)
+        ]
+        return state | {
+            "aligned": True,
+            "shapes": shapes,
+            "byHand": [*collection.by_hand],
+            "missing": missing_files(collection.files),
+        }
+
+    def page(self, name: str) -> Path | None:
+        """Return the file of a page, None if it is none of ours or leads out of the result."""
+        if name not in _PAGES.values() and not re.fullmatch(r"report_pages/page-\d+\.html", name):
+            return None
+        file = resolved(self.out / name)
+        return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
+
+    def put(self, name: str, content: bytes) -> None:
+        """Keep decisions, labels, where the files are now, or landmarks, which become templates.
+
+        Raises
+        ------
+        InputError
+            Saying what is wrong with the content.
+        """
+        collection = load(self.out)
+        names = collection.names
+        folders = [] if name in (_DECISIONS_FILE, _LABELS_FILE, _SOURCES_FILE) else [_TEMPLATES]
+
+        def check(staged: Path) -> None:
+            if name == _DECISIONS_FILE:
+                fixed_by([read_corrections(staged)], names)
+            elif name == _LABELS_FILE:
+                read_labels(staged)
+            elif name == _SOURCES_FILE:
+                collection.with_sources(_folder_in(content))
+            elif others := sorted({*read_templates([staged], names)} - {*names}):
+                raise InputError(f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape")
+
+        self._keep((*folders, name), content, check)
+
+    def words(self, task: str, asked: Mapping[str, Any]) -> list[str]:
+        """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
+        out = str(self.out)
+        if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
+            return ["align", str(self._shapes), f"--out={out}", *self._first_words(asked)]
+        collection = self._load()
+        names = {*collection.names, *_left_out(collection)}
+        for key in ("exclude", "incomplete"):
+            check_known(key, asked.get(key) or (), names)
+        exclude = asked.get("exclude") or ()
+        counted = [f"--exclude={name}" for name in exclude if name in collection.names]
+        if task == "align":
+            usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
+            named = {*asked.get("incomplete", _incomplete(collection))} - {*exclude}
+            is_usual = usual in (ALL, AUTO, NEVER) and named == _incomplete(collection)
+            incomplete = usual if is_usual else ",".join(sorted(named)) or NEVER
+            options = option_words(replace(collection.options, incomplete=incomplete))
+            words = [*shape_words(collection)[0], f"--out={out}", *options, *self._labels(collection)]
+            words += [f"--corrections={decisions}"] if decisions.is_file() else []
+            return ["align", *words, *(f"--exclude={name}" for name in exclude)]
+        if task == "variation":
+            return ["variation", out, *self._labels(collection), *counted, *self._sources()]
+        if task == "transfer":
+            return [
+                "transfer",
+                out,
+                "--landmarks",
+                *self._templates(collection),
+                f"--to={out}/landmarks",
+                *self._sources(),
+            ]
+        if task != "export" or asked.get("format") not in FORMATS:
+            raise InputError(f"{task}: there is no such command or format here")
+        to = f"--to={out}/export-{asked['format']}"
+        return ["export", out, f"--format={asked['format']}", to, *counted, *self._sources()]
+
+    def _first_words(self, asked: Mapping[str, Any]) -> list[str]:
+        """Return the options of a first alignment."""
+        names = read_folder(self._shapes).names
+        for key in ("exclude", "incomplete"):
+            check_known(key, asked.get(key) or (), names)
+        kept = {key: asked[key] for key in ("group", "scaling") if key in asked}
+        named = ",".join(sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())}))
+        options = AlignOptions(**kept, incomplete=named or AUTO)
+        return [*option_words(options), *(f"--exclude={name}" for name in asked.get("exclude") or ())]
+
+    def start(self, task: str, asked: Mapping[str, Any]) -> None:
+        """Run the command of :meth:`words` in a process of its own, one at a time."""
+        with self._starting:  # requests come in threads of their own
+            if self._process is not None and self._process.poll() is None:
+                raise InputError("a command is running; wait for its end, or stop it")
+            words = self.words(task, asked)
+            self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
+            variables = {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
+            self._process = Popen(
+                [sys.executable, "-m", "collalign", *words],
+                stdout=PIPE,
+                stderr=STDOUT,
+                encoding="utf-8",
+                errors="replace",
+                env=os.environ | variables,
+            )
+            Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
+
+    def stop(self) -> None:
+        """End the command that runs; what it has finished is kept in the store."""
+        with self._starting:
+            if self._process is not None:
+                self._process.terminate()
+                self._process.wait()
+
+    def progress(self) -> dict[str, Any]:
+        """Return the last command, what it has said, and its exit code, None while it runs; JSON types only."""
+        code = None if self._process is None else self._process.poll()
+        return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
+
+    def _keep(self, parts: Sequence[str], content: bytes, check: Callable[[Path], object] | None = None) -> None:
+        """Put a file into the folder of what was given, if ``check`` finds nothing wrong with it."""
+        with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
+            staged = write_atomic(given.stage(*parts), content)
+            if check is not None:
+                check(staged)
+            given.publish()
+
+    def _load(self) -> Collection:
+        """Return the result, its files where they are now."""
+        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
+        return load(self.out, sources=_folder_in(given.read_bytes()) if given.is_file() else None)
+
+    def _sources(self) -> list[str]:
+        """Return the option that says where the files are now, if that was said."""
+        given = output_path(self.out, _GIVEN, _SOURCES_FILE)
+        return [f"--sources={_folder_in(given.read_bytes())}"] if given.is_file() else []
+
+    def _labels(self, collection: Collection) -> list[str]:
+        """Return the option of labels that were given in the browser or with an earlier command."""
+        path = output_path(self.out, _GIVEN, _LABELS_FILE)
+        if not path.is_file() and collection.labels:
+            rows = zip(collection.names, *collection.labels.values(), strict=True)
+            text = csv_text([["name", *collection.labels], *rows])
+            self._keep((_LABELS_FILE,), text.encode("utf-8", "backslashreplace"))
+        return [f"--labels={path}"] if path.is_file() else []
+
+    def _templates(self, collection: Collection) -> list[str]:
+        """Return the landmark files: what was corrected on the page goes before what was given for a specimen."""
+        files = sorted((self.out / _GIVEN / _TEMPLATES).glob("*"), key=lambda file: file.name != _CORRECTED_FILE)
+        corrected = {*read_templates(files[:1], collection.names)}
+        chosen = files[:1] + [
+            file for file in files[1:] if not {*read_templates([file], collection.names)} & corrected
+        ]
+        if not chosen:
+            raise InputError(f"give landmarks of a specimen first ({READABLE}), called like its file")
+        return [str(file) for file in chosen]
+
+
+def _found(listing: FolderListing) -> str:
+    """Say what a folder holds."""
+    kinds = Counter(Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files)
+    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
+    skipped = f" {len(listing.skipped_names)} other files are left aside." if listing.skipped_names else ""
+    return f"{len(listing.files)} shapes ({counts}).{skipped}"
+
+
+def _folder_in(content: bytes) -> Path:
+    """Return the folder that a page, or an earlier page, gave."""
+    return Path(content.decode("utf-8", "surrogateescape").strip()).expanduser()
+
+
+def _left_out(collection: Collection) -> list[str]:
+    """Return the names of the shapes beside the others that were left out; none where the files are not known."""
+    try:
+        return shape_words(collection)[1]
+    except InputError:
+        return []
+
+
+def _incomplete(collection: Collection) -> set[str]:
+    return {collection.names[one.shape] for one in collection.incomplete}
+
 
 #: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
 _INLINE = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"

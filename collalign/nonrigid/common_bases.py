@@ -1,4 +1,13 @@
-"""Maps of a collection: common bases of functions, in which they agree around cycles, and the choice of maps."""
+"""Maps of a collection: common bases of functions, in which they agree around cycles, and the choice of maps.
+
+Every shape gets a matrix ``Y_i`` that expresses k common functions in its own eigenfunctions, such that a functional
+map takes those of its target to those of its source, ``C_source_target Y_target ~ Y_source``. Maps between any two
+shapes follow from the bases, and compose around every cycle. This is the synchronization of rotations once more, in k
+dimensions instead of three: consistent latent bases (Wang, Huang, Guibas 2013; Huang, Achlioptas, Guibas,
+Ovsjanikov 2019), with orthogonal blocks (maps of nearly isometric surfaces are orthogonal; blocks that are free lose
+the functions of shapes that fit badly), found by the generalised power method (Boumal 2016), with weights that fall
+with the residual as in least absolute deviations.
+"""
 
 from __future__ import annotations
 

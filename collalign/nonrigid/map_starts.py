@@ -1,4 +1,17 @@
-"""Where searches for maps start: signs of the lowest eigenfunctions, and smooth shells."""
+"""Where searches for maps start: signs of the lowest eigenfunctions, and smooth shells.
+
+**Signs.**
+Each start is a map of the source's samples into the target's samples, together with the Procrustes energy in the
+lowest functions; refinement and judgement come later.
+
+**Shells.**
+The inside of a surface hardly tells the sides of a thin limb apart, and a pose of the whole says nothing of limbs
+that bend. So either surface is laid onto the other one by the map known so far: in ever more of its eigenfunctions
+its coordinates become those of the points that the map takes it to, while what these functions do not resolve turns
+with the pose. Points correspond that are near in the embeddings of both, in space, and by their normals there. This
+is the product of spectrum and space of Smooth Shells (Eisenberger, Lahner and Cremers 2020), with little Dirichlet
+energy in place of cells that stay rigid.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +22,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from collalign.nonrigid.functional_map import fitted_map, mutual_nearest_rows, zoomout_sizes
-from collalign.nonrigid.harmonic import SMOOTHNESS, Side
+from collalign.nonrigid.functional_map import SMOOTHNESS, Side, fitted_map, mutual_nearest_rows, zoomout_sizes
 from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray

@@ -8,13 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.confidence.map_model import FLOOR, LEAST_AGREEMENT, NEAR, Evidence, map_probability, point_probability
-from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
-from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
+from collalign.nonrigid.functional_map import SMOOTHNESS, FunctionalMap, HarmonicRefiner, mutual_nearest_rows
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, measure_evidence
 from collalign.nonrigid.map_options import TUNED, NonrigidOptions
 from collalign.nonrigid.map_starts import ShellRefiner, candidate_mask, sign_starts, wave_gaps
-from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
-from collalign.nonrigid.posed_surface import NUM_FUNCTIONS, NUM_POINTS, first_samples, sampled_surface
+from collalign.nonrigid.pose_maps import (
+    NUM_FUNCTIONS,
+    NUM_POINTS,
+    PoseMapper,
+    axis_poses,
+    first_samples,
+    sampled_surface,
+)
 from collalign.nonrigid.refine import Refiner, without_torn_ends
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray

@@ -16,7 +16,7 @@ import numpy as np
 
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.gather import shown_pair
+from collalign.output.evidence_file import shown_pair
 from collalign.output.provenance import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.shown import some_shapes

@@ -1,4 +1,8 @@
-"""Checks the lower bound of all arrangements of a result, and says what was found about all its certificates."""
+"""Checks the lower bound of all arrangements of a result, and says what was found about all its certificates.
+
+``certificates/3-7.npz`` is the certificate of the pair whose target and source are the shapes 3 and 7 in the order of
+``alignment.json``; ``certificates/problems.npz`` holds the samples of all shapes as they were matched.
+"""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.output.collection_data import MESH_FOLDER
-from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
+from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.verification import (
     CERTIFICATE_FOLDER,
     CERTIFIER,

@@ -15,13 +15,13 @@ import numpy as np
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.confidence.pose_model import symmetric_confidence
 from collalign.output.collection_data import MESH_FOLDER, CollectionData
-from collalign.output.evidence.evidence_file import (
+from collalign.output.evidence_file import (
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
     save_correspondences,
     save_evidence,
+    shown_pair,
 )
-from collalign.output.evidence.gather import shown_pair
 from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.verification import write_certificates

@@ -1,6 +1,6 @@
 """Certified optimum of Procrustes matching in the plane and in space, by branch and bound over the rotations.
 
-Boxes of rotations (:mod:`pairwise.branch_and_bound.cells`) are split, the least bounded first, until none can hold
+Boxes of rotations (:mod:`pairwise.branch_and_bound.bounds`) are split, the least bounded first, until none can hold
 a pose better than the best one found by more than the tolerance (:mod:`pairwise.branch_and_bound.bounds`). Where all
 points of a shape lie on one line through the origin the best rotations fill curves: small tolerances then take long.
 """
@@ -21,8 +21,8 @@ from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import DEEPEST
+from pairwise.local.rotation_search import screen
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.local.screening import screen
 from pairwise.problem.problem import Problem, chiralities
 from pairwise.results import Candidate
 from pairwise.status import Status

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, Rows
-from pairwise.branch_and_bound.bounds import QuasiBounds
-from pairwise.branch_and_bound.cells import Cells, radii_of
+from pairwise.branch_and_bound.bounds import Cells, QuasiBounds, radii_of
 from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem, energy_scale, mirror

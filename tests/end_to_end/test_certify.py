@@ -13,7 +13,7 @@ import collalign
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.output.verify import verify_result
 from collalign.tools.certify.files import certification_notes
 from collalign.wording import note_records

@@ -10,8 +10,8 @@ import pytest
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.loading import load
-from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
+from collalign.output.loading import load
+from collalign.tools.transfer.run import CARRIED, MISSING_PLACE
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError

@@ -8,7 +8,7 @@ import pytest
 
 from collalign import RunOptions, align_collection
 from collalign.cli import main
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh

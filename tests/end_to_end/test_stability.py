@@ -13,7 +13,7 @@ from collalign.align import align_listing
 from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.stability.files import stability_summary, write_stability_page
 from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.errors import InputError

@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import dijkstra
 
 import collalign
 from collalign.cli import main
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.correspond.run import choose_template
-from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
+from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.cli import main
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from data_tools.io.listing import read_folder
 from tests.view_problems import write_result
 

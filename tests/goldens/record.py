@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from collalign import align_collection
-from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
+from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE
 

@@ -7,7 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from collalign.output.evidence.evidence_file import CORRESPONDENCES_FILE
+from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE
 from tests.goldens.inputs import GOLDENS
 from tests.goldens.record import (

@@ -14,7 +14,7 @@ EQUIVALENT = {
     'collalign/tools/match/result.py NonrigidCandidate.orientation: \'        return "preserving" if value > 0 else "reversing"\' -> \'        return "preserving" if value >= 0 else "reversing"\'': "a measured orientation is never zero",
     "pairwise/local/rotation_search.py <module>: '_NUM_ROTATIONS_ABOVE = 500' -> '_NUM_ROTATIONS_ABOVE = 501'": "a tuned value: one rotation more",
     "collalign/output/report/sections.py shape_map: '            \"linkage\": joined[:, :3].tolist(),' -> '            \"linkage\": joined[:, :4].tolist(),'": "the page reads three of the columns",
-    "collalign/output/evidence/gather.py shown_pair: '        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),' -> '        rotations=np.ascontiguousarray(pair.rotations[kept, :4, :3]),'": "rotations have three rows",
+    "collalign/output/evidence_file.py shown_pair: '        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),' -> '        rotations=np.ascontiguousarray(pair.rotations[kept, :4, :3]),'": "rotations have three rows",
     "pairwise/certificates/verify_cells.py <module>: 'DEEPEST = 60' -> 'DEEPEST = 61'": "a depth that no proof reaches",
     "collalign/stages/trust/assess.py _votes: '    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))' -> '    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 / PRIOR_VOTES))'": "twice and half of one prior vote are counted alike",
     "collalign/registration/register.py gaussian_kernel: '    np.maximum(squares, 0.0, out=squares)' -> '    pass'": "squares are below zero by rounding only",

@@ -12,7 +12,7 @@ from scipy.spatial.distance import squareform
 
 from collalign.analysis.procrustes import classical_mds, common_labels, procrustes_distances
 from collalign.output.collection_data import CollectionData
-from collalign.output.evidence.members import statistics_members
+from collalign.output.members import statistics_members
 from collalign.output.report.payload import pack_mesh
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete

@@ -20,9 +20,9 @@ from collalign.stages.deformation.map_jobs import (
     FIRST_SIZE,
     REFINING,
     VertexSurface,
+    places_on_reference,
     prepare_all_detailed,
 )
-from collalign.stages.deformation.places import places_on_reference
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from collalign.stages.poses.refinement import local_pairs
 from collalign.stages.shape_stage import SAMPLING

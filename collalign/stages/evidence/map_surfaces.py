@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
-from collalign.nonrigid.posed_surface import PosedSurface, posed_surface, prepare_posed, spectral_samples
+from collalign.nonrigid.pose_maps import PosedSurface, posed_surface, prepare_posed, spectral_samples
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes

@@ -15,8 +15,7 @@ from typing import Any
 from collalign.confidence.map_model import RIGHT_SHARE
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import candidates_from, chirality_of, find_candidates
-from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.posed_surface import MAX_FACES, sampled_surface
+from collalign.nonrigid.pose_maps import MAX_FACES, PoseMapper, sampled_surface
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.stages.evidence.candidates import PoseWeigher, WeighedPose
 from data_tools.arrays import FloatArray

@@ -11,7 +11,7 @@ from collalign.console.help import Flag
 from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.run_options import RunOptions
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.output.verification import CERTIFIER
 from collalign.output.verify import verify_result
 from collalign.tools.certify.files import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.engine.store.records import json_types
 from collalign.output.collection import Collection
-from collalign.output.evidence.evidence_file import save_evidence
+from collalign.output.evidence_file import save_evidence
 from collalign.output.report.page import write_report
 from collalign.output.verification import PROOF_FILE
 from collalign.output.write import REPORT_FILE, WRITER, report_title

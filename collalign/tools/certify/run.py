@@ -14,7 +14,7 @@ from collalign.analysis.procrustes import pose_changes
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.products.pair import AlignedPair
 from collalign.tools.certify.result import CertifiedCollection, PairEnergies
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of

@@ -16,8 +16,8 @@ from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.records import to_record
 from collalign.engine.store.store import fingerprint
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import main_part
+from collalign.output.loading import load
+from collalign.output.members import main_part
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.shapes import PosedFile
 from collalign.registration.by_map import MapGoals, bent_by_map, unbent

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from collalign.console.help import Excluded, Flag
 from collalign.console.messages import say_files, warn
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.wording import note_text

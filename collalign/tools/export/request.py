@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
 from collalign.output.collection import Collection
-from collalign.output.evidence.members import Members
+from collalign.output.members import Members
 from collalign.output.report.shown import some_shapes
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import LEFT_OUT_FILE, Members, statistics_members
+from collalign.output.loading import load
+from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.shown import some_shapes
 from collalign.tools.export.formats import (

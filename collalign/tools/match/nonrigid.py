@@ -8,7 +8,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from collalign.nonrigid.harmonic import HarmonicRefiner
+from collalign.nonrigid.functional_map import HarmonicRefiner
 from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import (
     Refined,

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from collalign.console.interruption import resumable
 from collalign.console.messages import say, say_files
 from collalign.engine.run_options import RunOptions
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.stability.files import FILES, WRITER, stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions, check_stability
 from data_tools.io.output_folder import OutputFolder

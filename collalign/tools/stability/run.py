@@ -17,8 +17,8 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import Members, statistics_members
+from collalign.output.loading import load
+from collalign.output.members import Members, statistics_members
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.checks import as_options, check_count, check_kinds
 from data_tools.errors import OptionsError

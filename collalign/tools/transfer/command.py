@@ -15,12 +15,11 @@ from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.files import landmarks_page, left_out_summary, write_transfer
-from collalign.tools.transfer.result import TransferredLandmarks
-from collalign.tools.transfer.run import transfer_landmarks
+from collalign.tools.transfer.run import TransferredLandmarks, transfer_landmarks
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
 from data_tools.io.source import refuse_overlap

@@ -14,8 +14,8 @@ from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import statistics_members
+from collalign.output.loading import load
+from collalign.output.members import statistics_members
 from collalign.tools.variation.classification import classify_leave_one_out, posed_clouds, surface_distances
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.engine.store.records import json_types
-from collalign.output.evidence.members import LEFT_OUT_FILE, Members
+from collalign.output.members import LEFT_OUT_FILE, Members
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.page import render_page
 from collalign.output.report.payload import pack, sample_colors

@@ -18,8 +18,8 @@ from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import statistics_members
+from collalign.output.loading import load
+from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.correspond.run import dense_correspondence

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from collalign.cli import main
-from collalign.output.evidence.loading import load
-from collalign.output.evidence.members import statistics_members
+from collalign.output.loading import load
+from collalign.output.members import statistics_members
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.io.shapes import write_mesh

@@ -12,8 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import collalign
-from collalign.cli.open_command import served
-from collalign.cli.workspace import Workspace
+from collalign.cli.open_command import Workspace, served
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
@@ -89,7 +88,7 @@ def test_simultaneous_requests_start_one_command(out, monkeypatch):
         except InputError as error:
             said.append(str(error))
 
-    monkeypatch.setattr("collalign.cli.workspace.Popen", popen)
+    monkeypatch.setattr("collalign.cli.open_command.Popen", popen)
     threads = [Thread(target=start) for _ in range(12)]
     for thread in threads:
         thread.start()

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign.nonrigid.functional_map import FunctionalMap, fitted_map
-from collalign.nonrigid.harmonic import SMOOTHNESS, HarmonicRefiner
+from collalign.nonrigid.functional_map import SMOOTHNESS, FunctionalMap, HarmonicRefiner, fitted_map
 from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_starts import ShellRefiner
 from collalign.nonrigid.portfolio import laid, mended, refined_with_evidence, sharpened, smooth_candidates
-from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.posed_surface import sampled_surface
+from collalign.nonrigid.pose_maps import PoseMapper, sampled_surface
 from collalign.nonrigid.refine import without_torn_ends
 from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent

@@ -7,8 +7,7 @@ import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import at_few_samples, posed_candidates, refined_with_evidence, with_pose_evidence
-from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
-from collalign.nonrigid.posed_surface import prepare_posed, sampled_surface
+from collalign.nonrigid.pose_maps import PoseMapper, axis_poses, prepare_posed, sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure

@@ -6,9 +6,8 @@ import pytest
 
 from collalign.engine.store.records import from_arrays, json_types, to_arrays
 from collalign.output.collection import Collection
-from collalign.output.evidence.evidence_file import EVIDENCE_FILE
-from collalign.output.evidence.gather import label_maps
-from collalign.output.evidence.loading import load
+from collalign.output.evidence_file import EVIDENCE_FILE, label_maps
+from collalign.output.loading import load
 from data_tools.errors import InputError
 from tests.view_problems import NUM_SAMPLES, view_of, write_result
 

@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.output.evidence.gather import (
+from collalign.output.evidence_file import (
     MOST_PAIR_POSES,
     OWN_MAP,
     cycle_errors_deg,

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.output import report
-from collalign.output.evidence.members import statistics_members
+from collalign.output.members import statistics_members
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from collalign.output.evidence.loading import load
+from collalign.output.loading import load
 from collalign.output.report.content import build_content, place_meshes
 from collalign.output.report.shown import some_shapes
 from data_tools.errors import InputError

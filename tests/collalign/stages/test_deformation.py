@@ -9,12 +9,12 @@ from collalign import load
 from collalign.align import align_collection
 from collalign.nonrigid.common_bases import choose_maps, common_bases, map_residuals
 from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.nonrigid.posed_surface import sampled_surface
+from collalign.nonrigid.pose_maps import sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation.deform import vertex_notes
-from collalign.stages.deformation.places import trust_of_places
+from collalign.stages.deformation.map_jobs import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob

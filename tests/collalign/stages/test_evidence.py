@@ -10,8 +10,7 @@ from collalign.align import align_collection
 from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, candidate_costs, evidence_score
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import from_record
-from collalign.nonrigid.pose_maps import PoseMapper
-from collalign.nonrigid.posed_surface import prepare_posed
+from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
 from collalign.products.pair import median_mismatch
 from collalign.stages import steps

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.tools.transfer.files import landmarks_page
-from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
+from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
 from data_tools.landmarks.landmark_files import SemilandmarkRows, read_landmarks
 from data_tools.landmarks.landmark_tables import read_specimens
 from data_tools.surface.closest import SurfaceLocator

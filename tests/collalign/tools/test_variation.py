@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes, principal_components
-from collalign.output.evidence.members import Members
+from collalign.output.members import Members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.posture import at_mean_posture

@@ -6,8 +6,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.bounds import QuasiBounds
-from pairwise.branch_and_bound.cells import Cells
+from pairwise.branch_and_bound.bounds import Cells, QuasiBounds
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem, chiralities, energy_scale
 from tests.oracles import every_pose

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.cells import Cells
+from pairwise.branch_and_bound.bounds import Cells
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise import Certificate, Problem, verify_certificate
-from pairwise.branch_and_bound.cells import Cells
+from pairwise.branch_and_bound.bounds import Cells
 from pairwise.branch_and_bound.prove import depths_of, prove, searches_of
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import proven_bound

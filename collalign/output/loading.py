@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.engine.store.records import Record, from_arrays, from_record
 from collalign.output.collection import Collection
-from collalign.output.evidence.evidence_file import (
+from collalign.output.evidence_file import (
     CORRESPONDENCES,
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
