@@ -237,5 +237,5 @@ def _orders(collection: CollectionData, shape_statistics: dict[str, Any]) -> dic
     orders["name"] = sorted(every, key=lambda at: collection.names[at])
     orders["confidence"] = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     for column in categories(collection):
-        orders[column] = sorted(every, key=lambda at, values=collection.labels[column]: (values[at], at))  # type: ignore[misc]
+        orders[column] = [at for _, at in sorted(zip(collection.labels[column], every, strict=True))]
     return orders
