@@ -58,6 +58,8 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "copies": lambda of: _copies(of, **of.values),
     "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
     "part. How the parts are rotated against each other is uncertain.",
+    "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
+    "shapes, try --cleaning.no-largest-component.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",
     "few-for-sides": lambda of: (
         "So few shapes do not tell left from right surely: confidences are at most "

@@ -84,6 +84,8 @@ DEGENERATE_TOL = 1e-14
 #: Components whose area is at least this share of the largest one's are kept with it: which of two bones in a file is
 #: the larger one is chance, and would differ from file to file.
 NEAR_TIE = 0.8
+#: The code of the note of a mesh of several components.
+COMPONENTS_KEPT = "components-kept"
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 #: Largest share of vertices without finite coordinates that counts as a flaw of a mesh and not as damage. The seven
@@ -243,7 +245,7 @@ def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArra
     if kept.sum() > 1 or not good.all():
         share = float(100.0 * areas[kept].sum() / areas.sum())
         numbers = {"kept": int(kept.sum()), "total": int((areas > 0).sum()), "dropped": int((~good).sum())}
-        notes.append(Note("components-kept", values={**numbers, "share": share}))
+        notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share}))
     return faces[good]
 
 

@@ -13,7 +13,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
-from data_tools.options import SamplingOptions
+from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from tests.collalign.stages.test_trust import pairs_at
 from tests.pairwise.partial.test_partial_match import cut
@@ -82,3 +82,20 @@ def test_open_surfaces_in_doubt_may_be_incomplete(said, doubted, named):
 def test_a_shape_of_another_kind_is_not_taken_for_incomplete(said):
     found = said(sure(s1=0.3, s2=0.2), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), strange=[2])
     assert found == [Note("open-borders", ("s1",))]
+
+
+@pytest.mark.parametrize(("size", "kept"), [(0.5, True), (0.5, False), (0.05, True)])
+def test_components_that_were_left_out_of_doubtful_shapes_are_named(tmp_path, size, kept):
+    rng = np.random.default_rng(3)
+    for at in range(NUM):
+        shape = blob(rng, num_vertices=100)
+        handle = size * shape.vertices + np.array([2.0, 0.0, 0.0])
+        vertices, faces = np.vstack([shape.vertices, handle]), np.vstack([shape.faces, shape.faces + 100])
+        write_mesh(tmp_path / f"s{at}.ply", replace(shape, vertices=vertices, faces=faces) if at < 3 else shape)
+    options = replace(OPTIONS, cleaning=CleaningOptions(largest_component=kept))
+    with Session.open(options, RunOptions(jobs=1)) as session:
+        shapes = prepare_shapes(session, list_shapes(tmp_path))
+        pairs = pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
+        notes = remedies(session, shapes, pairs, sure(s1=0.8, s5=0.8), np.zeros(NUM, dtype=bool))
+    expected = [Note("components-left-out", ("s1",))] if kept and size == 0.5 else []
+    assert [note for note in notes if note.code == "components-left-out"] == expected
