@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,9 @@ from data_tools.notes import Note
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
 #: Columns that may hold the shapes' names, the first found counts; otherwise it is the first column.
 NAME_COLUMNS = ("name", "shape", "specimen", "id", "file")
+#: A number with a decimal comma or without decimals, and one whose comma may mark thousands instead.
+_WITH_COMMA = re.compile(r"[+-]?\d*,?\d+(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +82,7 @@ class Labels:
 def read_labels(path: Path | str) -> Labels:
     """Read a CSV file with one row per shape and a heading.
 
+    Columns are separated by commas, semicolons or tabs; numbers may have decimal commas where these separate nothing.
     Names are compared without folder and without a mesh file's ending; where there is a column ``file`` beside the
     names, both lead to the row. Values such as ``NA`` count as unknown.
 
@@ -92,7 +97,8 @@ def read_labels(path: Path | str) -> Labels:
     except InputError as error:
         raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
     try:
-        rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), _dialect(text))]
+        dialect = _dialect(text)
+        rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)]
     except csv.Error as error:
         raise InputError(f"{source}: cannot be read as a table ({error})") from None
     if len(rows) < 2 or len(rows[0]) < 2:
@@ -118,7 +124,19 @@ def read_labels(path: Path | str) -> Labels:
                 if column in columns:
                     problem = f"{source}, line {number}: {name!r} is listed twice"
                     _enter(columns[column], name, known_label(cell), problem)
+    of_excel = dialect.delimiter == ";"
+    columns = {column: _with_decimal_points(values, are_decimals=of_excel) for column, values in columns.items()}
     return Labels(source=str(source), columns=columns, rows=tuple(named))
+
+
+def _with_decimal_points(values: dict[str, str], *, are_decimals: bool) -> dict[str, str]:
+    """Return the values of a column with points for decimal commas, where all are numbers and none are thousands."""
+    known = [value for value in values.values() if value]
+    with_comma = [value for value in known if "," in value]
+    may_be_thousands = not are_decimals and all(map(_THOUSANDS.fullmatch, with_comma))
+    if not with_comma or may_be_thousands or not all(map(_WITH_COMMA.fullmatch, known)):
+        return values
+    return {name: value.replace(",", ".") for name, value in values.items()}
 
 
 def shape_name(text: str) -> str:

@@ -58,6 +58,7 @@ _COMMANDS = {
 }
 #: What to write instead of words that name no command, but look like one.
 _INSTEAD = {
+    "cite": "collalign status OUT --cite",
     "classify": "collalign variation OUT --labels FILE --classify COLUMN",
     "prune": "collalign status OUT --prune",
     "verify": "collalign certify OUT --verify",

@@ -32,6 +32,21 @@ def test_separators_and_byte_order_mark(tmp_path, separator):
     assert read_labels(table(tmp_path, text)).column("genus", ["b", "a"]) == ("Y", "X")
 
 
+@pytest.mark.parametrize(
+    ("text", "ages"),
+    [
+        ("name;age\na;4,5\nb;12\nc;\n", ("4.5", "12", "")),
+        ("name;age\na;4,512\nb;1,250\nc;NA\n", ("4.512", "1.250", "")),
+        ('name,age\na,"4,5"\nb,"1,25"\nc,3\n', ("4.5", "1.25", "3")),
+        ('name,age\na,"4,512"\nb,"1,250"\nc,987\n', ("4,512", "1,250", "987")),
+        ("name;age\na;4,5\nb;old, or so\nc;1\n", ("4,5", "old, or so", "1")),
+        ("name;age\na;4,5\nb;4.5\nc;1\n", ("4,5", "4.5", "1")),
+    ],
+)
+def test_decimal_commas_become_points_where_they_mark_no_thousands(tmp_path, text, ages):
+    assert read_labels(table(tmp_path, text)).column("age", "abc") == ages
+
+
 def test_first_column_holds_names_if_none_is_called_so(tmp_path):
     labels = read_labels(table(tmp_path, "tooth,genus\na,X\n\nb,Y\n"))
     assert labels.column("genus", ["a", "b"]) == ("X", "Y")

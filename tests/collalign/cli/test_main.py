@@ -52,6 +52,7 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     ("typed", "written"),
     [
         ("verify", "certify OUT --verify"),
+        ("cite", "status OUT --cite"),
         ("prune", "status OUT --prune"),
         ("classify", "variation OUT --labels FILE --classify COLUMN"),
     ],
