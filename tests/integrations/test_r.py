@@ -121,6 +121,17 @@ def test_the_column_of_names_is_found_as_the_command_finds_it(out, heading):
     assert done.returncode == 0, done.stderr
 
 
+def test_tables_of_excel_have_semicolons_decimal_commas_and_umlauts(out):
+    text = "Name;Größe;Alter;Nr\nc.glb;groß;4,5;3\na;klein;NA;1,5\nzahn-ä;groß;12;F\n"
+    (out / "labels.csv").write_text(text, encoding="cp1252")
+    done = run_r(
+        f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
+        'stopifnot(identical(x$shapes[["Gr\\u00f6\\u00dfe"]], c("klein", "gro\\u00df", "gro\\u00df")), '
+        'identical(x$shapes$Alter, c(NA, 12, 4.5)), identical(x$shapes$Nr, c("1,5", "F", "3")))'
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_rows_are_found_by_names_or_files(out):
     (out / "labels.csv").write_text("name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8")
     done = run_r(

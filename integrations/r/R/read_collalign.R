@@ -84,7 +84,7 @@ shape_table <- function(record) {
 }
 
 with_labels <- function(shapes, file) {
-  table <- utils::read.csv(file, check.names = FALSE, colClasses = "character")
+  table <- label_table(file)
   columns <- tolower(trimws(names(table)))
   key <- c(match(NAME_COLUMNS, columns), 1L)
   key <- c(key[!is.na(key)][1], which(columns == "file"))
@@ -93,13 +93,35 @@ with_labels <- function(shapes, file) {
   unknown <- table[[key[1]]][setdiff(seq_len(nrow(table)), row)]
   if (length(unknown)) warning(file, ": no aligned shape is called ", some(unknown), call. = FALSE)
   if (anyNA(row)) warning(file, ": there is no row for ", some(shapes$name[is.na(row)]), call. = FALSE)
-  cbind(shapes, table[row, -key, drop = FALSE], row.names = NULL)
+  cbind(shapes, lapply(table[row, -key, drop = FALSE], as_numbers), row.names = NULL)
+}
+
+# Commas, semicolons or tabs between columns, in UTF-8 or as Excel writes it on Windows.
+label_table <- function(file) {
+  text <- readLines(file, warn = FALSE)
+  if (!all(validUTF8(text))) text <- iconv(text, "CP1252", "UTF-8")
+  Encoding(text) <- "UTF-8"
+  text[1] <- sub("^\ufeff", "", text[1])
+  signs <- c(",", ";", "\t")
+  counts <- vapply(signs, function(sign) length(strsplit(text[1], sign, fixed = TRUE)[[1]]), 0L)
+  utils::read.csv(
+    text = text, sep = signs[which.max(counts)], check.names = FALSE, colClasses = "character", encoding = "UTF-8"
+  )
+}
+
+# A column of numbers as such, with decimal points or commas.
+as_numbers <- function(column) {
+  known <- column[!column %in% c("", "NA", NA)]
+  is_number <- grepl("^[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?$", known)
+  if (!length(known) || !all(is_number)) return(column)
+  column[!column %in% known] <- NA
+  as.numeric(sub(",", ".", column, fixed = TRUE))
 }
 
 # As `collalign align --labels` reads names: without folder, without the ending of a mesh or point file.
 shape_name <- function(text) {
   name <- basename(gsub("\\\\", "/", trimws(text)))
-  sub("\\.(ply|obj|stl|off|vtk|vtp|xyz|npz|npy)$", "", name, ignore.case = TRUE)
+  sub("\\.(ply|obj|stl|off|glb|gltf|vtk|vtp|pcd|pts|xyz|asc|txt|csv|npz)$", "", name, ignore.case = TRUE)
 }
 
 some <- function(names) {
