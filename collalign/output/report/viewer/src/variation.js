@@ -15,7 +15,7 @@ export const VARIATION_SECTIONS = [
   ["morphospace", "Morphospace", morphospaceSection],
   ["statistics", "Statistics", statisticsSection],
   ["groups", "Group means", groupsSection],
-  ["specimens", "Each specimen against the mean", specimensSection],
+  ["specimens", "Each specimen compared with the mean", specimensSection],
   ["quality", "How well each specimen is represented", qualitySection],
   ["symmetry", "Symmetry", symmetrySection],
   ["correspondence", "Correspondence", correspondenceSection],
