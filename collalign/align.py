@@ -97,7 +97,7 @@ def align_collection(
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
         Fields of ``options`` and ``run`` by themselves, which win: ``seed=1, group="O", jobs=2``. And those of
-        :class:`collalign.products.own.Own`, what you know beside: ``candidates={("a", "b"): rotation}``.
+        :class:`collalign.products.own.Own`, what you know in addition: ``candidates={("a", "b"): rotation}``.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def align_listing(
     incomplete : iterable of str
         Shapes that an earlier run found to be incomplete.
     own : Own, optional
-        What the caller knows beside.
+        What the caller knows in addition.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
     fixed, kept = ({composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept))

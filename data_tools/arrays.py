@@ -26,7 +26,7 @@ ORTHOGONAL_TOL = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Holds:
-    """What a field holds beside its type, as ``Annotated[FloatArray, Holds(shape="k 3")]``.
+    """What a field holds in addition to its type, as ``Annotated[FloatArray, Holds(shape="k 3")]``.
 
     Attributes
     ----------

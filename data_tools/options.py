@@ -94,7 +94,7 @@ class SamplingKeywords(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class EmbeddingOptions:
-    """Which coordinates each sample has beside its position.
+    """Which coordinates each sample has in addition to its position.
 
     A weight is the squared norm of a block over all samples, relative to that of the positions. So 1 says that an
     entirely wrong match costs as much by this block as by its position.

@@ -121,7 +121,7 @@ def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, m
     weights : ndarray, shape (p,)
         Not negative, and not all zero.
     may_rotate : bool
-        Whether it may rotate, beside shifting and scaling.
+        Whether it may rotate, in addition to shifting and scaling.
 
     References
     ----------

@@ -77,7 +77,7 @@ def match(
         Poses to descend from as well.
     options : MatchOptions or mapping, optional
     **keywords
-        Fields of ``options`` by themselves, which win; and what makes the problem beside the points, see
+        Fields of ``options`` by themselves, which win; and what makes the problem in addition to the points, see
         :meth:`pairwise.Problem.from_user`: ``group`` ("SO", or "O", where both chiralities are searched and each has
         its own candidates), ``allowed`` matches, ``rotation_pattern`` (``(3, m)`` for mixed embeddings),
         ``invariants`` and ``weights``.

@@ -14,7 +14,7 @@ Strategy = Literal["search", "relaxation", "portfolio"]
 
 @dataclass(frozen=True, kw_only=True)
 class PairOptions:
-    """How pairs are matched, beside what is set for all of them together.
+    """How pairs are matched, in addition to what is set for all of them together.
 
     Parameters
     ----------

@@ -140,7 +140,7 @@ def _with_decimal_points(values: dict[str, str], *, are_decimals: bool) -> dict[
 
 
 def shape_name(text: str) -> str:
-    """Name of a shape as a table may write it: without folder, without the ending of a mesh or point file."""
+    """Return the name of a shape as a table may write it: without folder and ending of a file of shapes."""
     name = text.strip().replace("\\", "/").rsplit("/", 1)[-1]
     stem, dot, ending = name.rpartition(".")
     return stem if dot and f".{ending.lower()}" in READERS else name

@@ -56,7 +56,7 @@ _USUAL = {
 
 @dataclass(frozen=True, kw_only=True)
 class Given:
-    """How shapes are read, and what is known of them, beside the options of an alignment.
+    """How shapes are read, and what is known of them, in addition to the options of an alignment.
 
     Parameters
     ----------

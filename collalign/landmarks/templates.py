@@ -21,7 +21,7 @@ from data_tools.percent import listed
 
 @dataclass(frozen=True, kw_only=True)
 class SemilandmarkRequest:
-    """Which semilandmarks are wanted beside the landmarks.
+    """Which semilandmarks are wanted in addition to the landmarks.
 
     Parameters
     ----------

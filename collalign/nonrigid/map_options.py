@@ -108,7 +108,7 @@ class MapTuning(NamedTuple):
     num_shell: int = 20
     """Functions in which surfaces are laid onto each other first, ..."""
     shell_position: float = 2.0
-    """... the weight of positions, of surfaces of unit area, beside embeddings, ..."""
+    """... the weight of positions, of surfaces of unit area, relative to embeddings, ..."""
     shell_normal: float = 0.3
     """... and that of unit normals."""
     curvature_weight: float = 0.3

@@ -174,7 +174,7 @@ FIRST_SIZE, GROWTH = 10, 1.5
 #: radius 1, in the closest points of a start. With descriptors of intrinsic place limbs find each other whatever they
 #: do: on 30 pairs of SHREC07's armadillos the pose judged best is 11 instead of 17 deg off in the median.
 START_NORMAL_WEIGHT, START_DESCRIPTOR_WEIGHT = 0.3, 0.6
-#: Weight of unit normals beside positions of root mean square radius 1 where surfaces are compared.
+#: Weight of unit normals relative to positions of root mean square radius 1 where surfaces are compared.
 SURFACE_NORMAL_WEIGHT = 0.5
 #: Lowest functions whose signs are enumerated, and how many of the maps that they give are refined: 50 ms a pair. Two
 #: of 20 of SHREC07's armadillos, whose other candidates all exchange two limbs, come right by them (``python -m

@@ -151,8 +151,8 @@ class Collection(CollectionData):
     options : AlignOptions
         As asked for.
     own : tuple of str
-        What the caller gave beside shapes and options: "invariants", "samples", "candidates", "correspondences",
-        "pair_weights".
+        What the caller gave in addition to shapes and options: "invariants", "samples", "candidates",
+        "correspondences", "pair_weights".
     group : str
         "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord

@@ -1,4 +1,4 @@
-"""What a caller knows of shapes and of pairs, and gives a run beside what it finds out by itself."""
+"""What a caller knows of shapes and of pairs, and gives a run in addition to what it finds out by itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a run went, and what it holds in memory beside its result."""
+"""How a run went, and what it holds in memory in addition to its result."""
 
 from __future__ import annotations
 

@@ -222,7 +222,7 @@ class _Fit:
 
 
 class _Search:
-    """Finds what corresponds: closest points in positions beside normals, which shrink with the iteration's noise."""
+    """Finds what corresponds: closest points in positions with normals, which shrink with the iteration's noise."""
 
     def __init__(
         self, target: RegistrationSurface, source: RegistrationSurface, *, tangential: float, cutoff: float

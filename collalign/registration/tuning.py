@@ -73,8 +73,8 @@ class BentTuning(NamedTuple):
     point_length: float = 0.03
     """What closest points say of neighbours is averaged over so far."""
     normal_weight: float = 0.4
-    """Of unit normals beside positions: normals lay muscles and features onto each other. With a third of that, seven
-    bodies err 2 % more."""
+    """Of unit normals relative to positions: normals lay muscles and features onto each other. With a third of that,
+    seven bodies err 2 % more."""
 
 
 #: The numbers in use.

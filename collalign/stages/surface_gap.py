@@ -12,7 +12,7 @@ from data_tools.embedding.embedding import Samples
 #: Dense points of each shape that are compared, of one shape the even and of the other the odd ones: otherwise copies
 #: that share their samples would tell poses apart that look the same.
 NUM_POINTS = 250
-#: Weight of unit normals beside positions of root mean square radius 1.
+#: Weight of unit normals relative to positions of root mean square radius 1.
 NORMAL_WEIGHT = 0.3
 
 

@@ -52,7 +52,7 @@ class Samples:
     block_sizes : tuple of int
         (3,) or (3, m): the diagonal blocks of R.
     invariants : ndarray, shape (k, m)
-        Weighted; m may be 0. Their squared distance is what a match costs beside its position.
+        Weighted; m may be 0. Their squared distance is what a match costs in addition to its position.
     offset : ndarray, shape (3,)
         Centroid of the samples, in units of the shape.
     scale : float

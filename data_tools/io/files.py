@@ -235,7 +235,7 @@ def existing_file(path: Path) -> Path:
 
 
 def file_stem(name: str) -> str:
-    """Name of a shape as a file name: nothing in it can leave the folder or be refused by a file system."""
+    """Return the name of a shape as a file name, which cannot leave the folder or be refused by a file system."""
     readable = name.encode("utf-8", "backslashreplace").decode("utf-8")
     stem = re.sub(r'[\x00-\x1f<>:"/\\|?*]', "_", readable).strip(" .") or "shape"
     if len(stem.encode()) <= _MAX_STEM_BYTES:

@@ -84,7 +84,7 @@ def as_origin(shape: ShapeLike, name: str) -> Origin:
 
 
 def _named(shapes: Any, *, recursive: bool, parts: bool) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
-    """Return the shapes by name, and what places hold beside shapes."""
+    """Return the shapes by name, and what places hold in addition to shapes."""
     if isinstance(shapes, Mapping):
         if not all(isinstance(name, str) and name for name in shapes):
             raise InputError("shapes: their names must be text that is not empty")

@@ -62,7 +62,7 @@ class Landmarks:
     points : ndarray, shape (l, 3)
         In the coordinates of the file; rows of NaN are missing landmarks. Read-only.
     semilandmarks : tuple of Semilandmarks
-        Curves and patches beside the landmarks.
+        Curves and patches in addition to the landmarks.
     system : {"LPS", "RAS"} or None
         What the file declares the coordinates of ``points`` to be.
     """

@@ -1,4 +1,4 @@
-"""Collections that bend, from random poses at default options, beside what the best poses could come to."""
+"""Collections that bend, from random poses at default options, compared with what the best poses could come to."""
 
 from __future__ import annotations
 

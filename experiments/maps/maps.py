@@ -1,4 +1,4 @@
-"""Maps between deformable surfaces: bodies, cats and dogs, and classes of SHREC07, beside other tools."""
+"""Maps between deformable surfaces: bodies, cats and dogs, and classes of SHREC07, compared with other tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Proofs of pairs beside PM-SDP, and complete lists of poses."""
+"""Proofs of pairs compared with PM-SDP, and complete lists of poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The toolkit beside its peers on the same generated bones: ``python -m experiments.peers.bones``.
+"""The toolkit compared with its peers on the same generated bones: ``python -m experiments.peers.bones``.
 
 Prints a table of Markdown, one row per tool and collection as soon as it is measured. Every tool runs in a process of
 its own with one thread or worker, from the files to the rotations, with what it has to import.

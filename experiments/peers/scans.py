@@ -1,4 +1,4 @@
-"""Scans that each show a part of one object: pairs of them and whole sets, beside other tools."""
+"""Scans that each show a part of one object: pairs of them and whole sets, compared with other tools."""
 
 from __future__ import annotations
 

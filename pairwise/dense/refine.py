@@ -29,7 +29,7 @@ from pairwise.problem.problem import Problem
 from pairwise.results import Candidate, MatchResult
 from pairwise.status import Status
 
-#: Weight of unit normals beside positions of root mean square radius 1.
+#: Weight of unit normals relative to positions of root mean square radius 1.
 NORMAL_WEIGHT = 0.2
 #: A pose is settled when no entry of R changes by more.
 _SETTLED = 1e-4
@@ -72,7 +72,7 @@ def refine_pose(
     estimate_scale : bool
         Estimate a scale factor of the source as well, from the ratio of the sizes; else 1.
     normal_weight : float
-        Weight of the normals beside positions of unit root mean square radius; 0 leaves them out.
+        Weight of the normals relative to positions of unit root mean square radius; 0 leaves them out.
     max_iterations : int
 
     Returns

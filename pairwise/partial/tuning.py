@@ -42,8 +42,8 @@ class PartialTuning(NamedTuple):
     many_steps: tuple[float | None, ...] = (0.35,) * 3 + (0.3,) * 3 + (0.25,) * 4 + (None,) * 8
     """Cutoffs of the refinement's steps on many; None for a pose's own."""
     normal_weight: float = 0.3
-    """Of unit normals beside positions. With weights 0, .1, .2 and .4, 52, 65, 82 and 88 % of 40 pairs of teeth that
-    are both cut are right, and 23, 40, 53 and 53 % of 30 pairs of ants of which one is; .4 loses glasses (70 for
+    """Of unit normals relative to positions. With weights 0, .1, .2 and .4, 52, 65, 82 and 88 % of 40 pairs of teeth
+    that are both cut are right, and 23, 40, 53 and 53 % of 30 pairs of ants of which one is; .4 loses glasses (70 for
     75 % of 20)."""
     resolution: float = 0.05
     """Costs count by their logarithm, this squared length added: the noise of shapes that differ is unknown, and a

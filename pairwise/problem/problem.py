@@ -136,7 +136,7 @@ ROUNDING_SHARE = 1e-9
 
 
 class ProblemArguments(TypedDict, total=False):
-    """What makes a problem beside the points: the other arguments of :meth:`Problem.from_user`."""
+    """What makes a problem in addition to the points: the other arguments of :meth:`Problem.from_user`."""
 
     group: str
     allowed: ArrayLike | None

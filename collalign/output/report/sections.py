@@ -29,7 +29,7 @@ MOST_POSES = 6
 
 
 def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], ...]:
-    """For every shape its alternatives, completed by half turns about the principal axes of the collection's mean.
+    """Return the alternatives of every shape, with half turns about the principal axes of the mean.
 
     Wrong poses are mostly half turns, and a shape whose pairs agree on a wrong pose has no alternative of its own.
     """

@@ -98,7 +98,7 @@ def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]
 
 
 def are_copies(partners: Sequence[Partner]) -> bool:
-    """Whether most partners of a shape are copies of it."""
+    """Return whether most partners of a shape are copies of it."""
     return 2 * sum(partner.energy == 0.0 for partner in partners) > len(partners)
 
 

@@ -19,7 +19,7 @@ from pairwise.problem.pattern import PatternLike, RotationPattern
 
 
 class GraphArguments(TypedDict, total=False):
-    """What makes a graph beside the pairs: the other arguments of :meth:`PairGraph.from_user`."""
+    """What makes a graph in addition to the pairs: the other arguments of :meth:`PairGraph.from_user`."""
 
     energies: ArrayLike | None
     weights: ArrayLike | None

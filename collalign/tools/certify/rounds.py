@@ -168,7 +168,8 @@ _MOST_ROUNDS, _ENOUGH, _SETTLED = 3, 0.999, 1e-3
 _CHEAPER = 1e-3
 #: Columns kept of each search.
 _NUM_KEPT = 8
-#: What each descent starts from beside the columns in use: rotations of the best pose, and some of so many rotations.
+#: What each descent starts from in addition to the columns in use: rotations of the best pose, and some of so many
+#: rotations.
 _NUM_JITTERED, _JITTER_RAD, _NUM_FAR, _NUM_STARTS = 4, 0.1, 6, 16
 #: Smallest energy, as a share of a shape's square size, that tolerances are taken of.
 _LEAST_ENERGY = 1e-6

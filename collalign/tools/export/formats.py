@@ -45,7 +45,7 @@ def without_blanks(name: str) -> str:
 
 
 def for_morphologika(name: str) -> str:
-    """Name without blanks in which no section's name occurs: ``names_1`` becomes ``n-ames_1``."""
+    """Return a name without blanks in which no section's name occurs: ``names_1`` becomes ``n-ames_1``."""
     safe = without_blanks(name)
     for section in _SECTIONS:
         safe = re.sub(section, lambda found: f"{found[0][0]}-{found[0][1:]}", safe, flags=re.IGNORECASE)

@@ -32,9 +32,9 @@ from data_tools.io.source import Origin
 from data_tools.options import AS_STORED
 from data_tools.threads import one_blas_thread
 
-#: Weight of the orientation, at most 1, beside the logarithm of the agreement. On 49 pairs of eight kinds, each kind
-#: judged by the weight that is best on the others, chosen maps err .085; .087 without it, .109 if maps that mix left
-#: and right (:data:`collalign.nonrigid.map_evidence.MIXED_ORIENTATION`) are out of the question.
+#: Weight of the orientation, at most 1, relative to the logarithm of the agreement. On 49 pairs of eight kinds, each
+#: kind judged by the weight that is best on the others, chosen maps err .085; .087 without it, .109 if maps that mix
+#: left and right (:data:`collalign.nonrigid.map_evidence.MIXED_ORIENTATION`) are out of the question.
 ORIENTATION_WEIGHT = 0.4
 
 
