@@ -29,8 +29,6 @@ NUM_SHAPES, NUM_SUBSETS = 24, 60
 NUM_QUICK_SHAPES, NUM_QUICK_SUBSETS = 7, 2
 #: Mirroring shapes that are no mirror images counts as so many misses of some that are.
 FALSE_ALARM = 10.0
-#: What it counts to put all shapes of one side in doubt in place of mirroring them.
-NAMED = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +43,7 @@ class Subset:
     def verdict(self) -> float:
         """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none.
 
-        :data:`NAMED` where none is mirrored but one whole side is in doubt; of one side, the share not in doubt.
+        One half where none is mirrored but one whole side is in doubt; of one side, the share not in doubt.
         """
         num = len(self.mirrored)
 
@@ -64,7 +62,7 @@ class Subset:
         doubted = sides.undecided_sides(found, by_surfaces, alone)
         if not are_both:
             return float(1.0 - doubted.mean())
-        return NAMED * bool(doubted[self.mirrored].all() or doubted[~self.mirrored].all())
+        return 0.5 * bool(doubted[self.mirrored].all() or doubted[~self.mirrored].all())
 
 
 def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
@@ -131,6 +129,6 @@ CALIBRATION = Calibration(
     collections=("teeth", "chair", "glasses", "ant", "teddy", "human"),
     score=(
         f"share of right verdicts on subsets; mirroring without need counts as {FALSE_ALARM:.0f} misses, "
-        f"doubt in place of mirroring as {NAMED:g}"
+        "doubt in place of mirroring as half a verdict"
     ),
 )
