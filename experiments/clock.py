@@ -1,4 +1,4 @@
-"""Wall time and processor time of what an experiment compares, worker processes included."""
+"""Wall time and CPU time of what an experiment compares, worker processes included."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def stopwatch() -> Iterator[Elapsed]:
 
 
 def _processor_s(root: Path = Path("/proc")) -> float:
-    """Return the processor time of this process and all its descendants, those that ended included."""
+    """Return the CPU time of this process and all its descendants, those that ended included."""
     if not (root / "self").exists():
         return float("nan")
     parents, ticks = {}, {}

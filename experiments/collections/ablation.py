@@ -110,7 +110,7 @@ def measure_collection(cell: Cell) -> Record:
     -------
     dict
         By switch, "" for the complete run: ``pairs`` and ``shapes`` (errors in degrees), ``confidence``, and
-        ``saved_s``: processor time less than that of the complete run from the same stored results on.
+        ``saved_s``: CPU time less than that of the complete run from the same stored results on.
     """
     settings, remembered = cell.settings, Remembered()
     with remembered.used(), tempfile.TemporaryDirectory() as name:
@@ -145,7 +145,7 @@ class Stores:
     complete : Collection
         The run without a switch.
     complete_s : dict
-        Its processor time by what was taken from a store.
+        Its CPU time by what was taken from a store.
     """
 
     def __init__(self, root: Path, options: AlignOptions, remembered: Remembered) -> None:
@@ -159,7 +159,7 @@ class Stores:
         self.complete_s = {SHAPES: pairs_s + maps_s - rest_s, PAIRS: maps_s, MAPS: rest_s}
 
     def run(self, since: str) -> tuple[Collection, float]:
-        """Align from a copy of a store; also return the seconds of processor time."""
+        """Align from a copy of a store; also return the seconds of CPU time."""
         with tempfile.TemporaryDirectory() as name:
             return self._align(self._options, Path(shutil.copy(self._path(since), name)))
 
@@ -258,7 +258,7 @@ COLUMNS = (
     Column(key="wrong_sure", title="wrong and sure"),
     Column(key="right", title="right"),
     Column(key="usable", title="right and usable"),
-    Column(key="saved", title="processor time saved, s", format=".1f", clock=True),
+    Column(key="saved", title="CPU time saved, s", format=".1f", clock=True),
 )
 
 

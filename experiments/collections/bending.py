@@ -126,7 +126,7 @@ COLUMNS = (
     Column(key="wrong", title=f"shapes beyond {RIGHT_DEG:.0f} deg"),
     Column(key="unnoticed", title=f"of these at {DOUBT} or more"),
     Column(key="right_in_doubt", title="right shapes in doubt"),
-    Column(key="seconds", title="processor, s", format=".0f", clock=True),
+    Column(key="seconds", title="CPU, s", format=".0f", clock=True),
 )
 
 SMALL_COLUMNS = (

@@ -89,7 +89,7 @@ def measure_carrying(cell: Cell) -> Record:
     Returns
     -------
     dict
-        ``names``, ``transforms`` (N, 4, 4); ``register_s``, processor time of one registration; per number of
+        ``names``, ``transforms`` (N, 4, 4); ``register_s``, CPU time of one registration; per number of
         templates ``k``: ``carried k`` and ``closest k``, errors of each set's other specimens (s, l), and
         ``radii k`` beside them; ``pairs``, errors (p, l) of single pairs (target, source).
     """

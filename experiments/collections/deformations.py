@@ -166,7 +166,7 @@ def _table(rows: tuple[dict[str, Any], ...]) -> Table:
         Column(key="worst_deg", title="worst pair, deg", format=".1f"),
         Column(key="same_bytes", title="same bytes twice"),
         Column(key="wall_s", title="s, all cores", format=".1f", clock=True),
-        Column(key="processor_s", title="processor s", format=".1f", clock=True),
+        Column(key="processor_s", title="CPU s", format=".1f", clock=True),
     )
     return Table(columns=columns, rows=rows, caption="Medians are those of the families' medians.")
 

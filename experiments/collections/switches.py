@@ -108,7 +108,7 @@ class Remembered:
     Attributes
     ----------
     saved_s : float
-        Processor time that all results took that were looked up.
+        CPU time that all results took that were looked up.
     """
 
     def __init__(self) -> None:

@@ -149,7 +149,7 @@ def _summary_table(rows: tuple[dict[str, Any], ...]) -> Table:
         Column(key="worst_deg", title="worst pair, deg", format=".1f"),
         Column(key="landmarks_deg", title="landmarks' own, deg", format=".2f"),
         Column(key="wall_s", title="s, all cores", format=".0f", clock=True),
-        Column(key="processor_s", title="processor s", format=".0f", clock=True),
+        Column(key="processor_s", title="CPU s", format=".0f", clock=True),
     )
     return Table(columns=columns, rows=rows, caption="All draws of each job; seconds are the median of the draws.")
 
@@ -164,7 +164,7 @@ _DRAW_FORMATS = {
     "within_20": ("shapes within 20 deg", ""),
     "landmarks_deg": ("landmarks' own, deg", ".2f"),
     "wall_s": ("s, all cores", ".1f"),
-    "processor_s": ("processor s", ".1f"),
+    "processor_s": ("CPU s", ".1f"),
 }
 
 
@@ -235,7 +235,7 @@ def _text(rows: tuple[dict[str, Any], ...]) -> str:
         if "published" in str(row["tool"])
     ]
     lines += [
-        f"Where the machine has other work, processor seconds say more: {row['job']} took {row['processor_s']:.0f} "
+        f"Where the machine has other work, CPU seconds say more: {row['job']} took {row['processor_s']:.0f} "
         f"of them; {SECONDS_116:.0f} seconds on two cores are at most {2 * SECONDS_116:.0f}."
         for row in ours
         if _is_all(row)

@@ -46,7 +46,7 @@ R is 5-diagonal and each point has {100 * CANDIDATE_SHARE:.0f} % of the others a
 et al. 2016: (a) k = 50 and n = 100, (b) d = 10 and n = 2 k, (c) d = 10 and n = k, with the full lifted relaxation
 (its equation 9, through CVXPY and Clarabel, stopped after {FULL_LIMIT_S:.0f} s of the wall clock, which a busy
 machine reaches after less work) and with PM-SDP's row sums, which only k = n has. Elsewhere PM-SDP is as published.
-Points are random; PM-SDP is solved to a relative gap of {TOL:g}. Processor time of one thread. Of the paper's times
+Points are random; PM-SDP is solved to a relative gap of {TOL:g}. CPU time of one thread. Of the paper's times
 those are given that its text states; they are for Mosek on its authors' machine.
 """
 

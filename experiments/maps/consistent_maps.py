@@ -96,7 +96,7 @@ COLUMNS = (
     Column(key="worst", title="worst pair", format=".3f"),
     Column(key="confused", title=f"shapes beyond {CONFUSED}"),
     Column(key="named", title="of these named"),
-    Column(key="seconds", title="processor time of the whole run, s", format=".0f"),
+    Column(key="seconds", title="CPU time of the whole run, s", format=".0f"),
 )
 
 

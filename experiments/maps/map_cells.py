@@ -55,7 +55,7 @@ class Mirror:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prepared:
-    """A shape prepared for matching, and the processor time that this took."""
+    """A shape prepared for matching, and the CPU time that this took."""
 
     shape: Shape
     spectral: SpectralShape
@@ -114,7 +114,7 @@ def _zoomout(cell: Cell, *, num_landmarks: int) -> tuple[IntArray, float]:
 
 @functools.lru_cache(maxsize=_NUM_KEPT)
 def _processed(data: Path, set_name: str, name: str) -> tuple[Any, float]:
-    """Return pyFM's mesh with its eigenfunctions, and the processor time that these took."""
+    """Return pyFM's mesh with its eigenfunctions, and the CPU time that these took."""
     from pyFM.mesh import TriMesh
 
     shape = map_set(data, set_name).data.shape(name)

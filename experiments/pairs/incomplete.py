@@ -158,14 +158,14 @@ CUT_COLUMNS = (
     Column(key="worst", title="worst cut one, deg", format=".1f"),
     Column(key="noticed", title="wrong ones in doubt"),
     Column(key="same", title="whole ones the same as without"),
-    Column(key="seconds", title="processor s", format=".0f", clock=True),
+    Column(key="seconds", title="CPU s", format=".0f", clock=True),
 )
 COMPLETE_COLUMNS = (
     Column(key="collection", title="collection"),
     Column(key="shapes", title="shapes"),
     Column(key="named", title="named incomplete"),
     Column(key="same", title="same transforms"),
-    Column(key="ratio", title="processor time, looked for : not", format=".2f", clock=True),
+    Column(key="ratio", title="CPU time, looked for : not", format=".2f", clock=True),
 )
 
 

@@ -38,7 +38,7 @@ Euclidean farthest points of unit size, right teeth mirrored. Each is proven ove
 branch and bound; on some of them (*relaxed*) the certificate is verified, and PM-SDP (with cross products) runs, at
 most {LIMIT_S:.0f} s.
 *Share* is the lower bound as a share of the best energy. *Starts below* counts random starts, each followed by local
-minimisation, that end below the proven bound. Processor seconds of one thread.
+minimisation, that end below the proven bound. CPU seconds of one thread.
 
 Relaxations in which every match carries moments of its own were removed: the tight one proved .149 to 1.000 in .07 to
 5.7 s in the median on these problems, and was exact to 1e-4 only on cubes of noise .05 (100 %) and .1 (43 %); its

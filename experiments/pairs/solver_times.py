@@ -1,6 +1,6 @@
 """Times PM-SDP's dual solver against CVXPY with SCS: ``python -m experiments.pairs.solver_times``.
 
-Uniform points in the unit cube, noise 0.1, several problems at 20 and at 30 points, one thread, processor time of
+Uniform points in the unit cube, noise 0.1, several problems at 20 and at 30 points, one thread, CPU time of
 this process (so that other users of the machine count less). The dual's is the least time of three; SCS runs at
 1e-4, and the set-up of CVXPY is not counted. Both solve the relaxation as published, and the dual with the row sums
 as well.
@@ -28,7 +28,7 @@ NUM_POINTS, NUM_SEEDS = (20, 30), 5
 
 
 def seconds(solve: Callable[[], object]) -> float:
-    """Return the processor time that a call takes."""
+    """Return the CPU time that a call takes."""
     started = time.process_time()
     solve()
     return time.process_time() - started

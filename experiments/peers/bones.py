@@ -110,7 +110,7 @@ def pair_errors_deg(truth: FloatArray, found: FloatArray) -> FloatArray:
 
 def compare(sizes: Sequence[int], numbers: Sequence[int], tools: Sequence[str]) -> Iterator[str]:
     """Yield the rows of the table."""
-    yield "| vertices | bones | tool | processor s | GiB | median error | 95 % below | beyond 30 deg |"
+    yield "| vertices | bones | tool | CPU s | GiB | median error | 95 % below | beyond 30 deg |"
     yield "| ---: | ---: | --- | ---: | ---: | ---: | ---: | ---: |"
     for size, num in itertools.product(sizes, numbers):
         with tempfile.TemporaryDirectory() as folder:

@@ -147,7 +147,7 @@ def _pair_table(rows: list[Row]) -> Table:
         Column(key="mean", title="mean error", format=".3f"),
         Column(key="median", title="median", format=".3f"),
         Column(key="worst", title="worst pair", format=".3f"),
-        Column(key="processor_s", title="processor s a pair", format=".1f", clock=True),
+        Column(key="processor_s", title="CPU s a pair", format=".1f", clock=True),
     )
     caption = (
         "The same pairs carried in other ways. The toolkit registers every shape twice, and then carries all pairs."

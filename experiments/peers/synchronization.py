@@ -162,7 +162,7 @@ def _table(rows: list[dict[str, Any]]) -> Table:
         Column(key="median_deg", title="median error, deg", format=".1f"),
         Column(key="stated", title="stated at .95, %", format=".0f"),
         Column(key="stated_wrong", title="wrong of these, %", format=".1f"),
-        Column(key="processor_s", title="processor s", format=".2f", clock=True),
+        Column(key="processor_s", title="CPU s", format=".2f", clock=True),
     )
     return Table(columns=columns, rows=tuple(rows))
 

@@ -1,7 +1,7 @@
 """How true the estimates of ``batch --dry-run`` are: ``python -m tests.benchmarks.bench_estimate [NAME-NUM ...]``.
 
 Estimates a folder with an empty store, aligns it, saves it, and prints both, stage by stage. Everything runs in this
-process, on one thread, and both sides are processor seconds: other work on the machine hardly changes these, and a
+process, on one thread, and both sides are CPU seconds: other work on the machine hardly changes these, and a
 clock would compare a quiet trial with a loaded run. ``start`` is zero then: there are no workers to start.
 """
 

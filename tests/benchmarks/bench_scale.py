@@ -1,9 +1,9 @@
 """How time and memory grow with the collection: ``python -m tests.benchmarks.bench_scale --sizes 100 300 1000``.
 
 Generated chairs in random poses, default options (so sparse pairs that grow where poses are uncertain), outputs
-included. Prints the seconds of each stage, the processor seconds of all processes (other work on the machine hardly
+included. Prints the seconds of each stage, the CPU seconds of all processes (other work on the machine hardly
 changes these), the peak memory of the parent and of the largest worker, the errors against the truth, and the
-exponent of the processor time against the number of shapes; ``--plot`` draws it.
+exponent of the CPU time against the number of shapes; ``--plot`` draws it.
 """
 
 import argparse
@@ -37,13 +37,13 @@ def gibibytes(who):
 
 
 def processor_s():
-    """Processor seconds of this process and of the workers that have ended."""
+    """CPU seconds of this process and of the workers that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def measure(num, jobs, seed):
-    """Align and save a generated collection, print what it took, and return the processor seconds."""
+    """Align and save a generated collection, print what it took, and return the CPU seconds."""
     with tempfile.TemporaryDirectory() as folder:
         truth = generate(num, Path(folder) / "shapes", seed)
         start_s, before_s = time.perf_counter(), processor_s()
@@ -76,7 +76,7 @@ def plot(sizes, seconds, exponent, path):
     axes = figure.subplots()
     axes.loglog(sizes, seconds, "o-")
     axes.set_xlabel("shapes")
-    axes.set_ylabel("processor seconds")
+    axes.set_ylabel("CPU seconds")
     axes.set_title(f"time ~ N^{exponent:.2f}")
     figure.savefig(path, dpi=150)
 
