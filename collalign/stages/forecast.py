@@ -103,7 +103,7 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         shapes = prepare_shapes(session, listing.some(chosen))
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
-        if wants_maps(options, pairs):
+        if wants_maps(options, shapes.samples, pairs):
             weigh_pairs(session, shapes, pairs, searched=num <= MOST_SEARCHED)
         costs = costs_of(session.store)
         sizes = {kind: session.store.median_bytes(kind) for kind in costs}

@@ -8,6 +8,7 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import SAME_DEG, keep_apart
 from pairwise.features.overlap import closeness, match_overlapping
+from pairwise.features.poses import refine_on_planes
 
 #: Points of either surface that are compared at a pose.
 NUM_COMPARED = 250
@@ -46,6 +47,27 @@ def local_evidence(
             shares, costs = closeness(target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points)
             mismatch[chosen], overlap[chosen] = costs, np.sqrt(shares.prod(axis=1))
     return read_only(mismatch), read_only(overlap)
+
+
+def rigid_overlap(target: Samples, source: Samples, rotations: FloatArray) -> float:
+    """Return the most that two surfaces overlap at some rotations (m, d, d), each refined, also in place.
+
+    Parameters
+    ----------
+    target, source : Samples
+        Where neighbourhoods are not described, the overlap is 0.
+    rotations : ndarray, shape (m, d, d)
+        ``R_target_source`` in the embedding; space comes first.
+    """
+    most = 0.0
+    if target.local is None or source.local is None:
+        return most
+    for rotation in rotations[:, :3, :3]:
+        flip = np.array([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
+        other = source.local if flip[0] > 0 else source.local.mirrored()
+        pose = refine_on_planes(target.local, other, (rotation * flip)[None], np.zeros((1, 3)))
+        most = max(most, float(np.sqrt(closeness(target.local, other, *pose)[0].prod())))
+    return most
 
 
 def proposed_rotations(target: Samples, source: Samples, group: str, known: FloatArray) -> FloatArray:

@@ -118,7 +118,7 @@ def prove(run: Run, matched: Matched) -> Matched:
 
 def weigh(run: Run, matched: Matched) -> Matched:
     """Let non-rigid maps propose poses and judge all, where shapes bend."""
-    if not wants_maps(run.session.options, matched.pairs):
+    if not wants_maps(run.session.options, run.shapes.samples, matched.pairs):
         return matched
     with run.stage("maps"):
         searched = len(run.shapes.names) <= MOST_SEARCHED

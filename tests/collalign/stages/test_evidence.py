@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
 from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, candidate_costs, evidence_score
@@ -12,29 +13,25 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
-from collalign.products.pair import median_mismatch
 from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
-from collalign.stages.evidence.decide import (
-    BENT_ENERGY,
-    BENT_MISMATCH,
-    CLOSING_CYCLES,
-    closing_share,
-    wants_maps,
-)
+from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
 from collalign.stages.evidence.rivals import settle_doubtful, voted_poses, votes_of
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
-from data_tools.datasets.synthetic_shapes import figure
+from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import AS_STORED, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.products import pair_of
+from tests.products import pair_of, samples_at
+
+#: Samples of shapes whose neighbourhoods are not described.
+BARE = [samples_at(np.eye(3))] * 6
 
 
 def a_pair(energies):
@@ -114,27 +111,24 @@ def test_mirrored_poses_are_proposed_only_where_they_may_be(tmp_path):
 def test_maps_are_asked_where_pairs_match_badly():
     rigid, bending = a_pair([0.5 * BENT_ENERGY, 0.9]), a_pair([1.5 * BENT_ENERGY, 0.9])
     options = AlignOptions()
-    assert not wants_maps(options, [rigid, rigid, bending])
-    assert wants_maps(options, [rigid, bending, bending])
-    assert wants_maps(replace(options, maps="always"), [rigid])
-    assert not wants_maps(replace(options, maps="never"), [bending])
-    assert not wants_maps(replace(options, synchronization="spectral"), [bending])
+    assert not wants_maps(options, BARE, [rigid, rigid, bending])
+    assert wants_maps(options, BARE, [rigid, bending, bending])
+    assert wants_maps(replace(options, maps="always"), BARE, [rigid])
+    assert not wants_maps(replace(options, maps="never"), BARE, [bending])
+    assert not wants_maps(replace(options, synchronization="spectral"), BARE, [bending])
     mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
     with pytest.raises(OptionsError, match="maps"):
-        wants_maps(mixed, [rigid])
+        wants_maps(mixed, BARE, [rigid])
 
 
-def test_maps_are_not_asked_where_neighbourhoods_agree_at_rigid_poses():
-    def bending(*mismatches):
-        energies = [1.5 * BENT_ENERGY] * len(mismatches)
-        return replace(a_pair(energies), mismatches=np.array(mismatches))
-
-    alike, unlike = bending(0.9, BENT_MISMATCH - 0.05), bending(0.9, BENT_MISMATCH + 0.05)
-    assert not wants_maps(AlignOptions(), [alike, alike, unlike])
-    assert wants_maps(AlignOptions(), [alike, unlike, unlike])
-    assert wants_maps(AlignOptions(), [alike, alike, replace(unlike, mismatches=np.empty(0))])
-    assert wants_maps(AlignOptions(), [alike, replace(alike, mismatches=np.array([np.nan, np.nan])), unlike])
-    assert np.isnan(median_mismatch([]))
+def test_maps_are_not_asked_where_surfaces_overlap_at_rigid_poses():
+    shape = blob(np.random.default_rng(0), num_vertices=400)
+    whole, other = (sample_shape(replace(shape, vertices=shape.vertices * [k, 1.0, 1.0 / k])) for k in (2.5, 1.0))
+    weak = replace(a_pair([1.5 * BENT_ENERGY]), target=0, source=1)
+    near = replace(weak, rotations=Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix()[None])
+    assert not wants_maps(AlignOptions(), [whole, whole], [near])
+    assert wants_maps(AlignOptions(), [whole, whole], [weak])
+    assert wants_maps(AlignOptions(), [whole, other], [near])
 
 
 def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
@@ -146,10 +140,10 @@ def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
         for i, j in edges
     ]
     assert closing_share(weak) == 1.0
-    assert not wants_maps(AlignOptions(), weak)
+    assert not wants_maps(AlignOptions(), BARE, weak)
     wrong = [replace(pair, rotations=pair.rotations @ np.diag([1.0, -1.0, -1.0])) for pair in weak[:3]]
     assert closing_share([*wrong, *weak[3:]]) < CLOSING_CYCLES
-    assert wants_maps(AlignOptions(), [*wrong, *weak[3:]])
+    assert wants_maps(AlignOptions(), BARE, [*wrong, *weak[3:]])
     mirrored = [replace(pair, rotations=-pair.rotations) for pair in weak[:1]]
     assert closing_share([*mirrored, *weak[1:]]) < 1.0
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.stages.local_evidence import NUM_PROPOSED, local_evidence, proposed_rotations
+from collalign.stages.local_evidence import NUM_PROPOSED, local_evidence, proposed_rotations, rigid_overlap
 from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
@@ -44,6 +45,16 @@ def test_neighbourhoods_match_at_the_right_rotation_alone(shapes, rng):
     of_mirrored, _ = local_evidence(shapes[0], shapes[2], rotations)
     assert of_mirrored[5] == pytest.approx(mismatch[0], abs=0.05)
     assert of_mirrored[5] < np.delete(of_mirrored, 5).min() - 0.15
+
+
+def test_the_most_that_surfaces_overlap_is_that_of_the_best_rotation_refined(shapes, rng):
+    off = Rotation.from_rotvec([0.3, 0.0, -0.2]).as_matrix()
+    far, near = random_rotation(rng), TURN @ off
+    assert rigid_overlap(shapes[0], shapes[1], far[None]) < 0.95
+    assert local_evidence(shapes[0], shapes[1], near[None])[1] < 0.98
+    assert rigid_overlap(shapes[0], shapes[1], np.stack([far, near])) > 0.95
+    assert rigid_overlap(shapes[0], shapes[2], (TURN @ MIRROR @ off)[None]) > 0.95
+    assert rigid_overlap(shapes[0], samples_at(np.eye(3)), near[None]) == 0.0
 
 
 def test_neighbourhoods_propose_what_is_not_known_yet(shapes):
