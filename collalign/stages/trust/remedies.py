@@ -24,9 +24,6 @@ MOST_IN_DOUBT = 0.5
 WORSE_ACROSS = 1.5
 #: Shapes below this confidence may be incomplete; above it a rival pose is the likelier reason.
 MAY_BE_CUT = 0.7
-#: Components that are left out hold this percentage of the area or more, where they are worth a try: the handle of a
-#: generated mug has 4, and tells poses apart that its body does not.
-MOST_KEPT = 98.0
 
 
 def remedies(
@@ -57,7 +54,7 @@ def remedies(
         cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
-    in_parts = [shapes.names[i] for i in in_doubt.tolist() if _share_kept(shapes, i) <= MOST_KEPT]
+    in_parts = [shapes.names[i] for i in in_doubt.tolist() if round(_share_kept(shapes, i)) < 100]
     if in_parts and options.cleaning.largest_component:
         said.append(Note("components-left-out", tuple(in_parts)))
     return said
