@@ -2,9 +2,11 @@
 
 import json
 import shutil
+import sys
 import time
 from contextlib import contextmanager
 from http.client import HTTPConnection
+from subprocess import PIPE, Popen
 from threading import Barrier, Thread
 from types import SimpleNamespace
 
@@ -266,3 +268,27 @@ def test_a_folder_is_described_before_anything_is_aligned(tmp_path):
         workspace.words("align", {"exclude": ["--store=x"]})
     with pytest.raises(OptionsError):
         workspace.words("align", {"group": "x"})
+
+
+def test_a_killed_server_leaves_whole_files_and_can_be_opened_again(out, tmp_path):
+    copy, whole = tmp_path / "out", "name,kind\n" + "chair1,b\n" * 20_000
+    shutil.copytree(out, copy)
+    script = (
+        "import sys; from pathlib import Path; from collalign.cli.open_command import Workspace\n"
+        "workspace = Workspace(Path(sys.argv[1])); text = 'name,kind\\n' + 'chair1,{}\\n' * 20_000\n"
+        "workspace.put('labels.csv', text.replace('{}', 'a').encode()); print('ready', flush=True)\n"
+        "while True:\n"
+        "    for kind in 'ba': workspace.put('labels.csv', text.replace('{}', kind).encode())\n"
+    )
+    for at in range(3):
+        with Popen([sys.executable, "-c", script, str(copy)], stdout=PIPE) as process:
+            assert process.stdout.readline() == b"ready\n", "what a killed one left is written over"
+            time.sleep(0.05 * at)
+            process.kill()
+        assert (copy / "given" / "labels.csv").read_text() in (whole, whole.replace(",b\n", ",a\n"))
+    Workspace(copy).put("labels.csv", whole.encode())
+    assert (copy / "given" / "labels.csv").read_text() == whole
+    kept = {path.name for path in (copy / "given" / ".collalign").iterdir()}
+    assert {name for name in kept if not name.startswith(".")} <= {"manifest.json", "lock"}, (
+        "temporary files may stay"
+    )

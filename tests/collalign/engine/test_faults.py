@@ -1,4 +1,5 @@
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
+from data_tools.datasets.synthetic import write_collection
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
+from tests.finished_runs import chairs
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -58,3 +61,28 @@ def test_every_loss_would_be_noticed(tmp_path, damage):
         lost[damage].unlink()
     with pytest.raises(RuntimeError):
         watch.check_end()
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_shapes_that_are_added_survive_kills_and_move_nothing(tmp_path):
+    old, new, out = tmp_path / "old", tmp_path / "new", tmp_path / "out"
+    options = argparse.Namespace(points=16)
+    write_collection(old, chairs(3))
+    (tmp_path / "more").mkdir()
+    write_collection(tmp_path / "more", chairs(5))
+    new.mkdir()
+    for name in ("chair4.ply", "chair5.ply"):
+        (tmp_path / "more" / name).rename(new / name)
+    rng, watch = np.random.default_rng(4), fault_test.Watch(new, out)
+    run_with_kills(fault_test.command(old, out, options), 0, rng, delay_s=(1, 1))
+    before = json.loads((out / "alignment.json").read_text())["shapes"]
+    command = [sys.executable, "-m", "collalign", "add", str(out), str(new), "--jobs", "2"]
+    log = run_with_kills(command, 3, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check)
+    watch.check_end()
+    after = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert log.kills
+    for one, now in zip(before, after, strict=False):
+        # Points are numbered anew, so the sum over them may differ in its last bit.
+        assert now.pop("centroid_size") == pytest.approx(one.pop("centroid_size"), rel=1e-12)
+        assert now == one | {"evidence": now["evidence"]}
+    assert [one["name"] for one in after[3:]] == ["chair4", "chair5"]

@@ -276,3 +276,22 @@ def test_open_shapes_that_match_like_copies_are_posed_with_the_others():
         )
     ]
     assert match_like_copies(pairs) == {0}
+
+
+def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
+    rng = np.random.default_rng(8)
+    whole = blob(rng, num_vertices=700)
+    rotations = np.stack([random_rotation(rng) for _ in range(3)])
+    for number, (rotation, side) in enumerate(zip(rotations, np.eye(3), strict=True)):
+        part = moved(cut(whole, side, 0.3), rotation, 1.0, rng.standard_normal(3))
+        write_mesh(tmp_path / f"scan{number}.ply", part)
+    aligned = align(tmp_path, incomplete="all", scaling="rigid")
+    assert errors_deg(aligned, rotations).max() < 5
+    assert len(aligned.incomplete) == 3
+    assert (aligned.maps.labels >= 0).mean() > 0.6
+    assert aligned.maps.labels.max() < len(aligned.consensus)
+    shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
+    assert min(shared) >= 6
+    options = replace(OPTIONS, incomplete="all", scaling="rigid")
+    with pytest.raises(InputError, match="none of which is complete"):
+        align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False)
