@@ -8,7 +8,6 @@ from collalign.options import MAX_ROUNDS, AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.stages.own_knowledge import with_own
-from collalign.stages.pairs.descriptor import shape_descriptor
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.pairs.select import adaptive_pairs, extend_pairs, select_pairs
 from collalign.stages.pairs.sparse_pairs import identity_hashes
@@ -18,11 +17,6 @@ from data_tools.arrays import FloatArray, IntArray
 
 #: Collections up to this size match all their pairs with ``pairs="auto"``.
 MAX_ALL_PAIRS = 40
-
-
-def describe_shapes(shapes: Shapes) -> FloatArray:
-    """Return a descriptor of each shape, shape (N, m): similar shapes have similar ones, mirror images the same."""
-    return np.stack([shape_descriptor(item) for item in shapes.samples])
 
 
 def choose_pairs(

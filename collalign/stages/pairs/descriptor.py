@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.distance import pdist
 
+from collalign.products.shapes import Shapes
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 
@@ -39,3 +40,8 @@ def shape_descriptor(samples: Samples) -> FloatArray:
         scaled = samples.invariants * (len(points) ** 0.5 / size)
         parts.append(np.quantile(scaled, _INVARIANT_LEVELS, axis=0).ravel() / scaled.shape[1] ** 0.5)
     return np.concatenate(parts)
+
+
+def describe_shapes(shapes: Shapes) -> FloatArray:
+    """Return a descriptor of each shape, shape (N, m): similar shapes have similar ones, mirror images the same."""
+    return np.stack([shape_descriptor(item) for item in shapes.samples])
