@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
-from data_tools.surface.cleaning import COMPONENTS_KEPT
+from data_tools.surface.cleaning import share_kept
 from data_tools.surface.shape import Shape
 
 _LEVELS = (np.arange(16) + 0.5) / 16
@@ -92,8 +92,7 @@ def find_copies(
     first = {digest: at for at, digest in reversed([*enumerate(digests)])}
     same = np.array([first[digest] for digest in digests], dtype=np.int64)
     pairs = np.column_stack([np.arange(len(names)), same])
-    shares = [[note.values["share"] for note in own if note.code == COMPONENTS_KEPT] or [100.0] for own in notes]
-    kept = np.array([np.mean(np.array(own, dtype=np.float64)) / 100.0 for own in shares])
+    kept = np.array([share_kept(own) for own in notes])
     values = np.column_stack([kept, np.array(signatures).reshape(len(names), -1)])
     near = cKDTree(values[:, :-1]).query_pairs(tol, output_type="ndarray").astype(np.int64)
     hands = values[near, -1]

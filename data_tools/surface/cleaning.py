@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
@@ -258,3 +260,12 @@ def _drop_unreferenced(
         return vertices, faces, kept
     notes.append(Note("unreferenced-dropped", values={"num": int((~used).sum())}))
     return vertices[used], (np.cumsum(used) - 1)[faces], kept[used]
+
+
+def share_kept(notes: Sequence[Note]) -> float:
+    """Return the share of the area, in [0, 1], that is in the components that cleaning kept, by its notes.
+
+    The mean over meshes that were cleaned one by one.
+    """
+    shares = [float(str(note.values["share"])) for note in notes if note.code == COMPONENTS_KEPT]
+    return float(np.mean(shares)) / 100.0 if shares else 1.0

@@ -15,7 +15,7 @@ from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.notes import Note
 from data_tools.percent import MAX_NAMED, listed
-from data_tools.surface.cleaning import COMPONENTS_KEPT
+from data_tools.surface.cleaning import share_kept
 
 #: Folders of which at least this share is in doubt may hold several kinds of shapes, ...
 MOST_IN_DOUBT = 0.5
@@ -54,18 +54,10 @@ def remedies(
         cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
-    in_parts = [shapes.names[i] for i in in_doubt.tolist() if round(_share_kept(shapes, i)) < 100]
+    in_parts = [shapes.names[i] for i in in_doubt.tolist() if round(share_kept(shapes.samples[i].notes), 2) < 1]
     if in_parts and options.cleaning.largest_component:
         said.append(Note("components-left-out", tuple(in_parts)))
     return said
-
-
-def _share_kept(shapes: Shapes, which: int) -> float:
-    """Return the share of a shape's area, in percent, that is in the components that cleaning kept."""
-    shares = [
-        float(str(note.values["share"])) for note in shapes.samples[which].notes if note.code == COMPONENTS_KEPT
-    ]
-    return min(shares, default=100.0)
 
 
 def _doubted(confidence: FloatArray) -> list[int]:
