@@ -13,7 +13,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.engine.run_options import COMMAND, RunKeywords, RunOptions, now
+from collalign.engine.command_line import COMMAND, now
+from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
 from collalign.engine.store.file import FINISHED
 from collalign.options import AlignKeywords, AlignOptions, AlignSession

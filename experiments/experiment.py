@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import ProgressBar, Session
+from collalign.engine.session import Session
 from collalign.engine.store.records import Record
 from collalign.engine.store.store import Store
 from data_tools.errors import CollectionError, InputError

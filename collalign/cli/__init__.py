@@ -23,7 +23,7 @@ from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.console.help import HELP_ALL, GroupedHelp
 from collalign.console.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
 from collalign.console.messages import add_to_summary, command_messages, configure_output, end
-from collalign.engine.run_options import COMMAND
+from collalign.engine.command_line import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable
 from data_tools.io.files import system_reason

@@ -17,13 +17,14 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.config import read_marks, read_own
+from collalign.cli.own_file import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
 from collalign.engine.jobs.local import lasting_workers
+from collalign.engine.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import ProgressBar, Session, progress_display
+from collalign.engine.session import Session, progress_display
 from collalign.engine.store.file import FINISHED, STAGE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions

@@ -17,8 +17,8 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.session import SHOW_BARS, STAGES
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import json_types
+from collalign.engine.progress import SHOW_BARS, STAGES
 from data_tools.errors import InputError, printable
 from data_tools.io.files import system_reason
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from contextvars import ContextVar
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypedDict
 
@@ -89,12 +87,3 @@ class RunKeywords(TypedDict, total=False):
     shape_time_limit_s: float
     pair_time_limit_s: float
     memory_limit_gib: float
-
-
-#: The words of the command line; empty where Python calls.
-COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
-
-
-def now() -> str:
-    """Return date and time in UTC, as ISO 8601 has it, to the second."""
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.jobs.job import Job, K, Results, T, Wanted, run_task, table_of_stored
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
+from collalign.engine.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.file import KINDS, STAGE
 from collalign.engine.store.store import Store
@@ -28,87 +25,7 @@ from data_tools.errors import InputError, SolveFailed
 if TYPE_CHECKING:
     from collalign.engine.jobs.worker import Outcome
 
-#: Says every stage as it begins, each minute of it and as it ends, for logs; ``record.numbers`` holds the numbers.
-STAGES = logging.getLogger("collalign.stages")
-#: Whether bars are drawn where somebody watches.
-SHOW_BARS: ContextVar[bool] = ContextVar("show_bars", default=True)
-_LINE_EVERY_S = 60.0
-
-
-def is_watched() -> bool:
-    """Return whether somebody watches bars, on a terminal or in a notebook."""
-    return SHOW_BARS.get() and (sys.stderr.isatty() or "ipykernel" in sys.modules)
-
-
-class ProgressBar:
-    """Counts results, and shows rate, remaining time and failures where somebody watches; tells :data:`STAGES`.
-
-    Parameters
-    ----------
-    description : str
-        What is counted, for instance ``"pairs"``; what stands in brackets after it is shown as well.
-    total : int
-        How many results are expected, those of earlier runs included.
-    done : int
-        How many earlier runs left; they do not count for the rate.
-    file : optional
-        Standard error by default, where somebody watches it.
-    """
-
-    def __init__(self, description: str, total: int, *, done: int = 0, file: IO[str] | None = None) -> None:
-        unit = description.partition(" (")[0].rstrip("s")
-        hidden = file is None and not is_watched()
-        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=hidden)
-        self._description, self._total, self._num_done, self._num_failed = description, total, done, 0
-        self._began_s = self._said_s = time.monotonic()
-        self._say("begin")
-
-    def __call__(self, outcome: Outcome) -> None:
-        """Count one result."""
-        if outcome.failure is not None:
-            self._num_failed += 1
-            self._bar.set_postfix(failed=self._num_failed, refresh=False)
-        self.advance()
-
-    def advance(self, num: int = 1) -> None:
-        """Count so many results."""
-        self._bar.update(num)
-        self._num_done += num
-        if time.monotonic() - self._said_s >= _LINE_EVERY_S:
-            self._say("progress")
-
-    def _say(self, event: str) -> None:
-        self._said_s = time.monotonic()
-        seconds = self._said_s - self._began_s
-        failed = f", {self._num_failed} failed" if self._num_failed else ""
-        took = "" if event == "begin" else f", {seconds:.1f} s"
-        numbers = {
-            "event": event,
-            "stage": self._description,
-            "done": self._num_done,
-            "total": self._total,
-            "failed": self._num_failed,
-            "seconds": round(seconds, 3),
-        }
-        STAGES.info(
-            "%s: %d of %d%s%s",
-            self._description,
-            self._num_done,
-            self._total,
-            failed,
-            took,
-            extra={"numbers": numbers},
-        )
-
-    def __enter__(self) -> ProgressBar:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.close()
-        self._say("end")
-
-
-#: Makes a progress display from (description, total, done): :class:`collalign.engine.session.ProgressBar`.
+#: Makes a progress display from (description, total, done): :class:`collalign.engine.progress.ProgressBar`.
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[Outcome], None]]]
 
 OptionsT = TypeVar("OptionsT")

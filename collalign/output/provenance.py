@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.run_options import COMMAND, now
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import COMMAND, json_types, now
 from collalign.options import AlignOptions
 from collalign.output.collection_data import CollectionData
 from collalign.products.trust import DOUBT

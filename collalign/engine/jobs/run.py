@@ -48,7 +48,7 @@ def run_jobs(
     shared : SharedTable, optional
         Records that tasks look up by key; sent once per machine, or per Dask worker, and read on demand.
     progress : callable, optional
-        Called with each result, for instance a :class:`collalign.engine.session.ProgressBar`.
+        Called with each result, for instance a :class:`collalign.engine.progress.ProgressBar`.
     **limits
         Of each task, ``time_limit_s`` and ``memory_limit_bytes``, see :class:`collalign.engine.jobs.worker.Call`.
 

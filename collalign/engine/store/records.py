@@ -104,19 +104,6 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Record:
     return {**arrays} | {name: decode(arrays[name].tobytes(), name).get(name) for name in packed}
 
 
-def json_types(value: Any) -> Any:
-    """Turn a value into JSON types: tuples into lists, numbers that are not finite into None."""
-    if isinstance(value, Mapping):
-        return {str(key): json_types(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_types(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return json_types(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
 def _plain(value: Any, name: str, depth: int) -> Any:
     """Return the value in the types that msgpack knows, dicts in the order of their keys."""
     if depth > _MAX_DEPTH:

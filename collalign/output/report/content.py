@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import json_types
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import OWN_MAP, label_maps
 from collalign.output.members import main_part, statistics_members

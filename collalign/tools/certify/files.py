@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import json_types
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import save_evidence
 from collalign.output.report.page import write_report

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from collalign.console.help import Flag
 from collalign.console.messages import add_to_summary, say, say_files
-from collalign.engine.session import ProgressBar
+from collalign.engine.progress import ProgressBar
 from collalign.landmarks.templates import shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface

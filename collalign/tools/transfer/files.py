@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.confidence.radius_model import COVERAGE
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import json_types
 from collalign.landmarks.table import slider_rows
 from collalign.output.collection import Collection
 from collalign.output.provenance import write_tool_record

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.analysis.symmetry import ObjectSymmetry
-from collalign.engine.store.records import json_types
+from collalign.engine.command_line import json_types
 from collalign.output.members import LEFT_OUT_FILE, Members
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.page import render_page

@@ -12,7 +12,7 @@ import pytest
 
 import collalign.engine.jobs.shared_table as table_module
 from collalign.engine.jobs.run import SharedTable, run_jobs
-from collalign.engine.session import ProgressBar
+from collalign.engine.progress import ProgressBar
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, positions, process_id, spectrum
