@@ -82,7 +82,7 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
             "not orthogonal",
         ),
         (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
-        (record(incomplete=["c"], decisions=[placed()]), "'b' has a translation and a scale, and is complete"),
+        (record(incomplete=["c"], decisions=[placed()]), "'b' has a translation and a scale, but is complete"),
         (record(incomplete=["b"], decisions=[placed(scale=0)]), r"decision 1 \(b\): scale is 0"),
         (record(incomplete=["b"], decisions=[placed(scale=None)]), r"decision 1 \(b\), scale"),
         (record(incomplete=["b"], decisions=[placed(translation=[1, [2]])]), "translation: expected 3 finite"),

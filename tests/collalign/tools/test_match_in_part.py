@@ -59,5 +59,5 @@ def test_another_size_is_searched_where_sizes_say_nothing(views, quick_search):
 
 def test_too_few_points_give_no_pose(rng):
     few = rng.random((20, 3))
-    with pytest.raises(InputError, match="no pose found"):
+    with pytest.raises(InputError, match="no pose was found"):
         match_in_part(few, few, sampling=AS_FILED)
