@@ -201,6 +201,7 @@ _REASONS = {
     "open-surface": "its surface is open, the others are closed",
     "cut-off": "similar shapes go on beyond its rim",
     "scan": "it shares only a part with the others",
+    "stranger": "it resembles no other shape",
     "doubtful": "in doubt",
     "incomplete": "incomplete",
     "other-part": "not aligned with the largest part",

@@ -128,8 +128,9 @@ def _alignment(collection: CollectionData) -> list[str]:
         sentences.append(f"{reflected} of {num} specimens were reflected to match the side of the others.")
     else:
         sentences.append("No specimen was reflected.")
-    if collection.incomplete:
-        sentences.append(f"{len(collection.incomplete)} specimens were incomplete and aligned on what is preserved.")
+    num_incomplete = sum(not one.is_stranger for one in collection.incomplete)
+    if num_incomplete:
+        sentences.append(f"{num_incomplete} specimens were incomplete and aligned on what is preserved.")
     if collection.excluded:
         sentences.append(f"{len(collection.excluded)} files or pairs were left out.")
     return sentences

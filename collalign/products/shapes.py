@@ -46,6 +46,10 @@ class PosedFile:
         return read_shape(self.path, cleaning or self.cleaning, name=self.name, digest=self.digest)
 
 
+#: Code of the reason of a shape that was posed on others as if it were a part of such a shape, but resembles none.
+STRANGER = "stranger"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Incomplete:
     """A shape that was posed on others by what has a counterpart on them.
@@ -69,6 +73,11 @@ class Incomplete:
     partners: Annotated[IntArray, Holds(shape="n")]
     overlaps: Annotated[FloatArray, Holds(shape="n 2")]
     beyond: Annotated[float, Holds(nan=True)] = float("nan")
+
+    @property
+    def is_stranger(self) -> bool:
+        """Whether it resembles none of its partners: nothing of them is known to be missing."""
+        return self.reason == STRANGER
 
     @property
     def coverage(self) -> float:

@@ -45,7 +45,7 @@ def local_evidence(
             of = source.local.mirrored() if other is None else other
             flipped = space[chosen] * flip
             shares, costs = closeness(target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points)
-            mismatch[chosen], overlap[chosen] = costs, np.sqrt(shares.prod(axis=1))
+            mismatch[chosen], overlap[chosen] = costs.mean(axis=1), np.sqrt(shares.prod(axis=1))
     return read_only(mismatch), read_only(overlap)
 
 

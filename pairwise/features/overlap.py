@@ -195,10 +195,12 @@ def _evidence(
     """Return the columns of :func:`_local_poses` of rotations of determinant 1, shape (p, 6)."""
     cell = max(target.cell, source.cell)
     to, of = matches
-    overlaps, mismatch = closeness(target, source, rotations, shifts)
+    overlaps, mismatches = closeness(target, source, rotations, shifts)
     gaps = source.points[of] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target.points[to]
     consensus = ((gaps * gaps).sum(axis=2) < (SAME_CELLS * cell) ** 2).mean(axis=1)
-    return np.column_stack([overlaps, mismatch, consensus, shares_in_front(target, source, rotations, shifts)])
+    return np.column_stack(
+        [overlaps, mismatches.mean(axis=1), consensus, shares_in_front(target, source, rotations, shifts)]
+    )
 
 
 def _local_poses(rotations: FloatArray, shifts: FloatArray, evidence: FloatArray) -> LocalPoses:
@@ -222,7 +224,9 @@ def closeness(
     *,
     num_points: int = MOST_COMPARED,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the overlaps (p, 2) and the mismatch (p,) of poses of determinant 1, as :class:`LocalPoses` has them.
+    """Return the overlaps (p, 2) of poses of determinant 1, as :class:`LocalPoses` has them, and mismatches (p, 2).
+
+    The first mismatch is that of the target's points, the second that of the source's.
 
     Parameters
     ----------
@@ -251,7 +255,7 @@ def closeness(
             overlaps[p, side] = np.mean(squares < (PARTNER_CELLS * cell) ** 2)
             reached = table[rows, nearest] / usual
             costs[p, side] = np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean()
-    return overlaps, costs.mean(axis=1)
+    return overlaps, costs
 
 
 def shares_in_front(

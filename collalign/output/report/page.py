@@ -219,7 +219,8 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
     if kind == "plain":
         words.append("Nothing was left out, and nothing needs to be looked at.")
     against = sum(not pair.inlier for pair in collection.pairs)
-    incomplete = f", {len(collection.incomplete)} of them incomplete" if collection.incomplete else ""
+    num_incomplete = sum(not one.is_stranger for one in collection.incomplete)
+    incomplete = f", {num_incomplete} of them incomplete" if num_incomplete else ""
     facts = [
         (len(collection), f"shapes aligned{incomplete}"),
         (int(collection.reflected.sum()), "of them mirrored"),

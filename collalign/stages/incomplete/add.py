@@ -7,17 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.candidate_model import LEAST_MISMATCH
 from collalign.confidence.incomplete_model import log_odds
+from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import MAX_ALTERNATIVES, AlignedPair, Alternative
-from collalign.products.shapes import Constraints, Incomplete, Shapes
-from collalign.products.trust import KINDS, UNCERTAIN, Trust
+from collalign.products.shapes import STRANGER, Constraints, Incomplete, Shapes
+from collalign.products.trust import KINDS, LOCAL_MISFIT, MISMATCH, UNCERTAIN, Trust
 from collalign.stages.incomplete.place import nearest_labels, place_shape, pose_chance
 from collalign.stages.incomplete.posed_points import prepare_points
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
+from collalign.stages.trust.trust_notes import strange_note
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, pose_angle_deg
@@ -93,10 +96,12 @@ def _merged(
     confidence[at], labels[at] = solution.confidence, complete.labels
     for c, i in enumerate(at):
         alternatives[i] = solution.alternatives[c]
+    trust = _trust(complete.trust, at, num, {i: float(record["mismatch"]) for i, record in found.items()})
+    strange = np.zeros(num, dtype=np.bool_) if trust is None else resembles_none(trust.evidence)
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        confidence[i] = pose_chance(record)
+        confidence[i] = min(pose_chance(record), STRANGE_LIMIT if strange[i] else 1.0)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
@@ -107,8 +112,13 @@ def _merged(
     largest = max(range(len(parts)), key=lambda n: len(parts[n]))
     parts[largest] = np.sort(np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)]))
     incomplete = tuple(
-        incomplete_record(i, record, reasons[i], partners[partners != i]) for i, record in found.items()
+        incomplete_record(i, record, STRANGER if strange[i] else reasons[i], partners[partners != i])
+        for i, record in found.items()
     )
+    parts_only = [one for one in incomplete if not one.is_stranger]
+    notes = [incomplete_note(names, parts_only)] if parts_only else []
+    if trust is not None:
+        notes += strange_note(names, trust, [one.shape for one in incomplete if one.is_stranger])
     return replace(
         complete,
         pairs=pairs,
@@ -116,8 +126,8 @@ def _merged(
         rotations=rotations,
         transforms=transforms,
         labels=labels,
-        notes=(*complete.notes, incomplete_note(names, incomplete)),
-        trust=_trust(complete.trust, at, num),
+        notes=(*complete.notes, *notes),
+        trust=trust,
         vertices=_vertex_maps(complete.vertices, [names[i] for i in found]),
         incomplete=incomplete,
     )
@@ -194,8 +204,8 @@ def label_map(target: IntArray, source: IntArray) -> IntArray:
     return np.where(source >= 0, inverse[source], -1)
 
 
-def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
-    """Return the evidence of all shapes; nothing of this kind was gathered for the incomplete ones."""
+def _trust(trust: Trust | None, at: IntArray, num: int, mismatches: Mapping[int, float]) -> Trust | None:
+    """Return the evidence of all shapes; of the incomplete ones only how their neighbourhoods match is known."""
     if trust is None:
         return None
     position = {int(i): c for c, i in enumerate(at)}
@@ -204,6 +214,10 @@ def _trust(trust: Trust | None, at: IntArray, num: int) -> Trust | None:
     def rows(known: FloatArray) -> FloatArray:
         spread = np.full((num, len(KINDS)), np.nan)
         spread[at] = known
+        complete = known[~np.isnan(known[:, MISMATCH]), MISMATCH]
+        usual = float(np.log(np.median(complete) + LEAST_MISMATCH)) if len(complete) else np.nan
+        for i, mismatch in mismatches.items():
+            spread[i, [MISMATCH, LOCAL_MISFIT]] = mismatch, np.log(mismatch + LEAST_MISMATCH) - usual
         return read_only(spread)
 
     def each(known: Sequence[FloatArray], other: FloatArray) -> tuple[FloatArray, ...]:

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 
 from collalign.confidence.incomplete_model import KNOWN_SIZES, log_odds, share_of_best
 from collalign.engine.store.records import Record
-from collalign.stages.incomplete.posed_points import beyond_rim, posed_points
+from collalign.stages.incomplete.posed_points import beyond_rim, part_mismatch, posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.poses import Similarity, pose_angle_deg, scales_of
@@ -55,7 +55,7 @@ def place_shape(
         ``rotations`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
         (2, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
-        :class:`collalign.products.shapes.Incomplete`.
+        :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`.
     """
     source = posed_points(shape)
     targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]
@@ -94,6 +94,7 @@ def pose_record(
         "energies": np.stack([item.energies for item in found], axis=1),
         "overlaps": np.stack([item.overlaps()[0] for item in found]),
         "beyond": beyond_rim(source, targets, poses),
+        "mismatch": part_mismatch(source, targets, poses),
     }
 
 

@@ -37,7 +37,7 @@ def trust_notes(
     """
     notes = [
         *_contradicted(names, trust, constraints),
-        *_strange(names, trust),
+        *strange_note(names, trust, np.flatnonzero(resembles_none(trust.evidence)).tolist()),
         *_symmetric(trust, confidence),
     ]
     free = [i for i in range(len(names)) if i not in {*constraints.by_hand, *constraints.fixed_transforms}]
@@ -60,10 +60,9 @@ def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) 
     ]
 
 
-def _strange(names: Sequence[str], trust: Trust) -> list[Note]:
-    """Return the note about shapes that match no other."""
+def strange_note(names: Sequence[str], trust: Trust, strange: Sequence[int]) -> list[Note]:
+    """Return the note about shapes that match no other, if there are any."""
     mismatch = trust.evidence[:, MISMATCH]
-    strange = np.flatnonzero(resembles_none(trust.evidence)).tolist()
     if not strange:
         return []
     numbers = {"mismatch": float(mismatch[strange].min()), "median": float(np.nanmedian(mismatch))}

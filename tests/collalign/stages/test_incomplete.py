@@ -21,7 +21,7 @@ from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import blob, crown
+from data_tools.datasets.synthetic_shapes import blob, chair, crown
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
@@ -295,3 +295,15 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
     options = replace(OPTIONS, incomplete="all", scaling="rigid")
     with pytest.raises(InputError, match="none of which is complete"):
         align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False)
+
+
+def test_an_open_shape_of_another_kind_is_a_stranger_and_a_piece_is_none(planted, store, tmp_path):
+    part = cut(chair(), np.array([0.2, 0.1, 1.0]), 0.4)
+    write_mesh(tmp_path / "part.ply", part)
+    found = align([*sorted(planted[0].glob("*.ply")), tmp_path / "part.ply"], store=store, incomplete="part,tooth2")
+    note = only(found.notes, "resembles-none")
+    assert note.shapes == ("part",)
+    assert note.values["mismatch"] > 0.9 > note.values["median"]
+    assert only(found.notes, "incomplete").shapes == BROKEN
+    assert {found.names[one.shape]: one.is_stranger for one in found.incomplete} == {"part": True, "tooth2": False}
+    assert found.confidence[found.names.index("part")] <= 0.5 < found.confidence[found.names.index("tooth2")]
