@@ -96,8 +96,10 @@ def _merged(
     confidence[at], labels[at] = solution.confidence, complete.labels
     for c, i in enumerate(at):
         alternatives[i] = solution.alternatives[c]
-    trust = _trust(complete.trust, at, num, {i: float(record["mismatch"]) for i, record in found.items()})
-    strange = np.zeros(num, dtype=np.bool_) if trust is None else resembles_none(trust.evidence)
+    mismatches = {i: float(record["mismatch"]) for i, record in found.items()}
+    judged = _trust(complete.trust, at, num, mismatches)
+    strange = np.zeros(num, dtype=np.bool_) if judged is None else resembles_none(judged.evidence)
+    trust = _trust(complete.trust, at, num, {i: mismatch for i, mismatch in mismatches.items() if strange[i]})
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
@@ -205,7 +207,7 @@ def label_map(target: IntArray, source: IntArray) -> IntArray:
 
 
 def _trust(trust: Trust | None, at: IntArray, num: int, mismatches: Mapping[int, float]) -> Trust | None:
-    """Return the evidence of all shapes; of the incomplete ones only how their neighbourhoods match is known."""
+    """Return the evidence of all shapes; of the incomplete ones none but mismatches that are given, by position."""
     if trust is None:
         return None
     position = {int(i): c for c, i in enumerate(at)}

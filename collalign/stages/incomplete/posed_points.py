@@ -64,8 +64,8 @@ def part_mismatch(surface: PartialSurface, partners: Sequence[PartialSurface], p
     """Return how the neighbourhoods of a surface mismatch those of the most similar partner at the first pose.
 
     The mismatch of any two neighbourhoods is 1. All surfaces are described by points that lie equally far apart. What
-    the surface lacks of a partner does not count. NaN where the points are too few, or the
-    outer side of a surface is not known.
+    the surface lacks of a partner does not count. NaN where the points are too few, or the outer side of a surface is
+    not known.
     """
     moved = pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T
     every = [moved, *((one.points, one.normals) for one in partners)]
