@@ -85,7 +85,7 @@ def part_mismatch(surface: PartialSurface, partners: Sequence[PartialSurface], p
 def _gaps(points: FloatArray) -> FloatArray:
     """Return how far each of points, the farthest first, is from those before it, shape (l - 1,)."""
     distances = cdist(points[1:], points)
-    return np.asarray(np.where(np.tri(*distances.shape, dtype=bool), distances, np.inf).min(axis=1))
+    return np.asarray(np.where(np.tri(*distances.shape) > 0, distances, np.inf).min(axis=1))
 
 
 def surface_from_record(record: Record, name: str) -> PartialSurface:
