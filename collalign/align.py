@@ -127,13 +127,20 @@ def align_collection(
     given: dict[str, Any] = {**keywords}
     kinds = {one.name: kind for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)}
     for name in sorted(given.keys() - kinds.keys()):
-        raise OptionsError(f"there is no option {name!r}{suggested_option(name, AlignOptions, RunOptions, Own)}")
-    of_kind = {kind: {name: given[name] for name in given if kinds[name] is kind} for kind in kinds.values()}
+        raise OptionsError(
+            f"there is no option {name!r}{suggested_option(name, AlignOptions, RunOptions, Own)}"
+        )
+    of_kind = {
+        kind: {name: given[name] for name in given if kinds[name] is kind}
+        for kind in kinds.values()
+    }
     asked = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts)
     with Session.open(asked, how, progress_display(progress)) as session:
-        return align_listing(session, listing, fixed=fixed or {}, kept=kept or {}, own=Own(**of_kind[Own]))
+        return align_listing(
+            session, listing, fixed=fixed or {}, kept=kept or {}, own=Own(**of_kind[Own])
+        )
 
 
 @one_blas_thread()
@@ -163,21 +170,30 @@ def align_listing(
         What the caller knows in addition.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
-    fixed, kept = ({composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept))
+    fixed, kept = (
+        {composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept)
+    )
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_marks(with_own_samples(session, given), own)
         shapes = prepare_shapes(session, listing, given)
         constraints = given_constraints(shapes, session.options, own, fixed, kept)
-    run = Run(session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s)
+    run = Run(
+        session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s
+    )
     missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
     if not missing and looks_for_incomplete(session.options):
-        stay = {*constraints.fixed, *((constraints.reference,) if session.options.reference else ())}
+        stay = {
+            *constraints.fixed,
+            *((constraints.reference,) if session.options.reference else ()),
+        }
         found_open = open_among_closed(shapes)
         missing = {i: why for i, why in found_open.items() if i not in stay}
     matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
-    matched = replace(matched, notes=(*own_notes(own, given, constraints, posed.rotations), *matched.notes))
+    matched = replace(
+        matched, notes=(*own_notes(own, given, constraints, posed.rotations), *matched.notes)
+    )
     times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
     found = _collected(run, matched, posed, listing.skipped_names)
     return replace(found, own=own.kinds)
@@ -192,7 +208,9 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
     """Return the result of a run: the one place where a collection is made."""
     shapes, solution, asked = run.shapes, posed.solution, run.session.options
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
-    in_files = each_moved_by(np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions)
+    in_files = each_moved_by(
+        np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions
+    )
     session = with_group(run, matched.group).session
     signatures, notes = [item.signature for item in samples], [item.notes for item in samples]
     copies = find_copies(shapes.names, shapes.digests, signatures, notes)
@@ -225,8 +243,10 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         group=matched.group,
         run=RunRecord(
             times_s=run.times_s,
-            versions={"python": platform.python_version()} | {name: version(name) for name in _LIBRARIES},
-            num_reused=session.num_reused("shapes", shapes.keys) + num_reused_pairs(session, shapes, posed.pairs),
+            versions={"python": platform.python_version()}
+            | {name: version(name) for name in _LIBRARIES},
+            num_reused=session.num_reused("shapes", shapes.keys)
+            + num_reused_pairs(session, shapes, posed.pairs),
             skipped=skipped,
             command=COMMAND.get(),
             date=now(),

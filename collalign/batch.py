@@ -104,7 +104,9 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     )
 
 
-def _workload(listing: FolderListing, job: BatchJob, run: RunOptions) -> tuple[tuple[int, int], tuple[int, int]]:
+def _workload(
+    listing: FolderListing, job: BatchJob, run: RunOptions
+) -> tuple[tuple[int, int], tuple[int, int]]:
     """Return the numbers of shapes and pairs, each with what the store lacks, counted as if no shape were bad."""
     wanted, _ = wanted_shapes(listing, job.options, {})
     keys = [one.key for one in wanted.values()]
@@ -121,10 +123,14 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     name = f"{path}: job {number}"
     known = {"folder", "out", "recursive", "parts", "options"}
     if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= known:
-        raise InputError(f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts' and 'options'")
+        raise InputError(
+            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts' and 'options'"
+        )
     places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
     if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
-        raise InputError(f"{name}: 'folder' and 'out' must be paths in quotes, 'folder' perhaps a list")
+        raise InputError(
+            f"{name}: 'folder' and 'out' must be paths in quotes, 'folder' perhaps a list"
+        )
     how = {key: entry.get(key, False) for key in ("recursive", "parts")}
     if not all(isinstance(value, bool) for value in how.values()):
         raise InputError(f"{name}: 'recursive' and 'parts' must be true or false")
@@ -136,7 +142,8 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     except OptionsError as error:
         raise OptionsError(f"{name}: {error}") from None
     folders = tuple(
-        Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place for place in places
+        Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place
+        for place in places
     )
     return BatchJob(folders=folders, out=path.parent / entry["out"], options=options, **how)
 

@@ -80,15 +80,25 @@ def add_to_collection(
     """
     former = load(result)
     files = former.source_files()
-    new, known = _without_known(list_shapes(shapes, recursive=recursive, parts=parts), former.names, files)
+    new, known = _without_known(
+        list_shapes(shapes, recursive=recursive, parts=parts), former.names, files
+    )
     if not new.files:
         return replace(former, run=replace(former.run, known=known))
     taken = sorted(set(former.names) & set(new.names))
     if taken:
-        raise InputError(f"the collection has a shape called {taken[0]!r} already; rename the new one")
-    listing = FolderListing(files=files + new.files, names=former.names + new.names, skipped=new.skipped)
-    edges = np.array([sorted((pair.target, pair.source)) for pair in former.pairs], dtype=np.int64).reshape(-1, 2)
-    with Session.open(former.options, as_options("run", run, RunOptions), progress_display(progress)) as session:
+        raise InputError(
+            f"the collection has a shape called {taken[0]!r} already; rename the new one"
+        )
+    listing = FolderListing(
+        files=files + new.files, names=former.names + new.names, skipped=new.skipped
+    )
+    edges = np.array(
+        [sorted((pair.target, pair.source)) for pair in former.pairs], dtype=np.int64
+    ).reshape(-1, 2)
+    with Session.open(
+        former.options, as_options("run", run, RunOptions), progress_display(progress)
+    ) as session:
         aligned = align_listing(
             session,
             listing,
@@ -97,7 +107,10 @@ def add_to_collection(
             incomplete=[former.names[one.shape] for one in former.incomplete],
         )
     stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
-    confidence = [stated.get(name, own) for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)]
+    confidence = [
+        stated.get(name, own)
+        for name, own in zip(aligned.names, aligned.confidence.tolist(), strict=True)
+    ]
     again = {file.name for file in new.files}
     left_out = tuple(one for one in former.excluded if one.file not in again)
     return replace(

@@ -39,7 +39,9 @@ def matching_costs(target: Samples, source: Samples, rotation: FloatArray) -> Fl
     return np.asarray(costs)
 
 
-def match_at_rotation(target: Samples, source: Samples, rotation: FloatArray) -> tuple[IntArray, float]:
+def match_at_rotation(
+    target: Samples, source: Samples, rotation: FloatArray
+) -> tuple[IntArray, float]:
     """Return the best one-to-one match at a rotation of space, shape (k,), and its energy."""
     costs = matching_costs(target, source, rotation)
     rows, columns = linear_sum_assignment(costs)

@@ -190,11 +190,15 @@ class AlignOptions:
             object.__setattr__(self, name, composed(value))
         self._check_frame()
         if self.gauge == "axes" and self.reference:
-            raise OptionsError("reference: the gauge 'axes' takes no reference; choose one of the two")
+            raise OptionsError(
+                "reference: the gauge 'axes' takes no reference; choose one of the two"
+            )
         if self.clusters != 1 and self.synchronization != "robust":
             raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
-            raise OptionsError("certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants")
+            raise OptionsError(
+                "certify: no proofs with eigenfunctions; choose embedding kind xyz+invariants"
+            )
         if self.seed >= _SEED_LIMIT:
             raise OptionsError(f"seed: expected an integer from 0 to 2^63 - 1, got {self.seed!r}")
 
@@ -217,7 +221,9 @@ class AlignOptions:
         if self.up in FRAME_AXES and self.up[-1] == self.front[-1:] and self.front in FRAME_AXES:
             raise OptionsError(f"front: {self.front!r} and up, {self.up!r}, are on one axis")
         if self.gauge == "axes" and (self.up or self.origin):
-            raise OptionsError("up: the gauge 'axes' has no reference whose axes have names; choose one of the two")
+            raise OptionsError(
+                "up: the gauge 'axes' has no reference whose axes have names; choose one of the two"
+            )
 
 
 class AlignKeywords(TypedDict, total=False):
@@ -301,7 +307,11 @@ class TwoShapeOptions:
     def of_pair(self) -> MatchOptions:
         """The options of :func:`pairwise.match`."""
         found = MatchOptions(**vars(self.matching), certify=self.certify, seed=self.seed)
-        return replace(found, time_limit_s=PROOF_S) if self.certify and found.time_limit_s is None else found
+        return (
+            replace(found, time_limit_s=PROOF_S)
+            if self.certify and found.time_limit_s is None
+            else found
+        )
 
 
 class TwoShapeKeywords(TypedDict, total=False):
@@ -330,7 +340,11 @@ def _apply(preset: Mapping[str, Any], options: AlignOptions) -> None:
     for name, value in preset.items():
         given, default = getattr(options, name), getattr(_DEFAULTS, name)
         if is_dataclass(given):
-            table = {key: new for key, new in value.items() if getattr(given, key) == getattr(default, key)}
+            table = {
+                key: new
+                for key, new in value.items()
+                if getattr(given, key) == getattr(default, key)
+            }
             value = replace(given, **table)  # type: ignore[type-var]
         elif given != default:
             continue

@@ -239,7 +239,11 @@ def note_text(note: Note) -> str:
     text = _TEXTS.get(note.code, "")
     fields = {name: _joined(value) for name, value in note.values.items()}
     fields |= {"shapes": listed(note.shapes), "num_shapes": len(note.shapes)}
-    fields |= {name: reason_text(str(fields[name])) for name in ("reason", "how", "ended") if name in fields}
+    fields |= {
+        name: reason_text(str(fields[name]))
+        for name in ("reason", "how", "ended")
+        if name in fields
+    }
     try:
         said = text.format_map(fields) if isinstance(text, str) else text(note)
     except (KeyError, TypeError, ValueError):  # of another version, or damaged
@@ -297,9 +301,13 @@ def _components_kept(kept: int, total: int, share: float, dropped: int) -> str:
 
 def _covered(note: Note) -> str:
     shares, reasons = _tuple(note, "coverages"), _tuple(note, "reasons")
-    words = [f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder" for share in shares]
+    words = [
+        f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder"
+        for share in shares
+    ]
     return "; ".join(
-        f"{name} ({reason_text(why)}; {word})" for name, why, word in zip(note.shapes, reasons, words, strict=True)
+        f"{name} ({reason_text(why)}; {word})"
+        for name, why, word in zip(note.shapes, reasons, words, strict=True)
     )
 
 
@@ -329,7 +337,9 @@ def _given(
     if num_samples:
         words.append(f"samples ({num_samples} a shape)")
     if num_posed:
-        words.append(f"poses of {num_posed} pairs, {num_near} within {near_deg:g} deg of the result")
+        words.append(
+            f"poses of {num_posed} pairs, {num_near} within {near_deg:g} deg of the result"
+        )
     if num_weights:
         words.append(f"weights of {num_weights} pairs, {num_zero} left out")
     return f"Given by you: {'; '.join(words)}."
@@ -352,7 +362,9 @@ def _pairs_proven(
         words.append(f"{num_chirality} decisions on reflections are proven.")
     if num_improved:
         words.append(f"{num_improved} better poses were found.")
-    words.append(f"Of {num_complete} pairs all poses within {percent(within - 1)} of the best energy are known.")
+    words.append(
+        f"Of {num_complete} pairs all poses within {percent(within - 1)} of the best energy are known."
+    )
     return f"{' '.join(words)} {num_unique} of these have no second pose."
 
 

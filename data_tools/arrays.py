@@ -74,13 +74,18 @@ class Rows:
 
     def take(self, index: IntArray) -> Self:
         """Return the rows at the given positions (m,)."""
-        return type(self)(**{n: v.take(index) if isinstance(v, Rows) else v[index] for n, v in vars(self).items()})
+        return type(self)(
+            **{n: v.take(index) if isinstance(v, Rows) else v[index] for n, v in vars(self).items()}
+        )
 
     def join(self, *others: Self) -> Self:
         """Return these rows and those of the others."""
         columns = {name: [getattr(one, name) for one in (self, *others)] for name in vars(self)}
         return type(self)(
-            **{n: c[0].join(*c[1:]) if isinstance(c[0], Rows) else np.concatenate(c) for n, c in columns.items()}
+            **{
+                n: c[0].join(*c[1:]) if isinstance(c[0], Rows) else np.concatenate(c)
+                for n, c in columns.items()
+            }
         )
 
 
@@ -90,7 +95,9 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def as_floats(values: ArrayLike, name: str, *, shape: Sequence[int | None] | None = None) -> FloatArray:
+def as_floats(
+    values: ArrayLike, name: str, *, shape: Sequence[int | None] | None = None
+) -> FloatArray:
     """Check a numeric array and return it as finite, C-contiguous float64.
 
     Parameters
@@ -119,11 +126,15 @@ def as_floats(values: ArrayLike, name: str, *, shape: Sequence[int | None] | Non
     _check_shape(array.shape, name, shape)
     bad = array.size - int(np.isfinite(array).sum())
     if bad:
-        raise InputError(f"{name}: {bad} of {array.size} values are NaN or infinite; remove them first")
+        raise InputError(
+            f"{name}: {bad} of {array.size} values are NaN or infinite; remove them first"
+        )
     return array
 
 
-def as_points(points: ArrayLike, name: str, *, min_points: int = 1, dim: int | None = None) -> FloatArray:
+def as_points(
+    points: ArrayLike, name: str, *, min_points: int = 1, dim: int | None = None
+) -> FloatArray:
     """Check points given as rows and return an (n, d) float64 array.
 
     Parameters
@@ -183,7 +194,9 @@ def as_indices(
     if raw.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integer indices, got dtype {raw.dtype}")
     if raw.size and (int(raw.min()) < lower or int(raw.max()) >= upper):
-        raise InputError(f"{name}: indices run from {raw.min()} to {raw.max()}, expected them in [{lower}, {upper})")
+        raise InputError(
+            f"{name}: indices run from {raw.min()} to {raw.max()}, expected them in [{lower}, {upper})"
+        )
     array = np.array(raw, dtype=np.int64, order="C")
     _check_shape(array.shape, name, shape)
     return array
@@ -199,7 +212,9 @@ def as_mask(mask: ArrayLike, name: str, *, shape: Sequence[int | None]) -> BoolA
     """
     raw = np.asarray(mask)
     if raw.dtype.kind != "b" and not np.isin(raw, (0, 1)).all():
-        raise InputError(f"{name}: expected booleans, got dtype {raw.dtype} with other values than 0 and 1")
+        raise InputError(
+            f"{name}: expected booleans, got dtype {raw.dtype} with other values than 0 and 1"
+        )
     array = np.array(raw, dtype=np.bool_, order="C")
     _check_shape(array.shape, name, shape)
     return array
@@ -223,7 +238,9 @@ def as_weights(weights: ArrayLike | None, name: str, *, num: int) -> FloatArray:
     return array
 
 
-def as_rotations(rotations: ArrayLike, name: str, *, group: str = "O", dim: int | None = None) -> FloatArray:
+def as_rotations(
+    rotations: ArrayLike, name: str, *, group: str = "O", dim: int | None = None
+) -> FloatArray:
     """Check orthogonal matrices, shape (..., d, d), of determinant +1 where ``group == "SO"``.
 
     Raises
@@ -249,7 +266,9 @@ def as_rotations(rotations: ArrayLike, name: str, *, group: str = "O", dim: int 
 def _check_shape(found: tuple[int, ...], name: str, expected: Sequence[int | None] | None) -> None:
     if expected is None:
         return
-    fits = len(found) == len(expected) and all(e is None or e == f for e, f in zip(expected, found, strict=True))
+    fits = len(found) == len(expected) and all(
+        e is None or e == f for e, f in zip(expected, found, strict=True)
+    )
     if not fits:
         words = ", ".join("any" if e is None else str(e) for e in expected)
         raise InputError(f"{name}: expected shape ({words}), got {found}")

@@ -60,7 +60,11 @@ def check_number(
     ------
     OptionsError
     """
-    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
+    is_number = (
+        isinstance(value, int | float | np.number)
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )
     if not is_number or not lower <= value <= upper or (positive and value == lower):  # type: ignore[operator]
         limits = f"{'more than' if positive else 'at least'} {lower:g}"
         limits += f" and at most {upper:g}" if math.isfinite(upper) else ""
@@ -100,8 +104,13 @@ def as_options(
     known = [one.name for one in fields(kind)]  # type: ignore[arg-type]
     for entry in entries:
         if entry not in known:
-            raise OptionsError(f"{name}: there is no option {entry!r}{suggested_option(entry, kind)}")
-    values = {entry: tuple(value) if isinstance(value, list) else value for entry, value in entries.items()}
+            raise OptionsError(
+                f"{name}: there is no option {entry!r}{suggested_option(entry, kind)}"
+            )
+    values = {
+        entry: tuple(value) if isinstance(value, list) else value
+        for entry, value in entries.items()
+    }
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
 
 
@@ -128,13 +137,19 @@ def suggested_option(name: str, *kinds: Any) -> str:
     if name in advice:
         return f"; {advice[name]}"
     hints = {key: hint for kind in kinds for key, hint in _hints_of(kind).items()}
-    below = {one.name: key for key, hint in hints.items() if is_dataclass(hint) for one in fields(hint)}
+    below = {
+        one.name: key for key, hint in hints.items() if is_dataclass(hint) for one in fields(hint)
+    }
     if name in below:
         return f"; it belongs to {below[name]}: use {below[name]}={{{name!r}: ...}}"
     own = [one.name for kind in kinds for one in fields(kind)]
     if similar := get_close_matches(name, [*own, *below], n=1):
         (found,) = similar
-        return meant(name, own) if found in own else f"; did you mean {below[found]}={{{found!r}: ...}}?"
+        return (
+            meant(name, own)
+            if found in own
+            else f"; did you mean {below[found]}={{{found!r}: ...}}?"
+        )
     return ""
 
 

@@ -83,7 +83,9 @@ def html_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]])
         As many cells as columns.
     """
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
-    lines = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{html.escape(name)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>"

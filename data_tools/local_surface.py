@@ -160,7 +160,8 @@ def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) 
     angles = (
         np.einsum("pa,pa->p", across, theirs),
         np.einsum("pa,pa->p", own, arms),
-        np.arctan2(np.einsum("pa,pa->p", third, theirs), np.einsum("pa,pa->p", own, theirs)) / np.pi,
+        np.arctan2(np.einsum("pa,pa->p", third, theirs), np.einsum("pa,pa->p", own, theirs))
+        / np.pi,
     )
     simple = np.empty((num, 3 * NUM_BINS))
     for number, values in enumerate(angles):

@@ -37,7 +37,10 @@ class Note:
 
     def record(self) -> dict[str, Any]:
         """Return the note in JSON types."""
-        values = {name: list(value) if isinstance(value, tuple) else value for name, value in self.values.items()}
+        values = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in self.values.items()
+        }
         return {"code": self.code, "shapes": list(self.shapes), "values": values}
 
     @classmethod
@@ -54,9 +57,15 @@ class Note:
         code, shapes, values = record.get("code"), record.get("shapes"), record.get("values")
         if not isinstance(code, str) or not isinstance(values, Mapping):
             raise InputError("note: code or values are missing")
-        if not isinstance(shapes, list | tuple) or not all(isinstance(name, str) for name in shapes):
+        if not isinstance(shapes, list | tuple) or not all(
+            isinstance(name, str) for name in shapes
+        ):
             raise InputError(f"note {code}: shapes are no list of names")
-        return cls(code, tuple(shapes), {str(name): _checked(code, value) for name, value in values.items()})
+        return cls(
+            code,
+            tuple(shapes),
+            {str(name): _checked(code, value) for name, value in values.items()},
+        )
 
 
 def _checked(code: str, value: Any) -> Value:

@@ -50,7 +50,9 @@ class Similarity:
 
     def __getitem__(self, which: IntArray | BoolArray | slice | int) -> Similarity:
         """Return some of several poses."""
-        return Similarity(rotation=self.rotation[which], scale=self.scale[which], shift=self.shift[which])
+        return Similarity(
+            rotation=self.rotation[which], scale=self.scale[which], shift=self.shift[which]
+        )
 
     @property
     def transform(self) -> FloatArray:
@@ -68,7 +70,9 @@ class Similarity:
     def undo(self, points: FloatArray) -> FloatArray:
         """Return the points that the poses take to these, shape (l, d) or (p, l, d)."""
         return np.asarray(
-            (points - self.shift[..., None, :]) @ self.rotation / np.asarray(self.scale)[..., None, None]
+            (points - self.shift[..., None, :])
+            @ self.rotation
+            / np.asarray(self.scale)[..., None, None]
         )
 
 
@@ -79,7 +83,9 @@ def moved_by(transform: FloatArray, points: FloatArray) -> FloatArray:
 
 def each_moved_by(transforms: FloatArray, points: FloatArray) -> FloatArray:
     """Return the points of each shape, shape (N, k, 3), where its own transform of (N, 4, 4) takes them."""
-    return np.asarray(points @ np.swapaxes(transforms[:, :3, :3], 1, 2) + transforms[:, None, :3, 3])
+    return np.asarray(
+        points @ np.swapaxes(transforms[:, :3, :3], 1, 2) + transforms[:, None, :3, 3]
+    )
 
 
 def scales_of(transforms: FloatArray) -> FloatArray:
@@ -112,7 +118,9 @@ def keep_apart(rotations: FloatArray, least_deg: float, *, num: int | None = Non
     return kept
 
 
-def fitting_similarity(to: FloatArray, of: FloatArray, weights: FloatArray, *, may_rotate: bool = True) -> FloatArray:
+def fitting_similarity(
+    to: FloatArray, of: FloatArray, weights: FloatArray, *, may_rotate: bool = True
+) -> FloatArray:
     """Return the similarity that brings points to their counterparts best, shape (4, 4), never a mirror image.
 
     Parameters

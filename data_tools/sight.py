@@ -87,7 +87,9 @@ class DepthImage:
         inside = ((pixels >= 0) & (pixels < self.heights.shape)).all(axis=-1)
         pixels[~inside] = 0
         seen = self.heights[pixels[..., 0], pixels[..., 1]]
-        return np.asarray((inside & (along[..., 2] > seen + TUNED.front_cells * self.cell)).mean(axis=1))
+        return np.asarray(
+            (inside & (along[..., 2] > seen + TUNED.front_cells * self.cell)).mean(axis=1)
+        )
 
 
 def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
@@ -114,7 +116,9 @@ def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> F
     if not len(possible):
         return np.empty((0, 3))
     directions = directions[possible]
-    hidden = np.array([_share_hidden(points, normals, direction, spacing) for direction in directions])
+    hidden = np.array(
+        [_share_hidden(points, normals, direction, spacing) for direction in directions]
+    )
     scores = cosines[possible] - TUNED.hidden_weight * hidden
     best = int(np.argmax(scores))
     if hidden[best] > TUNED.most_hidden:
@@ -123,13 +127,21 @@ def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> F
     sights = directions[[best]]
     while (cosines := np.abs(near @ sights.T).max(axis=1)).min() <= TUNED.apart:
         sights = np.concatenate([sights, near[[int(cosines.argmin())]]])
-    arms = points - points[cKDTree(points).query(points, k=min(TUNED.num_around, len(points)))[1]].mean(axis=1)
+    arms = points - points[
+        cKDTree(points).query(points, k=min(TUNED.num_around, len(points)))[1]
+    ].mean(axis=1)
     slopes = normals * np.sign(normals @ sights[0])[:, None]
     falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
-    return sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None] * (1.0 if falling >= 0 else -1.0)
+    return (
+        sights
+        * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
+        * (1.0 if falling >= 0 else -1.0)
+    )
 
 
-def _share_hidden(points: FloatArray, normals: FloatArray, sight: FloatArray, spacing: float) -> float:
+def _share_hidden(
+    points: FloatArray, normals: FloatArray, sight: FloatArray, spacing: float
+) -> float:
     """Return the share of points farther behind the foremost one of a pixel than their slope explains."""
     along = points @ np.linalg.svd(sight[None])[2].T
     pixels = np.floor((along[:, 1:] - along[:, 1:].min(axis=0)) / spacing).astype(np.int64)
@@ -137,4 +149,6 @@ def _share_hidden(points: FloatArray, normals: FloatArray, sight: FloatArray, sp
     depth = points @ sight
     front = np.full(keys.max() + 1, -np.inf)
     np.maximum.at(front, keys, depth)
-    return float((front[keys] - depth > 2.0 * spacing / np.maximum(np.abs(normals @ sight), 0.1)).mean())
+    return float(
+        (front[keys] - depth > 2.0 * spacing / np.maximum(np.abs(normals @ sight), 0.1)).mean()
+    )

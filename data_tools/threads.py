@@ -31,7 +31,9 @@ class _Limits:
 
 def _set_num_threads(library: Any, num: int) -> None:
     """Set a library's number of threads, also where threadpoolctl has another thread in charge of it."""
-    take_charge = getattr(library, "clear_controlling_thread", None)  # OpenBLAS, threadpoolctl 3.8 and newer
+    take_charge = getattr(
+        library, "clear_controlling_thread", None
+    )  # OpenBLAS, threadpoolctl 3.8 and newer
     if take_charge is not None:
         take_charge(force=True)
     library.set_num_threads(num)
@@ -74,7 +76,11 @@ class _ThreadLimiter:
             return False
         self._num_modules = len(sys.modules)
         libraries = ThreadpoolController().lib_controllers
-        self._own = [lib for lib in libraries if "openmp" in (lib.user_api, getattr(lib, "threading_layer", ""))]
+        self._own = [
+            lib
+            for lib in libraries
+            if "openmp" in (lib.user_api, getattr(lib, "threading_layer", ""))
+        ]
         self._shared = [lib for lib in libraries if lib not in self._own]
         return True
 

@@ -43,7 +43,9 @@ def report(folder: Path = HERE) -> None:
         family = (*family[:4], _braincase(family[4]), *family[5:])
         write_collection(f"{made}/skulls", planted_collection(family, rng))
         collalign_command(["align", f"{made}/skulls", "--out", f"{made}/out"])
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         page = browser.new_page(viewport={"width": 1000, "height": 780}, color_scheme="light")
         page.goto(Path(made, "out", "report.html").as_uri())
         page.wait_for_selector("html[data-ready]", state="attached")
@@ -53,7 +55,9 @@ def report(folder: Path = HERE) -> None:
             page.locator(".tile").first.press(key)
         page.evaluate("document.activeElement.blur()")
         page.wait_for_timeout(_DRAWING_MS)
-        page.screenshot(path=folder / "report.png", clip={"x": 20, "y": 186, "width": 960, "height": 412})
+        page.screenshot(
+            path=folder / "report.png", clip={"x": 20, "y": 186, "width": 960, "height": 412}
+        )
         browser.close()
 
 
@@ -89,7 +93,9 @@ def _skull() -> Shape:
     solid = np.zeros(points.shape[:3], dtype=bool)
     for sign, centre, half_axes in _SKULL:
         for side in (1.0, -1.0) if centre[1] else (1.0,):
-            inside = (((points - np.array(centre) * [1.0, side, 1.0]) / half_axes) ** 2).sum(axis=-1) < 1.0
+            inside = (((points - np.array(centre) * [1.0, side, 1.0]) / half_axes) ** 2).sum(
+                axis=-1
+            ) < 1.0
             solid = solid | inside if sign > 0 else solid & ~inside
     vertices, faces = voxel_surface(solid, resolution=1, smoothing=12)
     return Shape.from_arrays(lowest + _VOXEL * vertices, faces, name="skull")
@@ -108,7 +114,9 @@ def correction() -> None:
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         collalign_command(["demo", "--out", folder])
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         page = browser.new_page(viewport={"width": 900, "height": 700}, color_scheme="light")
         page.goto((Path(folder) / "aligned" / "report.html").as_uri())
         page.wait_for_selector("html[data-ready]", state="attached")
@@ -145,7 +153,11 @@ def landmarks() -> None:
 
     page = (HERE / "tutorials" / "landmarks.md").read_text("utf-8")
     blocks = re.findall(r"^```(bash|python)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), sync_playwright() as driver:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+        sync_playwright() as driver,
+    ):
         names: dict[str, object] = {}
         for language, code in blocks:
             if language == "python":
@@ -153,7 +165,9 @@ def landmarks() -> None:
                 continue
             for line in code.splitlines():
                 collalign_command(line.split()[1:])
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         shown = browser.new_page(viewport={"width": 700, "height": 1400}, color_scheme="light")
         shown.goto((Path(folder) / "variation" / "variation.html").as_uri())
         shown.wait_for_selector("html[data-ready]", state="attached")
@@ -173,7 +187,9 @@ def candidates() -> None:
         rng = np.random.default_rng(4)
         target, truth, order = rng.uniform(size=(20, 3)), random_rotation(rng), rng.permutation(20)
         source = (target[order] + noise * rng.standard_normal((20, 3))) @ truth
-        result = pairwise.match(target, source, options=pairwise.MatchOptions(candidate_factor=10.0))
+        result = pairwise.match(
+            target, source, options=pairwise.MatchOptions(candidate_factor=10.0)
+        )
         bound = pairwise.prove(pairwise.Problem.from_user(target, source)).lower_bound
         angles = [rotation_angle_deg(c.R_target_source, truth) for c in result.candidates]
         axes.scatter(angles, [c.energy for c in result.candidates])
@@ -192,7 +208,9 @@ def synchronization() -> None:
     figure = Figure(figsize=(4.2, 3.0), layout="constrained")
     axes = figure.subplots()
     for method, style in (("spectral", "o--"), ("robust", "o-")):
-        axes.plot(shares, [_median_error_deg(share, method) for share in shares], style, label=method)
+        axes.plot(
+            shares, [_median_error_deg(share, method) for share in shares], style, label=method
+        )
     axes.set_xlabel("share of wrong pairs (half turns)")
     axes.set_ylabel("median error (deg)")
     axes.legend()

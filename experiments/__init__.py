@@ -46,5 +46,7 @@ def load_experiment(name: str) -> Experiment:
     """
     if name not in NAMES:
         raise OptionsError(f"no experiment is called {name!r}; there are {', '.join(NAMES)}")
-    experiment: Experiment = importlib.import_module(f"{__name__}.{_FOLDERS[name]}.{name}").EXPERIMENT
+    experiment: Experiment = importlib.import_module(
+        f"{__name__}.{_FOLDERS[name]}.{name}"
+    ).EXPERIMENT
     return experiment

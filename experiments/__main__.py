@@ -21,7 +21,9 @@ app = App(name="python -m experiments", help=__doc__, result_action="return_valu
 
 @app.command(name="calibrate")
 @one_blas_thread()
-def run_calibration(name: str, *collections: str, data: Path = Path("../shared/data"), quick: bool = False) -> int:
+def run_calibration(
+    name: str, *collections: str, data: Path = Path("../shared/data"), quick: bool = False
+) -> int:
     """Measure again what the tuned constants of an estimator stand for, beside their values in the code.
 
     Parameters
@@ -87,7 +89,9 @@ def run(
             if missing:
                 print(f"{experiment.name}: left out, {data / missing[0]} is not there")
                 continue
-            bench = Bench(data=data, store=opened, num_workers=num_workers, quick=quick, quiet=quiet)
+            bench = Bench(
+                data=data, store=opened, num_workers=num_workers, quick=quick, quiet=quiet
+            )
             outcome = experiment.measure(bench)
             for file in write_experiment(experiment, outcome, bench, out):
                 print(file)

@@ -98,7 +98,9 @@ class Dataset:
             return self.rotations[target].T @ self.rotations[source]
         if self.vertices_correspond:
             to, of = self.shape(target), self.shape(source)
-            known = np.intersect1d(without_outliers(to).file_indices, without_outliers(of).file_indices)
+            known = np.intersect1d(
+                without_outliers(to).file_indices, without_outliers(of).file_indices
+            )
             return landmark_rotation(to.vertices[known], of.vertices[known], group=group)
         if self.landmarks is None:
             raise InputError("the collection has neither poses nor landmarks")
@@ -115,16 +117,26 @@ def read_teeth(folder: Path | str, *, num_landmarks: int = 16) -> Dataset:
         The literature compares the first 16 of the 18.
     """
     folder = Path(folder)
-    rows = _table(folder / "labels.csv", ("name", "file", "order", "family", "genus", "chirality_from_landmarks"))
+    rows = _table(
+        folder / "labels.csv",
+        ("name", "file", "order", "family", "genus", "chirality_from_landmarks"),
+    )
     names = tuple(row["name"] for row in rows)
     arrays = _arrays(folder / "landmarks_mesh_coords.npz", ("names", "landmarks", "nearest_vertex"))
     order = _order(folder, names, [str(n) for n in arrays["names"]])
     classes = ("order", "family", "genus")
     return Dataset(
         names=names,
-        loaders=tuple(partial(read_shape, folder / "meshes" / Path(r["file"]).name, name=r["name"]) for r in rows),
-        landmarks=read_only(np.ascontiguousarray(arrays["landmarks"][order, :num_landmarks], dtype=np.float64)),
-        landmark_vertices=read_only(np.ascontiguousarray(arrays["nearest_vertex"][order, :num_landmarks])),
+        loaders=tuple(
+            partial(read_shape, folder / "meshes" / Path(r["file"]).name, name=r["name"])
+            for r in rows
+        ),
+        landmarks=read_only(
+            np.ascontiguousarray(arrays["landmarks"][order, :num_landmarks], dtype=np.float64)
+        ),
+        landmark_vertices=read_only(
+            np.ascontiguousarray(arrays["nearest_vertex"][order, :num_landmarks])
+        ),
         labels={key: tuple("" if r[key] == "NA" else r[key] for r in rows) for key in classes},
         chirality=read_only(np.array([int(r["chirality_from_landmarks"]) for r in rows])),
     )
@@ -134,7 +146,9 @@ def read_shrec07_class(folder: Path | str) -> Dataset:
     """Read one class of SHREC07 with the points of Kim et al. 2011: ``meshes/``, ``landmarks/``, ``*.sym.info``."""
     folder = Path(folder)
     listing = read_folder(folder / "meshes")
-    landmarks = [np.loadtxt(folder / "landmarks" / f"{name}.vts", ndmin=2) for name in listing.names]
+    landmarks = [
+        np.loadtxt(folder / "landmarks" / f"{name}.vts", ndmin=2) for name in listing.names
+    ]
     if len({mark.shape for mark in landmarks}) != 1:
         raise InputError(f"{folder}: its landmark files have different numbers of points")
     symmetries = sorted(folder.glob("*.sym.info"))
@@ -143,7 +157,9 @@ def read_shrec07_class(folder: Path | str) -> Dataset:
         loaders=tuple(partial(read_shape, file) for file in listing.files),
         landmarks=read_only(np.stack(landmarks)[:, :, 1:]),  # behind the vertex of each
         landmark_vertices=read_only(np.stack(landmarks)[:, :, 0].astype(np.int64)),
-        mirror=read_only(read_symmetry(symmetries[0], num_landmarks=len(landmarks[0]))) if symmetries else None,
+        mirror=read_only(read_symmetry(symmetries[0], num_landmarks=len(landmarks[0])))
+        if symmetries
+        else None,
         labels={"class": (folder.name,) * len(listing.names)},
     )
 
@@ -158,9 +174,15 @@ def read_registered_archive(folder: Path | str) -> Dataset:
     if len(archives) != 1:
         raise InputError(f"{folder}: expected one .npz archive, found {len(archives)}")
     arrays = _arrays(archives[0], ("vertices", "faces", "names"))
-    vertices, faces, names = arrays["vertices"], arrays["faces"], tuple(str(n) for n in arrays["names"])
+    vertices, faces, names = (
+        arrays["vertices"],
+        arrays["faces"],
+        tuple(str(n) for n in arrays["names"]),
+    )
     if vertices.ndim != 3 or faces.ndim != 3 or not len(vertices) == len(faces) == len(names):
-        raise InputError(f"{archives[0]}: arrays of shapes {vertices.shape}, {faces.shape} for {len(names)} names")
+        raise InputError(
+            f"{archives[0]}: arrays of shapes {vertices.shape}, {faces.shape} for {len(names)} names"
+        )
     loaders = tuple(
         partial(Shape.from_arrays, v, f, name=n, file=archives[0])
         for v, f, n in zip(vertices, faces, names, strict=True)
@@ -185,14 +207,18 @@ def read_range_scans(folder: Path | str) -> Dataset:
     files = sorted(folder.glob("*.conf"))
     if len(files) != 1:
         raise InputError(f"{folder}: expected one .conf file, found {len(files)}")
-    rows = [line.split() for line in existing_file(files[0]).read_text(errors="replace").splitlines()]
+    rows = [
+        line.split() for line in existing_file(files[0]).read_text(errors="replace").splitlines()
+    ]
     rows = [row for row in rows if row[:1] == ["bmesh"]]
     try:
         poses = np.array([[float(word) for word in row[2:9]] for row in rows]).reshape(len(rows), 7)
     except ValueError as error:
         raise InputError(f"{files[0]}: malformed pose ({error})") from error
     scans = [folder / Path(row[1]).name for row in rows]
-    rotations = np.stack([_quaternion_matrix(q).T for q in poses[:, 3:]]) if rows else np.empty((0, 3, 3))
+    rotations = (
+        np.stack([_quaternion_matrix(q).T for q in poses[:, 3:]]) if rows else np.empty((0, 3, 3))
+    )
     return Dataset(
         names=tuple(scan.stem for scan in scans),
         loaders=tuple(partial(read_shape, scan) for scan in scans),
@@ -205,7 +231,9 @@ def read_landmarked_folder(folder: Path | str) -> Dataset:
     """Read meshes in ``meshes/`` with landmarks in ``landmarks/NAME.csv`` (the skulls of 62 strains of mice)."""
     folder = Path(folder)
     listing = read_folder(folder / "meshes")
-    landmarks = [read_landmarks(folder / "landmarks" / f"{name}.csv").points for name in listing.names]
+    landmarks = [
+        read_landmarks(folder / "landmarks" / f"{name}.csv").points for name in listing.names
+    ]
     if len({len(points) for points in landmarks}) != 1:
         raise InputError(f"{folder}: its landmark files have different numbers of points")
     return Dataset(
@@ -221,10 +249,15 @@ def read_canonical_class(folder: Path | str) -> Dataset:
     listing = read_folder(folder / "meshes")
     try:
         rows = json.loads(existing_file(folder / "truth.json").read_text())["shapes"]
-        to_file = {row["name"]: np.asarray(row["pose_common_to_file"], dtype=np.float64)[:3, :3] for row in rows}
+        to_file = {
+            row["name"]: np.asarray(row["pose_common_to_file"], dtype=np.float64)[:3, :3]
+            for row in rows
+        }
         rotations = np.stack([to_file[name].T for name in listing.names])
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder / 'truth.json'}: not the poses of the meshes ({error})") from error
+        raise InputError(
+            f"{folder / 'truth.json'}: not the poses of the meshes ({error})"
+        ) from error
     return Dataset(
         names=listing.names,
         loaders=tuple(partial(read_shape, file) for file in listing.files),
@@ -237,14 +270,20 @@ def read_landmark_archive(path: Path | str) -> Dataset:
     path = Path(path)
     arrays = _arrays(path, ("landmarks", "names"))
     names = tuple(str(n) for n in arrays["names"])
-    points = [as_points(p, f"{path}: {name}", dim=3) for name, p in zip(names, arrays["landmarks"], strict=True)]
+    points = [
+        as_points(p, f"{path}: {name}", dim=3)
+        for name, p in zip(names, arrays["landmarks"], strict=True)
+    ]
     num = {len(p) for p in points}
     if len(num) != 1:
         raise InputError(f"{path}: holds no landmarks")
     order = np.tile(np.arange(num.pop()), (len(points), 1))
     return Dataset(
         names=names,
-        loaders=tuple(partial(Shape.from_arrays, p, name=n, file=path) for n, p in zip(names, points, strict=True)),
+        loaders=tuple(
+            partial(Shape.from_arrays, p, name=n, file=path)
+            for n, p in zip(names, points, strict=True)
+        ),
         landmarks=read_only(np.stack(points)),
         landmark_vertices=read_only(order),
         vertices_correspond=True,
@@ -274,7 +313,9 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         rows = list(csv.DictReader(stream))
     missing = [c for c in columns if not rows or rows[0].get(c) is None]
     if missing or any(None in row.values() for row in rows):
-        raise InputError(f"{path}: {'no columns ' + ', '.join(missing) if missing else 'a row is too short'}")
+        raise InputError(
+            f"{path}: {'no columns ' + ', '.join(missing) if missing else 'a row is too short'}"
+        )
     return rows
 
 
@@ -283,7 +324,9 @@ def _arrays(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
         with np.load(existing_file(path), allow_pickle=False) as archive:
             return {key: archive[key] for key in keys}
     except (ValueError, KeyError, OSError, EOFError) as error:
-        raise InputError(f"{path}: not an archive of the arrays {', '.join(keys)} ({error})") from error
+        raise InputError(
+            f"{path}: not an archive of the arrays {', '.join(keys)} ({error})"
+        ) from error
 
 
 def _order(folder: Path, names: tuple[str, ...], stored: list[str]) -> IntArray:

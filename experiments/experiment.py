@@ -158,7 +158,9 @@ class Bench:
         """
         path = self.data / name
         if not path.is_dir():
-            raise InputError(f"{path}: this collection is not here; name the folder of the collections with --data")
+            raise InputError(
+                f"{path}: this collection is not here; name the folder of the collections with --data"
+            )
         return path
 
     def measure(
@@ -203,7 +205,10 @@ class Bench:
             for label, settings in cells.items()
         }
         session = Session.around(
-            self.store, None, RunOptions(jobs=1 if apart else self.num_workers), None if self.quiet else ProgressBar
+            self.store,
+            None,
+            RunOptions(jobs=1 if apart else self.num_workers),
+            None if self.quiet else ProgressBar,
         )
         self.num_reused += session.num_reused("measurements", {one.key for one in wanted.values()})
         found = session.compute(job, wanted, time_limit_s=None, again=True)

@@ -33,7 +33,9 @@ def landmark_rotation(target: ArrayLike, source: ArrayLike, *, group: str = "SO"
     check_choice("group", group, ("SO", "O"))
     q, p = np.asarray(target, dtype=np.float64), np.asarray(source, dtype=np.float64)
     if q.shape != p.shape or q.ndim != 2:
-        raise InputError(f"landmarks: expected two arrays of one shape (l, 3), got {q.shape} and {p.shape}")
+        raise InputError(
+            f"landmarks: expected two arrays of one shape (l, 3), got {q.shape} and {p.shape}"
+        )
     common = ~(np.isnan(q).any(axis=1) | np.isnan(p).any(axis=1))
     q = as_points(q[common], "common landmarks of the target", min_points=3)
     p = as_points(p[common], "common landmarks of the source", min_points=3)
@@ -51,7 +53,9 @@ def read_vertex_indices(path: Path | str, *, num_vertices: int) -> IntArray:
     """
     path = existing_file(Path(path))
     words = [
-        line.split() for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()
+        line.split()
+        for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        if line.strip()
     ]
     if not words or not all(row[0].isdecimal() and int(row[0]) < num_vertices for row in words):
         raise InputError(f"{path}: expected a vertex index below {num_vertices} first in each line")
@@ -72,12 +76,16 @@ def read_symmetry(path: Path | str, *, num_landmarks: int) -> IntArray:
     path = existing_file(Path(path))
     partner = np.arange(num_landmarks)
     seen: set[int] = set()
-    for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(
+        path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1
+    ):
         words = line.split()
         if not words:
             continue
         if len(words) > 2 or not all(w.isdecimal() and int(w) < num_landmarks for w in words):
-            raise InputError(f"{path}: line {number}: expected one or two landmarks below {num_landmarks}")
+            raise InputError(
+                f"{path}: line {number}: expected one or two landmarks below {num_landmarks}"
+            )
         pair = [int(w) for w in words]
         if seen & set(pair):
             raise InputError(f"{path}: line {number}: landmark {pair} is in two orbits")

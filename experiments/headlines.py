@@ -167,7 +167,12 @@ def write_headlines(results: Path) -> str:
         Folder with the tables and sections.
     """
     rows = [line for headline in HEADLINES for line in _lines(headline, results)]
-    head = ["## The figures that matter", "", "| measured | compared with | details |", "| --- | --- | --- |"]
+    head = [
+        "## The figures that matter",
+        "",
+        "| measured | compared with | details |",
+        "| --- | --- | --- |",
+    ]
     return "\n".join([*head, *rows, ""]) if rows else ""
 
 
@@ -185,7 +190,11 @@ def _lines(headline: Headline, results: Path) -> list[str]:
     return [f"| {text} | {other} | {link} |" for text in said]
 
 
-def _filled(words: str, rows: list[dict[str, str]], wanted: dict[str, str], column: str) -> list[str]:
+def _filled(
+    words: str, rows: list[dict[str, str]], wanted: dict[str, str], column: str
+) -> list[str]:
     """Return the words with the value of the first row whose cells start as wanted; nothing if there is none."""
-    found = [row for row in rows if all(row[key].startswith(value) for key, value in wanted.items())]
+    found = [
+        row for row in rows if all(row[key].startswith(value) for key, value in wanted.items())
+    ]
     return [words.format(row[column] if "{}" in words else float(row[column])) for row in found[:1]]

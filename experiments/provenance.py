@@ -9,14 +9,28 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 #: Libraries whose version can change a figure; optional ones are left out where they are not installed.
-LIBRARIES = ("collalign", "numpy", "scipy", "scs", "clarabel", "cvxpy", "trimesh", "potpourri3d", "robust-laplacian")
+LIBRARIES = (
+    "collalign",
+    "numpy",
+    "scipy",
+    "scs",
+    "clarabel",
+    "cvxpy",
+    "trimesh",
+    "potpourri3d",
+    "robust-laplacian",
+)
 PEERS = ("open3d", "open3d-cpu", "gtsam", "kiss-matcher", "pyfmaps", "rustcpd", "small-gicp")
 
 
 @functools.cache
 def describe_machine() -> str:
     """Return processor, cores, memory and operating system in one line."""
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if hasattr(os, "sysconf") else 0.0
+    memory = (
+        os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+        if hasattr(os, "sysconf")
+        else 0.0
+    )
     size = f", {memory:.0f} GiB" if memory else ""
     return f"{_processor()}, {os.cpu_count()} cores{size}, {platform.system()}"
 

@@ -79,8 +79,15 @@ class Table:
     def to_markdown(self) -> str:
         """Return the table for people, numbers rounded."""
         head = "| " + " | ".join(column.title for column in self.columns) + " |"
-        rule = "| " + " | ".join("---" if self._is_text(column) else "--:" for column in self.columns) + " |"
-        body = ["| " + " | ".join(_shown(row.get(c.key), c.format) for c in self.columns) + " |" for row in self.rows]
+        rule = (
+            "| "
+            + " | ".join("---" if self._is_text(column) else "--:" for column in self.columns)
+            + " |"
+        )
+        body = [
+            "| " + " | ".join(_shown(row.get(c.key), c.format) for c in self.columns) + " |"
+            for row in self.rows
+        ]
         return "\n".join([*([self.caption, ""] if self.caption else []), head, rule, *body]) + "\n"
 
     def _is_text(self, column: Column) -> bool:
@@ -117,11 +124,15 @@ def differences(table: Table, csv_text: str) -> list[str]:
     lines = list(csv.DictReader(io.StringIO(csv_text)))
     keys = [column.key for column in table.columns if not column.clock]
     if lines and not set(keys) <= set(lines[0]):
-        raise InputError(f"table {table.name!r}: the file lacks the columns {sorted(set(keys) - set(lines[0]))}")
+        raise InputError(
+            f"table {table.name!r}: the file lacks the columns {sorted(set(keys) - set(lines[0]))}"
+        )
     return [
         f"no row like {dict(row)}"
         for row in table.rows
-        if not any(_same([row.get(key) for key in keys], [line[key] for key in keys]) for line in lines)
+        if not any(
+            _same([row.get(key) for key in keys], [line[key] for key in keys]) for line in lines
+        )
     ]
 
 

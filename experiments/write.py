@@ -29,7 +29,9 @@ families are independent but where a page says otherwise.
 """
 
 
-def write_experiment(experiment: Experiment, outcome: Outcome, bench: Bench, folder: Path) -> list[Path]:
+def write_experiment(
+    experiment: Experiment, outcome: Outcome, bench: Bench, folder: Path
+) -> list[Path]:
     """Write one experiment's files into ``folder/results``.
 
     Parameters
@@ -49,10 +51,16 @@ def write_experiment(experiment: Experiment, outcome: Outcome, bench: Bench, fol
     results.mkdir(parents=True, exist_ok=True)
     written = []
     for table in outcome.tables:
-        written.append(write_atomic(results / f"{_stem(experiment, table.name)}.csv", table.to_csv().encode()))
+        written.append(
+            write_atomic(results / f"{_stem(experiment, table.name)}.csv", table.to_csv().encode())
+        )
     for plot in outcome.plots:
         written.append(write_atomic(results / f"{_stem(experiment, plot.name)}.png", _png(plot)))
-    written.append(write_atomic(results / f"{experiment.name}.md", _section(experiment, outcome, bench).encode()))
+    written.append(
+        write_atomic(
+            results / f"{experiment.name}.md", _section(experiment, outcome, bench).encode()
+        )
+    )
     return written
 
 
@@ -67,7 +75,9 @@ def write_page(names: Iterable[str], folder: Path) -> Path:
     """
     files = {name: folder / RESULTS / f"{name}.md" for name in names}
     links = [_link(name, file.read_text("utf-8")) for name, file in files.items() if file.is_file()]
-    table = "\n".join(["## All experiments", "", "| experiment | command |", "| --- | --- |", *links, ""])
+    table = "\n".join(
+        ["## All experiments", "", "| experiment | command |", "| --- | --- |", *links, ""]
+    )
     unmeasured = [f"`{name}`" for name, file in files.items() if not file.is_file()]
     rest = [f"Not measured yet: {', '.join(unmeasured)}.\n"] if unmeasured else []
     first = [text for text in [write_headlines(folder / RESULTS)] if text]

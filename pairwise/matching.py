@@ -23,7 +23,13 @@ from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_search import explore
 from pairwise.options import MatchOptions, PairKeywords
-from pairwise.portfolio import annealed_starts, costs_down_to, ranked_poses, wants_relaxation, with_better
+from pairwise.portfolio import (
+    annealed_starts,
+    costs_down_to,
+    ranked_poses,
+    wants_relaxation,
+    with_better,
+)
 from pairwise.problem.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult
@@ -116,10 +122,14 @@ def match(
     poses = None
     if starts is not None:
         group = about.get("group", "SO")
-        poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(-1, problem.dim, problem.dim)
+        poses = as_rotations(starts, "starts", group=group, dim=problem.dim).reshape(
+            -1, problem.dim, problem.dim
+        )
     options = as_options("options", options, MatchOptions, given)
     if unmatched_cost is not None:
-        result, centres = _match_some(problem, unmatched_cost, options, poses, centres if translation else None)
+        result, centres = _match_some(
+            problem, unmatched_cost, options, poses, centres if translation else None
+        )
     else:
         result = match_problem(problem, options, starts=poses)
     if not translation and unmatched_cost is None:
@@ -127,7 +137,9 @@ def match(
     if not translation:
         return result
     shifts = (read_only(centres[0] - c.R_target_source @ centres[1]) for c in result.candidates)
-    ranked = tuple(replace(c, translation=shift) for c, shift in zip(result.candidates, shifts, strict=True))
+    ranked = tuple(
+        replace(c, translation=shift) for c, shift in zip(result.candidates, shifts, strict=True)
+    )
     return replace(result, translation=ranked[0].translation, candidates=ranked)
 
 
@@ -135,7 +147,10 @@ def _warn_of_shift(problem: Problem, best: Candidate) -> None:
     """Warn where most of what a pose leaves is a shift, which a pose about the origin cannot take."""
     matched = problem.target[best.map_target_source]
     rest = matched - problem.source @ best.R_target_source.T
-    shift, spread = float(np.linalg.norm(rest.mean(axis=0))), float(np.sqrt(matched.var(axis=0).sum()))
+    shift, spread = (
+        float(np.linalg.norm(rest.mean(axis=0))),
+        float(np.sqrt(matched.var(axis=0).sum())),
+    )
     if shift > SHIFTED * spread > 0 and shift**2 > 0.5 * (rest**2).sum(axis=1).mean():
         warnings.warn(
             f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, because poses "
@@ -159,15 +174,20 @@ def _match_some(
         shifts = shifts[0] + moves[0], shifts[1] + moves[1]
     tried = annealed_starts(problem, cost, seed=options.seed)
     tried = tried if starts is None else np.concatenate([starts, tried])
-    result = match_problem(with_unmatched(problem, cost), options, starts=tried if len(tried) else None)
+    result = match_problem(
+        with_unmatched(problem, cost), options, starts=tried if len(tried) else None
+    )
     num = problem.num_target
     ranked = tuple(
-        replace(c, map_target_source=marked_unmatched(c.map_target_source, num)) for c in result.candidates
+        replace(c, map_target_source=marked_unmatched(c.map_target_source, num))
+        for c in result.candidates
     )
     return replace(result, map_target_source=ranked[0].map_target_source, candidates=ranked), shifts
 
 
-def _about_matched(problem: Problem, cost: float, seed: int) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
+def _about_matched(
+    problem: Problem, cost: float, seed: int
+) -> tuple[Problem, tuple[FloatArray, FloatArray]]:
     """Return the problem with both sets shifted about the points that match, and the shifts.
 
     Costs fall as those of :func:`pairwise.portfolio.annealed_starts` do; the last one is repeated until the energy
@@ -181,14 +201,17 @@ def _about_matched(problem: Problem, cost: float, seed: int) -> tuple[Problem, t
         found = minimise(eased, tried, hold_chirality=True)
         starts, best = found.rotations, found.maps[0]
         matched = np.flatnonzero(best < problem.num_target)
-        if not len(matched) or (level == cost and found.energies[0] >= former - eased.rounding_energy):
+        if not len(matched) or (
+            level == cost and found.energies[0] >= former - eased.rounding_energy
+        ):
             break
         if level == cost:
             former = found.energies[0]
         weights = problem.weights[matched] / problem.weights[matched].sum()
         moves = weights @ problem.target[best[matched]], weights @ problem.source[matched]
         target, source = (
-            read_only(p - move) for p, move in zip((problem.target, problem.source), moves, strict=True)
+            read_only(p - move)
+            for p, move in zip((problem.target, problem.source), moves, strict=True)
         )
         problem = replace(problem, target=target, source=source)
         shifts = shifts[0] + moves[0], shifts[1] + moves[1]
@@ -203,7 +226,9 @@ def _about_centroids(problem: Problem) -> tuple[Problem, tuple[FloatArray, Float
 
 
 @one_blas_thread()
-def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None) -> MatchResult:
+def match_problem(
+    problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None
+) -> MatchResult:
     """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
     began_s, log = time.monotonic(), []
 
@@ -217,13 +242,17 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
         searched = explore(problem, seed=options.seed)
         log.append(f"Searched rotations of {size}: {len(searched)} local minima.")
     if wants_relaxation(problem, options, searched):
-        relaxation = solve_pm_sdp(problem, row_sums=options.row_sums, tol=GAP_TOL, time_limit_s=left_s())
+        relaxation = solve_pm_sdp(
+            problem, row_sums=options.row_sums, tol=GAP_TOL, time_limit_s=left_s()
+        )
         log.append(f"Solved PM-SDP of {size}: {relaxation.status.value}")
     ranked = ranked_poses(problem, options, searched=searched, relaxation=relaxation, starts=starts)
     bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):
         proof = prove(problem, ranked, tol=GAP_TOL, time_limit_s=left_s())
-        log.append(f"Branch and bound over rotations, {proof.num_cells} cells: {proof.status.value}")
+        log.append(
+            f"Branch and bound over rotations, {proof.num_cells} cells: {proof.status.value}"
+        )
         ranked, status = with_better(ranked, proof.candidate, problem, options), proof.status
         bound = min(float(np.fmax(bound, max(proof.lower_bound, 0.0))), ranked[0].energy)
     best = ranked[0]
@@ -239,7 +268,9 @@ def match_problem(problem: Problem, options: MatchOptions, *, starts: FloatArray
     )
 
 
-def _proven(problem: Problem, relaxation: RelaxationResult | None, best: Candidate) -> tuple[float, Status]:
+def _proven(
+    problem: Problem, relaxation: RelaxationResult | None, best: Candidate
+) -> tuple[float, Status]:
     """Return the bound, and whether it proves the best pose: the relaxation's, 0 for an exact match, or NaN."""
     bound = 0.0 if best.energy <= problem.rounding_energy else np.nan
     if relaxation is not None and problem.pattern.is_block_diagonal:

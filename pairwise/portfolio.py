@@ -27,7 +27,9 @@ from pairwise.problem.problem import Problem, with_unmatched
 from pairwise.results import Candidate, RelaxationResult
 
 
-def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMinima | None = None) -> bool:
+def wants_relaxation(
+    problem: Problem, options: MatchOptions, searched: LocalMinima | None = None
+) -> bool:
     """Return whether the relaxation is solved, by the rule above.
 
     Parameters
@@ -40,7 +42,9 @@ def wants_relaxation(problem: Problem, options: MatchOptions, searched: LocalMin
     if searched is not None and searched.energies[0] <= problem.rounding_energy:
         return False
     beyond_search = problem.pattern.rotation_block > MAX_SEARCHED_DIM
-    by_strategy = {"search": False, "relaxation": True, "portfolio": beyond_search}[options.strategy]
+    by_strategy = {"search": False, "relaxation": True, "portfolio": beyond_search}[
+        options.strategy
+    ]
     return by_strategy or (options.certify and not can_certify(problem))
 
 
@@ -74,7 +78,9 @@ def ranked_poses(
     polished = merge(parts)
     if options.strategy != "relaxation":
         polished = look_around(problem, polished, seed=options.seed)
-    return rank_candidates(distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy)
+    return rank_candidates(
+        distinct_candidates(problem.pattern, polished, options), options, problem.rounding_energy
+    )
 
 
 def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -> FloatArray:
@@ -111,7 +117,10 @@ def costs_down_to(problem: Problem, unmatched_cost: float, *, factor: float = 4.
 
 
 def _given_starts(
-    problem: Problem, options: MatchOptions, relaxation: RelaxationResult | None, starts: FloatArray | None
+    problem: Problem,
+    options: MatchOptions,
+    relaxation: RelaxationResult | None,
+    starts: FloatArray | None,
 ) -> tuple[FloatArray, NDArray[np.str_]]:
     """Return rotations beside the search's own ones, of each chirality that the group has, and what gave each."""
     if starts is None and relaxation is None:
@@ -126,14 +135,22 @@ def _given_starts(
         ]
         matrices += rounded
         origins += ["relaxation"] * sum(map(len, rounded))
-    joined, names, pattern = np.concatenate(matrices), np.array(origins, dtype=np.str_), problem.pattern
+    joined, names, pattern = (
+        np.concatenate(matrices),
+        np.array(origins, dtype=np.str_),
+        problem.pattern,
+    )
     if pattern.special_blocks:
         return pattern.project(joined), names
     proper = np.zeros(len(joined), dtype=bool)
-    return np.concatenate([pattern.project(joined, proper), pattern.project(joined, ~proper)]), np.tile(names, 2)
+    return np.concatenate(
+        [pattern.project(joined, proper), pattern.project(joined, ~proper)]
+    ), np.tile(names, 2)
 
 
-def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: MatchOptions) -> list[Candidate]:
+def distinct_candidates(
+    pattern: RotationPattern, minima: LocalMinima, options: MatchOptions
+) -> list[Candidate]:
     """Return the distinct poses of each chirality that the group has, best first, at most ``max_candidates`` of each.
 
     Parameters
@@ -151,7 +168,10 @@ def distinct_candidates(pattern: RotationPattern, minima: LocalMinima, options: 
         candidate
         for reflected in (False, True)
         for candidate in _distinct_of_one(
-            pattern, minima.take(np.flatnonzero(mirrored == reflected)), options, reflected=reflected
+            pattern,
+            minima.take(np.flatnonzero(mirrored == reflected)),
+            options,
+            reflected=reflected,
         )
     ]
 
@@ -162,7 +182,9 @@ def _distinct_of_one(
     """Return the distinct poses of one chirality."""
     block = pattern.rotation_block
     chosen = minima.take(
-        apart_rotations(minima.rotations[:, :block, :block], np.deg2rad(SAME_DEG), options.max_candidates)
+        apart_rotations(
+            minima.rotations[:, :block, :block], np.deg2rad(SAME_DEG), options.max_candidates
+        )
     )
     return [
         Candidate(
@@ -204,4 +226,6 @@ def with_better(
         first, second = (c.R_target_source[:block, :block] for c in (better, other))
         return bool(rotation_angles(first, second) >= np.deg2rad(SAME_DEG))
 
-    return rank_candidates([better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy)
+    return rank_candidates(
+        [better, *(c for c in ranked if is_apart(c))], options, problem.rounding_energy
+    )

@@ -128,7 +128,12 @@ def full_variables(data: RelaxationData, solution: DualSolution) -> tuple[FloatA
     primal, lifted = solution.primal, data.lifted
     size = lifted.num_variables
     moments = np.empty((size + 1, size + 1))
-    moments[0, 0], moments[0, 1:], moments[1:, 0], moments[1:, 1:] = 1.0, primal.R, primal.R, primal.C
+    moments[0, 0], moments[0, 1:], moments[1:, 0], moments[1:, 1:] = (
+        1.0,
+        primal.R,
+        primal.R,
+        primal.C,
+    )
     entries = lifted.basis @ moments[:, 0]
     C = lifted.basis @ moments @ lifted.basis.T
     lifted_B = np.concatenate([primal.x[..., None], primal.B], axis=2) @ lifted.basis.T

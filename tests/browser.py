@@ -5,7 +5,12 @@ import shutil
 import pytest
 
 CHROMIUM = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+    (
+        path
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (path := shutil.which(name))
+    ),
+    None,
 )
 #: Opaque pixels of a canvas and their mean colour.
 PIXELS = """canvas => {
@@ -30,7 +35,11 @@ class Page:
     """A page that is open, with everything that went wrong since; leaving it fails if anything did."""
 
     def __init__(self, browser, path, **context):
-        context = {"offline": True, "accept_downloads": True, "viewport": {"width": 900, "height": 700}} | context
+        context = {
+            "offline": True,
+            "accept_downloads": True,
+            "viewport": {"width": 900, "height": 700},
+        } | context
         self.context = browser.new_context(**context)
         self.page = self.context.new_page()
         self.page.set_default_timeout(300_000)

@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # two tests run at a time: worker processes only for ``two_cores``
+os.environ.setdefault(
+    "LOKY_MAX_CPU_COUNT", "1"
+)  # two tests run at a time: worker processes only for ``two_cores``
 
 #: Ends of the names of files whose tests kill processes: one worker for all, first.
 KILLING = (
-    *(f"collalign/engine/test_{name}.py" for name in ("cluster", "faults", "jobs", "jobs_dask", "jobs_guard")),
+    *(
+        f"collalign/engine/test_{name}.py"
+        for name in ("cluster", "faults", "jobs", "jobs_dask", "jobs_guard")
+    ),
     "collalign/engine/test_jobs_interrupted.py",
     "collalign/cli/test_main.py",
     "tests/test_packaging.py",
@@ -32,7 +37,9 @@ def pytest_collection_modifyitems(items):
 
     def place(item):
         name = item.path.as_posix()
-        folder = name.removeprefix(f"{Path(__file__).resolve().parent.as_posix()}/").partition("/")[0]
+        folder = name.removeprefix(f"{Path(__file__).resolve().parent.as_posix()}/").partition("/")[
+            0
+        ]
         return not name.endswith(KILLING), folder in QUICK
 
     items.sort(key=place)
@@ -73,7 +80,9 @@ def quick_search():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
-        patch.setattr(match, "TUNED", match.TUNED._replace(num_rotations=500, num_starts=80, num_refined=15))
+        patch.setattr(
+            match, "TUNED", match.TUNED._replace(num_rotations=500, num_starts=80, num_refined=15)
+        )
         yield
 
 

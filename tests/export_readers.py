@@ -6,7 +6,16 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 
-_SECTIONS = ("individuals", "landmarks", "dimensions", "names", "labels", "labelvalues", "rawpoints", "wireframe")
+_SECTIONS = (
+    "individuals",
+    "landmarks",
+    "dimensions",
+    "names",
+    "labels",
+    "labelvalues",
+    "rawpoints",
+    "wireframe",
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,9 @@ def read_morphologika(path):
     n, p, k = (int(lines[start(section)]) for section in ("individuals", "landmarks", "dimensions"))
     names = tuple(lines[start("names") : start("names") + n])
     body = lines[start("rawpoints") :]
-    if len(body) != n * (p + 1) or any(not body[at].startswith("'") for at in range(0, len(body), p + 1)):
+    if len(body) != n * (p + 1) or any(
+        not body[at].startswith("'") for at in range(0, len(body), p + 1)
+    ):
         raise ValueError("each specimen needs a line with a quote and its name, then its landmarks")
     rows = [line.split() for at, line in enumerate(body) if at % (p + 1)]
     points = np.array(rows, dtype=np.float64).reshape(n, p, k)

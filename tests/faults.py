@@ -47,19 +47,25 @@ def run_with_kills(
     """
     log = FaultLog()
     while True:
-        process = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        process = subprocess.Popen(
+            command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
         with process:
             asked = _disturb(process, (num_kills, num_signals), rng, log, delay_s, parent_share)
             errors = process.stderr.read().decode(errors="replace") if process.stderr else ""
         if check is not None:
             check()
-        if process.returncode == -signal.SIGKILL or (asked and process.returncode in ENDED_BY_SIGNAL):
+        if process.returncode == -signal.SIGKILL or (
+            asked and process.returncode in ENDED_BY_SIGNAL
+        ):
             continue
         log.endings.append(process.returncode)
         if process.returncode in resume_codes:
             continue
         if process.returncode != 0:
-            raise RuntimeError(f"{command[0]} ended with code {process.returncode}: {errors[-2000:]}")
+            raise RuntimeError(
+                f"{command[0]} ended with code {process.returncode}: {errors[-2000:]}"
+            )
         return log
 
 

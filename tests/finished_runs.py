@@ -33,5 +33,7 @@ def finished_run(folder, planted, options, *, report=False):
     out = folder / "out"
     out.mkdir()
     run = RunOptions(jobs=1, store=out / "store.sqlite")
-    align_collection(folder / "shapes", options=options, run=run, progress=False).save(out, report=report)
+    align_collection(folder / "shapes", options=options, run=run, progress=False).save(
+        out, report=report
+    )
     return out

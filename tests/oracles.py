@@ -159,7 +159,9 @@ def _blocks(problem):
         filled[first:last, first:last] = True
     wholes = {(first, last) for first, last, _ in blocks}
     if not np.array_equal(filled, mask) or not wholes.issuperset(problem.pattern.special_blocks):
-        raise ValueError("brute force needs a pattern of diagonal blocks, rotation blocks among them")
+        raise ValueError(
+            "brute force needs a pattern of diagonal blocks, rotation blocks among them"
+        )
     return blocks
 
 

@@ -63,18 +63,32 @@ def catalogue(seed=7):
 
 def _exact(seed):
     rng = np.random.default_rng(seed)
-    cloud, flat, deep = rng.standard_normal((6, 3)), rng.standard_normal((5, 2)), rng.standard_normal((6, 5))
+    cloud, flat, deep = (
+        rng.standard_normal((6, 3)),
+        rng.standard_normal((5, 2)),
+        rng.standard_normal((6, 5)),
+    )
     diagonal = np.diag(rng.choice([-1.0, 1.0], 4))
     blocks = np.zeros((5, 5))
-    blocks[:3, :3], blocks[3:, 3:] = random_rotation(rng, 3), random_rotation(rng, 2, reflected=True)
+    blocks[:3, :3], blocks[3:, 3:] = (
+        random_rotation(rng, 3),
+        random_rotation(rng, 2, reflected=True),
+    )
     mirror = random_rotation(rng, 3, reflected=True)
     return [
         KnownProblem("rotation", planted(rng, cloud), 0.0, 1),
         KnownProblem("injective", planted(rng, cloud, num_source=4), 0.0, 1),
         KnownProblem("plane", planted(rng, flat), 0.0, 1),
         KnownProblem("mirrored", planted(rng, cloud, rotation=mirror, group="O"), 0.0, 1),
-        KnownProblem("diagonal", planted(rng, deep[:, :4], rotation=diagonal, rotation_pattern=0, group="O"), 0.0, 1),
-        KnownProblem("blocks", planted(rng, deep, rotation=blocks, rotation_pattern=[3, 2]), 0.0, 1),
+        KnownProblem(
+            "diagonal",
+            planted(rng, deep[:, :4], rotation=diagonal, rotation_pattern=0, group="O"),
+            0.0,
+            1,
+        ),
+        KnownProblem(
+            "blocks", planted(rng, deep, rotation=blocks, rotation_pattern=[3, 2]), 0.0, 1
+        ),
         KnownProblem("weights", planted(rng, cloud, weights=rng.random(6) + 0.1), 0.0, 1),
         KnownProblem("chair", planted(rng, chair(rng), group="O"), 0.0, 2),
         KnownProblem("chair turned", planted(rng, chair(rng)), 0.0, 1),
@@ -112,9 +126,21 @@ def _noisy(seed):
         "noise weights": {"weights": rng.random(5)},
         "noise invariants": {"invariants": invariants},
     }
-    noisy = [KnownProblem(name, planted(rng, cloud, noise=0.1, **kw), math.nan, 0) for name, kw in options.items()]
-    noisy.append(KnownProblem("noise blocks", planted(rng, deep, noise=0.1, rotation_pattern=[3, 1]), math.nan, 0))
+    noisy = [
+        KnownProblem(name, planted(rng, cloud, noise=0.1, **kw), math.nan, 0)
+        for name, kw in options.items()
+    ]
     noisy.append(
-        KnownProblem("noise diagonal", planted(rng, deep, noise=0.1, rotation_pattern=0, group="O"), math.nan, 0)
+        KnownProblem(
+            "noise blocks", planted(rng, deep, noise=0.1, rotation_pattern=[3, 1]), math.nan, 0
+        )
+    )
+    noisy.append(
+        KnownProblem(
+            "noise diagonal",
+            planted(rng, deep, noise=0.1, rotation_pattern=0, group="O"),
+            math.nan,
+            0,
+        )
     )
     return noisy

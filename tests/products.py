@@ -21,7 +21,11 @@ def pair_of(rotations, energies, *, target=0, source=1, num_samples=8, **fields)
 
 def settled_pair_of(rotations, energies, **fields):
     """Such a pair of a result, which chose its first candidate."""
-    own = pair_of(rotations, energies, **{name: fields.pop(name) for name in ("target", "source") if name in fields})
+    own = pair_of(
+        rotations,
+        energies,
+        **{name: fields.pop(name) for name in ("target", "source") if name in fields},
+    )
     settled = {
         "choice": 0,
         "inlier": True,

@@ -55,10 +55,16 @@ def variants(draw, max_points=7):
         rotation_pattern=pattern,
         allowed=allowed,
         weights=rng.random(num_source) + 0.2 if weighted else None,
-        invariants=(0.3 * rng.random((num_target, 2)), 0.3 * rng.random((num_source, 2))) if invariant else None,
+        invariants=(0.3 * rng.random((num_target, 2)), 0.3 * rng.random((num_source, 2)))
+        if invariant
+        else None,
     )
-    words = f"d={dim} {group} pattern={pattern} n={num_target} k={num_source} noise={noise} seed={seed}"
-    flags = f" masked={masked} weighted={weighted} invariant={invariant} cross={cross} row_sums={tied}"
+    words = (
+        f"d={dim} {group} pattern={pattern} n={num_target} k={num_source} noise={noise} seed={seed}"
+    )
+    flags = (
+        f" masked={masked} weighted={weighted} invariant={invariant} cross={cross} row_sums={tied}"
+    )
     return Variant(problem, cross, tied, words + flags)
 
 
@@ -96,4 +102,6 @@ def compare_with_reference(variant):
     bound = verify_certificate(problem.target, problem.source, result.certificate)
     scale = float((problem.weights * (problem.source**2).sum(axis=1)).sum()) + 1e-6
     planar = any(stop - start == 2 for start, stop in problem.pattern.special_blocks)
-    return Comparison((result.value - reference.value) / scale, (result.value - bound) / scale, planar)
+    return Comparison(
+        (result.value - reference.value) / scale, (result.value - bound) / scale, planar
+    )

@@ -18,7 +18,9 @@ def try_library(folder):
     """Align arrays, write the result, read it back, match two point sets."""
     points = np.random.default_rng(0).random((40, 3))
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    aligned = collalign.align_collection({"still": points, "turned": points @ quarter}, progress=False)
+    aligned = collalign.align_collection(
+        {"still": points, "turned": points @ quarter}, progress=False
+    )
     aligned.save(folder / "arrays")
     rotations = collalign.load(folder / "arrays").rotations
     if not np.allclose(rotations[0].T @ rotations[1], quarter, atol=1e-3):

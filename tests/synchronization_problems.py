@@ -36,7 +36,9 @@ def group_flip(rng, edges, num_shapes, *, share, chance, wrong=0.0):
     flipped = (block[edges[:, 0]] != block[edges[:, 1]]) & (rng.random(len(edges)) < chance)
     left = problem.truth[edges[:, 0]]
     turn = np.swapaxes(left, 1, 2) @ D2_FLIPS[2] @ left
-    rotations = np.where(flipped[:, None, None, None], turn[:, None] @ problem.rotations, problem.rotations)
+    rotations = np.where(
+        flipped[:, None, None, None], turn[:, None] @ problem.rotations, problem.rotations
+    )
     return Planted(edges=edges, rotations=rotations, energies=None, truth=problem.truth), block
 
 
@@ -49,4 +51,6 @@ def mixed_collection(rng, sizes, *, wrong):
     rotations = problem.rotations.copy()
     rotations[between, 0] = random_rotations(rng, int(between.sum()))
     energies = rng.uniform(0.8, 1.2, len(edges)) * np.where(between, 2.0, 1.0)
-    return Planted(edges=edges, rotations=rotations, energies=energies[:, None], truth=problem.truth), labels
+    return Planted(
+        edges=edges, rotations=rotations, energies=energies[:, None], truth=problem.truth
+    ), labels

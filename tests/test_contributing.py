@@ -13,7 +13,15 @@ TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 #: Folders from which the text names files.
 BASES = (
     ROOT,
-    *(ROOT / base for base in ("collalign", "collalign/output", "collalign/stages", "collalign/synchronization")),
+    *(
+        ROOT / base
+        for base in (
+            "collalign",
+            "collalign/output",
+            "collalign/stages",
+            "collalign/synchronization",
+        )
+    ),
 )
 
 
@@ -34,31 +42,51 @@ def exists(path):
 
 def defined(name):
     """Whether a module of the project defines the name, or the attribute of a class: ``Class.attribute``."""
-    pattern = re.compile(rf"^\s*(def|class) {name.split('.')[-1]}\b|^\s*{name.split('.')[-1]}\b.*[:=]", re.MULTILINE)
-    return any(pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py"))
+    pattern = re.compile(
+        rf"^\s*(def|class) {name.split('.')[-1]}\b|^\s*{name.split('.')[-1]}\b.*[:=]", re.MULTILINE
+    )
+    return any(
+        pattern.search(file.read_text("utf-8")) for file in (ROOT / "collalign").rglob("*.py")
+    )
 
 
 def test_every_layer_is_in_the_table_in_the_order_of_its_imports():
-    rows = [line.split("|")[1] for line in section("The layers of collalign").splitlines() if line.startswith("| `")]
+    rows = [
+        line.split("|")[1]
+        for line in section("The layers of collalign").splitlines()
+        if line.startswith("| `")
+    ]
     rooms = [re.sub(r"/$|\.py$", "", name) for row in rows for name in named(row)]
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
     (layers,) = (one["layers"] for one in contracts if "exhaustive" in one)
     level = {room: at for at, layer in enumerate(reversed(layers)) for room in layer.split(" | ")}
     assert level.keys() == {*rooms}
     listed = [
-        level[room] for room in rooms if room in ("engine", "options", "products", "confidence", "stages", "cli")
+        level[room]
+        for room in rooms
+        if room in ("engine", "options", "products", "confidence", "stages", "cli")
     ]
     assert listed == sorted(listed)
 
 
-@pytest.mark.parametrize("path", sorted({name for name in named(TEXT) if re.fullmatch(r"[\w/]+(\.py|/)", name)}))
+@pytest.mark.parametrize(
+    "path", sorted({name for name in named(TEXT) if re.fullmatch(r"[\w/]+(\.py|/)", name)})
+)
 def test_every_file_and_folder_that_is_named_exists(path):
     assert exists(path) or list((ROOT / "collalign").rglob(path.rstrip("/"))), path
 
 
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
-    driver = "".join((ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps"))
-    steps = [name for name in named(section("The way of a pair")) if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)]
+    driver = "".join(
+        (ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps")
+    )
+    steps = [
+        name
+        for name in named(section("The way of a pair"))
+        if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)
+    ]
     assert len(steps) > 15
     for step in steps:
         assert defined(step), step
@@ -86,7 +114,13 @@ def test_two_workers_share_the_files_and_one_has_those_that_kill(monkeypatch):
 
 
 def test_files_that_kill_come_first_and_quick_ones_last():
-    names = ("collalign/test_a.py", "data_tools/test_b.py", "test_c.py", "test_packaging.py", "pairwise/x/test_d.py")
+    names = (
+        "collalign/test_a.py",
+        "data_tools/test_b.py",
+        "test_c.py",
+        "test_packaging.py",
+        "pairwise/x/test_d.py",
+    )
     items = [SimpleNamespace(path=ROOT / "tests" / name, name=name) for name in names]
     conftest.pytest_collection_modifyitems(items)
     assert [item.name for item in items] == [names[at] for at in (3, 0, 2, 1, 4)]

@@ -34,7 +34,13 @@ def run_page(text, folder, monkeypatch):
         elif (commands := plain_commands(code)) is None:
             path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
             environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1"}
-            subprocess.run(["bash", "-euc", code], check=True, env=environment, capture_output=True, timeout=600)
+            subprocess.run(
+                ["bash", "-euc", code],
+                check=True,
+                env=environment,
+                capture_output=True,
+                timeout=600,
+            )
         else:
             for words in commands:
                 exit_code = main(words)
@@ -59,7 +65,9 @@ def test_every_block_runs(page, tmp_path, monkeypatch):
     run_page(page.read_text("utf-8"), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "notebook", sorted((ROOT / "docs").rglob("*.ipynb")), ids=lambda page: page.stem
+)
 def test_every_notebook_runs(notebook, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
@@ -82,7 +90,14 @@ def test_a_wrong_block_is_noticed(tmp_path, monkeypatch):
 
 def test_only_plain_calls_run_without_a_shell():
     assert plain_commands("collalign a b\n\ncollalign d\n") == [["a", "b"], ["d"]]
-    for code in ("ls", "collalign a | head", "collalign a > b", "collalign $A", "collalign *.ply", "collalign 'a b'"):
+    for code in (
+        "ls",
+        "collalign a | head",
+        "collalign a > b",
+        "collalign $A",
+        "collalign *.ply",
+        "collalign 'a b'",
+    ):
         assert plain_commands(code) is None
 
 
@@ -99,13 +114,19 @@ def home(one):
 
 def test_the_reference_has_every_public_name():
     pages = (ROOT / "docs" / "reference").glob("*.md")
-    shown = [name for page in pages for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)]
+    shown = [
+        name
+        for page in pages
+        for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    ]
     assert len(shown) == len({*shown})
     objects = [pkgutil.resolve_name(name) for name in shown]
     modules = {one.__name__ for one in objects if isinstance(one, ModuleType)}
     for package in (collalign, pairwise):
         public = {name: getattr(package, name) for name in {*package.__all__} - {"__version__"}}
-        missing = [n for n, one in public.items() if one not in objects and home(one) not in modules]
+        missing = [
+            n for n, one in public.items() if one not in objects and home(one) not in modules
+        ]
         assert not missing
 
 

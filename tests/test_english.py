@@ -24,7 +24,13 @@ AVOIDED = {
     r"outvoted": "rejected",
     r"stands? right": "is correct",
 }
-OTHERS = (README, ROOT / "CONTRIBUTING.md", ROOT / "RESULTS.md", ROOT / "CHANGELOG.md", ROOT / "paper" / "paper.md")
+OTHERS = (
+    README,
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "RESULTS.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "paper" / "paper.md",
+)
 PAGES = sorted([*OTHERS, *(ROOT / "docs").rglob("*.md")])
 
 
@@ -72,7 +78,10 @@ def test_pages_are_in_plain_english(page):
 @pytest.mark.parametrize(
     ("bad", "said"),
     [
-        (f"It is short. {'It goes on and on ' * 9}. {'And so does this one ' * 7}.", "more than 30"),
+        (
+            f"It is short. {'It goes on and on ' * 9}. {'And so does this one ' * 7}.",
+            "more than 30",
+        ),
         (f"{'It goes on and on ' * 4}.", "on average"),
         ("It takes 3 s of processor time.", "CPU time"),
         ("- It is posed by what has a counterpart.", "aligned on"),

@@ -34,7 +34,12 @@ def examples_of(package):
     names += [found.name for found in walk_packages(package.__path__, f"{package.__name__}.")]
     modules = [import_module(name) for name in names if not name.endswith("__main__")]
     finder = doctest.DocTestFinder(exclude_empty=True)
-    return [test for module in modules for test in finder.find(module, globs=vars(module) | KNOWN) if test.examples]
+    return [
+        test
+        for module in modules
+        for test in finder.find(module, globs=vars(module) | KNOWN)
+        if test.examples
+    ]
 
 
 def complaints(test):
@@ -56,12 +61,16 @@ def store(tmp_path_factory):
 def test_the_example_runs(example, store, monkeypatch):
     """Examples of what reads a result align the same three chairs; what one has matched the next ones find."""
     if ".tools." in example.name:
-        monkeypatch.setattr(collalign, "align_collection", partial(collalign.align_collection, store=store))
+        monkeypatch.setattr(
+            collalign, "align_collection", partial(collalign.align_collection, store=store)
+        )
     assert not complaints(example)
 
 
 def test_a_wrong_example_is_noticed():
-    wrong = doctest.DocTestParser().get_doctest(">>> int(np.sum([1, 1]))\n3\n", dict(KNOWN), "wrong", None, None)
+    wrong = doctest.DocTestParser().get_doctest(
+        ">>> int(np.sum([1, 1]))\n3\n", dict(KNOWN), "wrong", None, None
+    )
     assert "Expected:\n    3\nGot:\n    2" in complaints(wrong)
 
 

@@ -17,7 +17,14 @@ from tests.fuzz.overlaps import overlap_endings, run_case
 from tests.job_functions import end_as_told
 
 #: How many files of each kind are damaged here.
-NUMBERS = {"shapes": 150, "landmarks": 60, "stores": 30, "records": 100, "certificate-files": 30, "configs": 10}
+NUMBERS = {
+    "shapes": 150,
+    "landmarks": 60,
+    "stores": 30,
+    "records": 100,
+    "certificate-files": 30,
+    "configs": 10,
+}
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +90,11 @@ def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(project, monk
     report = Report.of(overlap_endings(project, 8, seed=7))
     assert report.bad == {}
     assert min(report.counts["done"], report.counts["refused"]) > 0
-    for command, place in (("align", "apart/mine"), ("export csv", "apart/mine"), ("match", "apart/hard")):
+    for command, place in (
+        ("align", "apart/mine"),
+        ("export csv", "apart/mine"),
+        ("match", "apart/hard"),
+    ):
         assert run_case(project, command, place) == "refused"
     monkeypatch.setattr("data_tools.io.output_folder.refuse_overlap", lambda *_: None)
     assert run_case(project, "export csv", "meshes/../meshes").startswith("mixed into")
@@ -92,7 +103,11 @@ def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(project, monk
 def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch):
     def as_given(self, name, shape):
         values = np.array(self._take(name, shape, "f"))
-        return values if self._exponent is None else np.ldexp(values, -self._exponent).astype(values.dtype)
+        return (
+            values
+            if self._exponent is None
+            else np.ldexp(values, -self._exponent).astype(values.dtype)
+        )
 
     with monkeypatch.context() as patch:
         patch.setattr(CertificateArrays, "floats", as_given)
@@ -111,10 +126,17 @@ def test_damage_is_damage_and_repeats_with_its_seed(kinds):
 
 
 def test_the_harness_notices_every_bad_ending(monkeypatch, tmp_path):
-    monkeypatch.setattr("tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"riv"[i : i + 1]))
-    report = Report.of(fuzz({"files": (end_as_told, {"a.x": b""})}, {"files": 3}, keep=tmp_path / "bad"))
+    monkeypatch.setattr(
+        "tests.fuzz.harness.damaged", lambda files, seed, i: ("a.x", b"riv"[i : i + 1])
+    )
+    report = Report.of(
+        fuzz({"files": (end_as_told, {"a.x": b""})}, {"files": 3}, keep=tmp_path / "bad")
+    )
     assert report.counts == {"valid": 1, "clear errors": 1, "unclear errors": 1}
     assert len(report.bad) == len(list((tmp_path / "bad").iterdir())) == 1
     assert "3 cases" in str(report)
-    for reason, kind in (("ran past the time limit of 1 s", "hangs"), ("ended its worker", "crashes")):
+    for reason, kind in (
+        ("ran past the time limit of 1 s", "hangs"),
+        ("ended its worker", "crashes"),
+    ):
         assert how_it_ended(SimpleNamespace(crashed=True, failure=reason)) == f"{kind}: {reason}"

@@ -52,7 +52,11 @@ def test_names_are_imported_when_they_are_asked_for():
 
 
 def test_every_error_can_be_imported_from_the_top():
-    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, Exception)]
+    kinds = [
+        kind
+        for kind in vars(errors).values()
+        if isinstance(kind, type) and issubclass(kind, Exception)
+    ]
     assert len(kinds) > 8
     for kind in kinds:
         assert getattr(collalign, kind.__name__) is kind
@@ -72,7 +76,11 @@ class Top(dict[str, Any]):
 
 def named_types(hint):
     """Yield the classes of this project that a type hint names."""
-    if isinstance(hint, type) and hint.__module__.partition(".")[0] in ("collalign", "data_tools", "pairwise"):
+    if isinstance(hint, type) and hint.__module__.partition(".")[0] in (
+        "collalign",
+        "data_tools",
+        "pairwise",
+    ):
         yield hint
     for part in get_args(hint):
         yield from named_types(part)
@@ -84,7 +92,11 @@ def signature_types(thing):
     if isinstance(thing, type):
         public = [member for name, member in inspect.getmembers(thing) if not name.startswith("_")]
         members += [getattr(member, "fget", getattr(member, "func", member)) for member in public]
-    hints = [get_type_hints(one, localns=Top()) for one in members if isinstance(one, type) or inspect.isroutine(one)]
+    hints = [
+        get_type_hints(one, localns=Top())
+        for one in members
+        if isinstance(one, type) or inspect.isroutine(one)
+    ]
     return {found for one in hints for hint in one.values() for found in named_types(hint)}
 
 
@@ -110,7 +122,9 @@ def test_a_type_that_is_missing_at_the_top_is_noticed(monkeypatch):
 
 def run_without(blocked):
     code = ALIGN_WITHOUT.format(blocked=blocked)
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=600)
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=600
+    )
 
 
 def test_alignment_needs_no_optional_package():
@@ -133,7 +147,10 @@ def use_scheduler():
 
 @pytest.mark.parametrize(
     ("package", "call", "advice"),
-    [("cvxpy", relax, "pip install cvxpy"), ("distributed", use_scheduler, "pip install 'collalign[dask]'")],
+    [
+        ("cvxpy", relax, "pip install cvxpy"),
+        ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
+    ],
 )
 def test_a_missing_package_is_named(package, call, advice, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)

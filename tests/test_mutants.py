@@ -28,7 +28,9 @@ def twice(n):
 
 def fault(file, source, old, new, tests=()):
     """Return the fault that puts another text in the place of one that can be changed."""
-    (found,) = {one for one in changes(source) if (source[one.start : one.end], one.new) == (old, new)}
+    (found,) = {
+        one for one in changes(source) if (source[one.start : one.end], one.new) == (old, new)
+    }
     return as_mutant(file, source, found, tests)
 
 
@@ -58,7 +60,14 @@ def test_every_operator_number_and_condition_is_a_place():
     return f"{1 + 1}"
 """
     found = {(source[one.start : one.end], one.new) for one in changes(source)}
-    assert found >= {("3", "4"), ("not", ""), ("-", ""), ("1.5", "3.0"), ("items.clear()", "pass"), ("True", "False")}
+    assert found >= {
+        ("3", "4"),
+        ("not", ""),
+        ("-", ""),
+        ("1.5", "3.0"),
+        ("items.clear()", "pass"),
+        ("True", "False"),
+    }
     assert found >= {
         ("+", "-"),
         ("<", "<="),
@@ -79,7 +88,10 @@ def test_a_fault_is_in_one_function_and_named_by_its_lines():
     assert f"box.py {MODULE}: 'LIMIT = 3' -> 'LIMIT = 4'" in found
     source = "def f(a):\n    a += 1\n    a.call(\n        1,\n    )\n"
     two = [as_mutant("a.py", source, change) for change in changes(source) if change.new == "pass"]
-    assert [(one.line, one.old.count("\n"), one.new) for one in two] == [(1, 0, "    pass"), (2, 2, "    pass")]
+    assert [(one.line, one.old.count("\n"), one.new) for one in two] == [
+        (1, 0, "    pass"),
+        (2, 2, "    pass"),
+    ]
     assert [one.changed.count("\n") for one in two] == [5, 3]
 
 
@@ -110,7 +122,11 @@ def test_neither(): other()
 def test_failing(): assert small(3)
 """
     (tmp_path / "test_box.py").write_text(tests)
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "MUTANTS_CALLS": str(tmp_path), "PYTHONSAFEPATH": "1"}
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT),
+        "MUTANTS_CALLS": str(tmp_path),
+        "PYTHONSAFEPATH": "1",
+    }
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.mutants.calls", "test_box.py"]
     subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
     calls = Calls(tmp_path, tmp_path)
@@ -128,7 +144,9 @@ def test_killed_ones_are_counted_by_package():
 
 
 def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(tmp_path):
-    (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\nmarkers = ['data: needs data']\n")
+    (tmp_path / "pyproject.toml").write_text(
+        "[tool.pytest.ini_options]\nmarkers = ['data: needs data']\n"
+    )
     folder = tmp_path / "tests"
     folder.mkdir()
     (folder / "box.py").write_text(SOURCE)
@@ -147,7 +165,9 @@ def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(t
     for name in names:
         (folder / f"test_{name}.py").write_text(f"{loader}\n\ndef test_it():\n    {bodies[name]}\n")
     faults = {"good": ("<=", "<"), "blind": ("+", "-"), "broken": ("+", "-"), "slow": ("3", "4")}
-    mutants = [fault("tests/box.py", SOURCE, *faults[name], (f"tests/test_{name}.py",)) for name in names]
+    mutants = [
+        fault("tests/box.py", SOURCE, *faults[name], (f"tests/test_{name}.py",)) for name in names
+    ]
     script = "\n".join(
         [
             "from pathlib import Path",
@@ -158,6 +178,8 @@ def test_the_runner_tells_killed_from_survived_and_from_tests_that_fail_anyway(t
             "    print(verdict.ending)",
         ]
     )
-    found = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert found.stdout.split("\n")[:4] == ["killed", "survived", "no verdict", "killed"]
     assert (folder / "box.py").read_text() == SOURCE

@@ -7,7 +7,14 @@ import pytest
 
 from pairwise.problem.problem import Problem
 from pairwise.reference.pm_sdp import solve_reference
-from tests.oracles import brute_force, check_pose, check_relaxation, in_rotation_hull, injective_maps, isometries
+from tests.oracles import (
+    brute_force,
+    check_pose,
+    check_relaxation,
+    in_rotation_hull,
+    injective_maps,
+    isometries,
+)
 from tests.problems import catalogue, chair, planted, random_rotation
 
 CATALOGUE = catalogue()
@@ -59,7 +66,9 @@ def test_brute_force_refuses_bands(rng):
 
 
 def test_check_pose_rejects_wrong_poses(rng):
-    problem = Problem.from_user(rng.random((5, 3)), rng.random((4, 3)), allowed=np.arange(5)[:, None] != np.arange(4))
+    problem = Problem.from_user(
+        rng.random((5, 3)), rng.random((4, 3)), allowed=np.arange(5)[:, None] != np.arange(4)
+    )
     best = brute_force(problem)
     pose = (best.rotation, best.point_map, best.energy)
     mirror, own, twice = np.diag([-1.0, 1.0, 1.0]), np.arange(4), best.point_map[[0, 0, 2, 3]]
@@ -79,7 +88,9 @@ def test_check_relaxation_rejects_wrong_solutions(rng):
     assert "PSD" in str(check_relaxation(problem, replace(result, C=0.9 * result.C), 1e-5))
     assert "C does not" in str(check_relaxation(problem, replace(result, C=1.01 * result.C), 1e-5))
     assert "stochastic" in str(check_relaxation(problem, replace(result, X=1.01 * result.X), 1e-5))
-    assert "value" in str(check_relaxation(problem, replace(result, value=0.9 * result.value), 1e-5))
+    assert "value" in str(
+        check_relaxation(problem, replace(result, value=0.9 * result.value), 1e-5)
+    )
     assert "hull" in str(check_relaxation(problem, replace(result, R=-np.eye(3)), 1e-5))
     masked = Problem.from_user(problem.target, problem.source, allowed=result.X.max() > result.X)
     assert "allowed" in str(check_relaxation(masked, result, 1e-5))

@@ -18,9 +18,19 @@ PACKAGES = ("collalign", "pairwise", "data_tools")
 
 def run(*words, folder=ROOT):
     """Run a command apart from this checkout's import paths and return what it prints."""
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("PYTHONPATH", "PYTHONHOME")
+    }
     done = subprocess.run(
-        words, cwd=folder, check=False, capture_output=True, text=True, timeout=1200, env=environment
+        words,
+        cwd=folder,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=1200,
+        env=environment,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -66,7 +76,9 @@ def test_the_wheel_holds_the_packages(built):
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as packed:
         names = {name for name in packed.namelist() if ".dist-info/" not in name}
-    assert names - untracked() == {name for name in checked_in() if name.startswith(tuple(f"{p}/" for p in PACKAGES))}
+    assert names - untracked() == {
+        name for name in checked_in() if name.startswith(tuple(f"{p}/" for p in PACKAGES))
+    }
 
 
 def test_the_wheel_alone_works(built, tmp_path):
@@ -76,8 +88,21 @@ def test_the_wheel_alone_works(built, tmp_path):
     run(sys.executable, "-m", "venv", "--without-pip", fresh)
     python = fresh / "bin" / "python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
-    run(sys.executable, "-m", "pip", "-q", "--python", python, "install", "--no-deps", "--no-index", wheel)
-    (site / "borrowed.pth").write_text(f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n")
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "-q",
+        "--python",
+        python,
+        "install",
+        "--no-deps",
+        "--no-index",
+        wheel,
+    )
+    (site / "borrowed.pth").write_text(
+        f"{sysconfig.get_path('purelib')}\n{sysconfig.get_path('platlib')}\n"
+    )
     smoke = tmp_path / "smoke.py"
     smoke.write_text((ROOT / "tests" / "smoke.py").read_text("utf-8"), "utf-8")
     assert "works on Python" in run(python, smoke, tmp_path, folder=tmp_path)

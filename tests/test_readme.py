@@ -21,7 +21,9 @@ def test_commands_set_up_and_run():
         assert "pip install" in command(name, text)
 
 
-@pytest.mark.parametrize("text", [README.read_text("utf-8"), align_collection.__doc__, read_shape.__doc__])
+@pytest.mark.parametrize(
+    "text", [README.read_text("utf-8"), align_collection.__doc__, read_shape.__doc__]
+)
 def test_every_readable_format_is_named(text):
     sentence = next(one for one in text.split("\n\n") if "PLY" in one and "NPZ" in one)
     words = set(re.findall(r"\b[A-Z]{3,4}\b", sentence))

@@ -26,7 +26,11 @@ KEYWORDS = (
     *((CleaningKeywords, collalign.CleaningOptions), (SamplingKeywords, collalign.SamplingOptions)),
     *((EmbeddingKeywords, collalign.EmbeddingOptions), (PairKeywords, collalign.PairOptions)),
     *((AlignKeywords, collalign.AlignOptions), (TwoShapeKeywords, collalign.TwoShapeOptions)),
-    *((RunKeywords, collalign.RunOptions), (NonrigidKeywords, collalign.NonrigidOptions), (OwnKeywords, Own)),
+    *(
+        (RunKeywords, collalign.RunOptions),
+        (NonrigidKeywords, collalign.NonrigidOptions),
+        (OwnKeywords, Own),
+    ),
     (SemilandmarkKeywords, collalign.SemilandmarkRequest),
 )
 
@@ -41,11 +45,18 @@ def test_keywords_are_the_fields_and_each_is_documented(keywords, options):
 
 def test_keywords_that_are_passed_on_are_those_of_what_takes_them():
     problem = {*ProblemArguments.__annotations__}
-    assert {*get_type_hints(MatchKeywords)} == problem | {one.name for one in fields(pairwise.MatchOptions)}
-    assert {*get_type_hints(CollectionKeywords)} == {
-        one.name for kind in (collalign.AlignOptions, collalign.RunOptions, Own) for one in fields(kind)
+    assert {*get_type_hints(MatchKeywords)} == problem | {
+        one.name for one in fields(pairwise.MatchOptions)
     }
-    for arguments, function in ((ProblemArguments, pairwise.Problem), (GraphArguments, collalign.PairGraph)):
+    assert {*get_type_hints(CollectionKeywords)} == {
+        one.name
+        for kind in (collalign.AlignOptions, collalign.RunOptions, Own)
+        for one in fields(kind)
+    }
+    for arguments, function in (
+        (ProblemArguments, pairwise.Problem),
+        (GraphArguments, collalign.PairGraph),
+    ):
         taken = function.from_user.__kwdefaults__
         assert {*arguments.__annotations__} == {*taken}
 
@@ -64,7 +75,11 @@ def test_keywords_that_are_passed_on_are_those_of_what_takes_them():
 )
 def test_a_keyword_of_another_level_is_told_where_it_belongs(call, keywords, advice):
     points = np.random.default_rng(0).random((8, 3))
-    function = {"align": collalign.align_collection, "rigid": collalign.match_rigid, "part": collalign.match_in_part}
+    function = {
+        "align": collalign.align_collection,
+        "rigid": collalign.match_rigid,
+        "part": collalign.match_in_part,
+    }
     given = ([points, points],) if call == "align" else (points, points)
     with pytest.raises(OptionsError, match=re.escape(advice)):
         function[call](*given, **keywords)

@@ -10,13 +10,24 @@ from tests.test_contributing import section
 from tests.test_layers import ROOT, sources
 
 #: Called as the command line calls them, as the driver lists its steps, or as every format of an export.
-CALLED_ALIKE = (re.compile(r"/command\.py$"), re.compile(r"stages/steps\.py$"), re.compile(r"tools/export/\w+\.py$"))
+CALLED_ALIKE = (
+    re.compile(r"/command\.py$"),
+    re.compile(r"stages/steps\.py$"),
+    re.compile(r"tools/export/\w+\.py$"),
+)
 #: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
     "hypotheses": {"synchronization/solvers"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense", "stages/deformation"},
-    "maps": {"products", "output", "nonrigid", "stages/deformation", "tools/correspond", "tools/match"},
+    "maps": {
+        "products",
+        "output",
+        "nonrigid",
+        "stages/deformation",
+        "tools/correspond",
+        "tools/match",
+    },
     "incomplete": {"products", "stages/incomplete", "confidence"},
     "partial": {"pairwise/partial"},
     "certify": {"tools/certify", "pairwise/pm_sdp"},
@@ -29,7 +40,9 @@ def public_names(modules):
     for path, text in modules.items():
         if not any(alike.search(path) for alike in CALLED_ALIKE):
             for node in ast.parse(text).body:
-                if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith(
+                    "_"
+                ):
                     found[node.name].append(path)
     return found
 
@@ -59,7 +72,11 @@ def test_files_are_called_after_a_word_where_it_has_its_meaning():
 
 
 def test_every_word_that_is_held_is_defined():
-    rows = [line.split("|")[1].strip() for line in section("Words").splitlines() if line.startswith("| ")]
+    rows = [
+        line.split("|")[1].strip()
+        for line in section("Words").splitlines()
+        if line.startswith("| ")
+    ]
     assert HOMES.keys() <= {*rows}
     assert {"candidate", "part", "fixed"} <= {*rows}
 

@@ -14,7 +14,9 @@ points = np.zeros((8, 3))
 
 def right_calls() -> collalign.MatchResult:
     """Call functions as they are documented."""
-    collalign.align_collection("bones", seed=1, jobs=2, group="O", sampling={"num_points": 32}, progress=False)
+    collalign.align_collection(
+        "bones", seed=1, jobs=2, group="O", sampling={"num_points": 32}, progress=False
+    )
     collalign.align_collection("bones", candidates={("a", "b"): np.eye(3)}, options={"seed": 1})
     sampling = collalign.SamplingOptions(num_points=32)
     collalign.match_rigid(points, points, group="O", sampling=sampling, matching={"num_draws": 8})

@@ -78,17 +78,25 @@ def view_of(num_shapes=10, *, seed=0, num_missing=0, subdivisions=2):
         faces=(faces,) * num_shapes,
         pairs=_pairs(R, rng),
         alternatives=tuple(
-            (Alternative(rotation=half_turn @ R[at], log_odds=0.7),) if at == 1 else () for at in range(num_shapes)
+            (Alternative(rotation=half_turn @ R[at], log_odds=0.7),) if at == 1 else ()
+            for at in range(num_shapes)
         ),
         part_numbers=np.zeros(num_shapes, dtype=np.int64),
-        labels={"taxon": kinds, "side": tuple("left" if at % 2 else "right" for at in range(num_shapes))},
+        labels={
+            "taxon": kinds,
+            "side": tuple("left" if at % 2 else "right" for at in range(num_shapes)),
+        },
         excluded=(
-            Excluded(file="folder/broken.ply", reason="no vertices: export it again from the program that made it"),
+            Excluded(
+                file="folder/broken.ply",
+                reason="no vertices: export it again from the program that made it",
+            ),
         ),
         options=AlignOptions(),
         group="O",
         run=RunRecord(
-            versions={"collalign": "0.1.0", "numpy": np.__version__}, times_s={"read": 0.5, "pairs": 12.25}
+            versions={"collalign": "0.1.0", "numpy": np.__version__},
+            times_s={"read": 0.5, "pairs": 12.25},
         ),
         cycle_errors_deg=np.abs(rng.normal(0, 12, 400)),
         notes=(Note("doubtful", ("shape_001",)),),

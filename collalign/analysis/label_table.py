@@ -64,7 +64,9 @@ class Labels:
 
     def columns_for(self, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
         """Return all columns that say something about the named shapes."""
-        found = {by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()}
+        found = {
+            by: tuple(values.get(name, "") for name in names) for by, values in self.columns.items()
+        }
         return {by: values for by, values in found.items() if any(values)}
 
     def mismatches(self, names: Sequence[str]) -> list[Note]:
@@ -73,7 +75,9 @@ class Labels:
         bare = sorted({*names} - {name for row in self.rows for name in row})
         found = []
         if strange:
-            found.append(Note("labels-unknown", values={"source": str(self.source), "rows": tuple(strange)}))
+            found.append(
+                Note("labels-unknown", values={"source": str(self.source), "rows": tuple(strange)})
+            )
         if bare:
             found.append(Note("labels-missing", tuple(bare), {"source": str(self.source)}))
         return found
@@ -95,10 +99,14 @@ def read_labels(path: Path | str) -> Labels:
     try:
         text = read_any_text(source)
     except InputError as error:
-        raise InputError(f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8") from error
+        raise InputError(
+            f"{source}: cannot be read as text ({error}); save the table as CSV in UTF-8"
+        ) from error
     try:
         dialect = _dialect(text)
-        rows = [[plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)]
+        rows = [
+            [plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)
+        ]
     except csv.Error as error:
         raise InputError(f"{source}: cannot be read as a table ({error})") from None
     if len(rows) < 2 or len(rows[0]) < 2:
@@ -117,7 +125,9 @@ def read_labels(path: Path | str) -> Labels:
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(heading):
-            raise InputError(f"{source}, line {number}: {len(row)} cells under {len(heading)} headings")
+            raise InputError(
+                f"{source}, line {number}: {len(row)} cells under {len(heading)} headings"
+            )
         named.append(tuple(dict.fromkeys(shape_name(row[at]) for at in (at_name, *at_file))))
         for name in named[-1]:
             for column, cell in zip(heading, row, strict=True):
@@ -125,7 +135,10 @@ def read_labels(path: Path | str) -> Labels:
                     problem = f"{source}, line {number}: {name!r} is listed twice"
                     _enter(columns[column], name, known_label(cell), problem)
     of_excel = dialect.delimiter == ";"
-    columns = {column: _with_decimal_points(values, are_decimals=of_excel) for column, values in columns.items()}
+    columns = {
+        column: _with_decimal_points(values, are_decimals=of_excel)
+        for column, values in columns.items()
+    }
     return Labels(source=str(source), columns=columns, rows=tuple(named))
 
 

@@ -115,9 +115,13 @@ def principal_components(aligned: ArrayLike) -> PrincipalComponents:
     """
     points = as_floats(aligned, "aligned", shape=(None, None, 3))
     if len(points) < 2:
-        raise InputError(f"aligned: principal components need at least two shapes, got {len(points)}")
+        raise InputError(
+            f"aligned: principal components need at least two shapes, got {len(points)}"
+        )
     mean = points.mean(axis=0)
-    left, singular, axes = np.linalg.svd((points - mean).reshape(len(points), -1), full_matrices=False)
+    left, singular, axes = np.linalg.svd(
+        (points - mean).reshape(len(points), -1), full_matrices=False
+    )
     count = min(len(points) - 1, axes.shape[0])
     rows = np.arange(len(axes))
     flip = np.sign(axes[rows, np.abs(axes).argmax(axis=1)])
@@ -247,7 +251,9 @@ def classical_mds(distances: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return coordinates, shares
 
 
-def pose_changes(reference: FloatArray, again: FloatArray, part_numbers: IntArray) -> tuple[FloatArray, BoolArray]:
+def pose_changes(
+    reference: FloatArray, again: FloatArray, part_numbers: IntArray
+) -> tuple[FloatArray, BoolArray]:
     """Return by how much each pose differs, and whether it is mirrored as before, in the frame that most agree with.
 
     The common frame of an alignment is arbitrary. So the second one is rotated as the shape asks with which most

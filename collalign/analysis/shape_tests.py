@@ -43,8 +43,12 @@ class Effects:
         """Compare the first row, as found, with all rows, shape (m + 1, t)."""
         logs = np.log(np.maximum(permuted, np.finfo(float).tiny))
         spread = logs.std(axis=0)
-        z = np.where(spread > 0, logs[0] - logs.mean(axis=0), np.nan) / np.where(spread > 0, spread, 1.0)
-        p = np.where(np.isnan(permuted[0]), np.nan, (permuted >= permuted[0] * (1 - 1e-12)).mean(axis=0))
+        z = np.where(spread > 0, logs[0] - logs.mean(axis=0), np.nan) / np.where(
+            spread > 0, spread, 1.0
+        )
+        p = np.where(
+            np.isnan(permuted[0]), np.nan, (permuted >= permuted[0] * (1 - 1e-12)).mean(axis=0)
+        )
         return cls(values=permuted[0], z=z, p=p)
 
     @property
@@ -121,7 +125,9 @@ def procrustes_anova(
     whole = _basis(terms.values(), len(values))
     left = len(values) - whole.shape[1]
     if left < 1:
-        raise InputError(f"terms: {whole.shape[1]} columns leave nothing to compare in {len(values)} shapes")
+        raise InputError(
+            f"terms: {whole.shape[1]} columns leave nothing to compare in {len(values)} shapes"
+        )
     rows = []
     for name in terms:
         before = [terms[other] for other in _reduced(name, [*terms], sums)]
@@ -129,7 +135,9 @@ def procrustes_anova(
         own = high[:, low.shape[1] :]
         rest = values - low @ (low.T @ values)
         squares = np.array([((own.T @ rest[order]) ** 2).sum() for order in orders])
-        residual = (rest**2).sum() - np.array([((whole.T @ rest[order]) ** 2).sum() for order in orders])
+        residual = (rest**2).sum() - np.array(
+            [((whole.T @ rest[order]) ** 2).sum() for order in orders]
+        )
         df = own.shape[1]
         ratios = squares * left / np.maximum(residual * df, np.finfo(float).tiny)
         found = Effects.of(ratios[:, None] if df else np.full((1, 1), np.nan))
@@ -143,7 +151,11 @@ def procrustes_anova(
 
 @one_blas_thread()
 def compare_groups(
-    shapes: FloatArray, labels: Sequence[str], *, permutations: int = NUM_PERMUTATIONS, seed: int = SEED
+    shapes: FloatArray,
+    labels: Sequence[str],
+    *,
+    permutations: int = NUM_PERMUTATIONS,
+    seed: int = SEED,
 ) -> tuple[dict[str, float], Effects, Effects]:
     """Compare the means and the disparities of every two groups.
 
@@ -222,7 +234,12 @@ def compare_held(
     indicators = (rows[:, None] == np.arange(len(groups))).astype(np.float64)
     design = np.hstack([indicators, held - held.mean(axis=0)])
     return _of_coefficients(
-        shapes, design, held, lambda found: pdist(found[: len(groups)]), permutations=permutations, seed=seed
+        shapes,
+        design,
+        held,
+        lambda found: pdist(found[: len(groups)]),
+        permutations=permutations,
+        seed=seed,
     )
 
 
@@ -267,11 +284,19 @@ def compare_slopes(
     common = np.hstack([indicators[:, 1:], along[:, None]])
     num = len(groups)
     differences = _of_coefficients(
-        shapes, design, common, lambda found: pdist(found[num:]), permutations=permutations, seed=seed
+        shapes,
+        design,
+        common,
+        lambda found: pdist(found[num:]),
+        permutations=permutations,
+        seed=seed,
     )
     slopes = np.linalg.lstsq(design, shapes - shapes.mean(axis=0), rcond=None)[0][num:]
     lengths = np.linalg.norm(slopes, axis=1)
-    cosines = [slopes[a] @ slopes[b] / max(lengths[a] * lengths[b], 1e-300) for a, b in combinations(range(num), 2)]
+    cosines = [
+        slopes[a] @ slopes[b] / max(lengths[a] * lengths[b], 1e-300)
+        for a, b in combinations(range(num), 2)
+    ]
     return differences, np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
@@ -299,7 +324,9 @@ def _of_coefficients(
 
 def _groups(labels: Sequence[str]) -> tuple[list[str], IntArray, IntArray]:
     """Return the names of the groups, the group of each shape and the counts; two groups of two shapes or more."""
-    groups, rows, counts = np.unique(np.array(labels, dtype=str), return_inverse=True, return_counts=True)
+    groups, rows, counts = np.unique(
+        np.array(labels, dtype=str), return_inverse=True, return_counts=True
+    )
     if len(groups) < 2 or counts.min() < 2:
         raise InputError("labels: expected two groups or more of two shapes or more")
     return groups.tolist(), rows, counts

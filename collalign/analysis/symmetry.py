@@ -92,7 +92,9 @@ def object_symmetry(
     shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
     pairing = check_pairing(partner, shapes.shape[1])
     if len(shapes) < 2:
-        raise InputError(f"samples: asymmetry is compared between at least two shapes, got {len(shapes)}")
+        raise InputError(
+            f"samples: asymmetry is compared between at least two shapes, got {len(shapes)}"
+        )
     mean, aligned = _superimposed(shapes, pairing)
     symmetric = 0.5 * (aligned + mirror_image(aligned, pairing))
     asymmetric = aligned - symmetric
@@ -124,8 +126,14 @@ def check_pairing(partner: ArrayLike, num: int) -> IntArray:
     """
     pairing = np.asarray(partner)
     whole = pairing.shape == (num,) and np.issubdtype(pairing.dtype, np.integer)
-    if not whole or not ((pairing >= 0) & (pairing < num)).all() or (pairing[pairing] != np.arange(num)).any():
-        raise InputError(f"partner: expected {num} point numbers of which each is the partner of its partner")
+    if (
+        not whole
+        or not ((pairing >= 0) & (pairing < num)).all()
+        or (pairing[pairing] != np.arange(num)).any()
+    ):
+        raise InputError(
+            f"partner: expected {num} point numbers of which each is the partner of its partner"
+        )
     return np.asarray(pairing, dtype=np.int64)
 
 
@@ -147,7 +155,9 @@ def mirror_normal(points: FloatArray, partner: IntArray) -> FloatArray:
     """
     values, vectors = np.linalg.eigh(points.T @ points[partner])
     if values[0] >= 0 or values[1] < _MOST_INVERTED * values[0]:
-        raise InputError("partner: these pairs are not mirror images of each other; are left and right mixed up?")
+        raise InputError(
+            "partner: these pairs are not mirror images of each other; are left and right mixed up?"
+        )
     normal = vectors[:, 0]
     return np.asarray(normal * np.sign(normal[np.abs(normal).argmax()]))
 
@@ -185,8 +195,14 @@ def _anova(
     num, num_shapes = len(counts), len(symmetric)
     means = [_group_means(values, rows, counts) for values in (symmetric, asymmetric)]
     grand = [values.mean(axis=0) for values in (symmetric, asymmetric)]
-    across = [2 * float(counts @ ((m - g) ** 2).sum(axis=(1, 2))) for m, g in zip(means, grand, strict=True)]
-    within = [2 * float(((v - m[rows]) ** 2).sum()) for v, m in zip((symmetric, asymmetric), means, strict=True)]
+    across = [
+        2 * float(counts @ ((m - g) ** 2).sum(axis=(1, 2)))
+        for m, g in zip(means, grand, strict=True)
+    ]
+    within = [
+        2 * float(((v - m[rows]) ** 2).sum())
+        for v, m in zip((symmetric, asymmetric), means, strict=True)
+    ]
     side = 2 * num_shapes * float((grand[1] ** 2).sum())
     num_middle = int((partner == np.arange(len(partner))).sum())
     num_pairs = (len(partner) - num_middle) // 2
@@ -223,7 +239,9 @@ def _anova(
     ]
     if has_replicates:
         plain = 2 * (num_shapes - num)
-        table.append(AnovaRow(effect="residual", df=df_residual, sum_of_squares=sum(within), plain_df=plain))
+        table.append(
+            AnovaRow(effect="residual", df=df_residual, sum_of_squares=sum(within), plain_df=plain)
+        )
     total = sum(row.sum_of_squares for row in table)
     df, plain = sum(row.df for row in table), 2 * num_shapes - 1
     return (*table, AnovaRow(effect="total", df=df, sum_of_squares=total, plain_df=plain))
@@ -239,10 +257,14 @@ def _ratio(sum_of_squares: float, df: int, against: float) -> float:
     return sum_of_squares / df / against if df > 0 and against > 0 else float("nan")
 
 
-def _exchange_test(components: FloatArray, counts: IntArray, permutations: int, seed: int) -> Effects:
+def _exchange_test(
+    components: FloatArray, counts: IntArray, permutations: int, seed: int
+) -> Effects:
     """Compare the mean asymmetry with that after random exchanges of the sides of individuals."""
     flat = components.reshape(len(components), -1)
     gram = (counts[:, None] * counts) * (flat @ flat.T)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=(permutations + 1, len(components)))
+    signs = np.random.default_rng(seed).choice(
+        [-1.0, 1.0], size=(permutations + 1, len(components))
+    )
     signs[0] = 1.0
     return Effects.of(np.einsum("ei,ij,ej->e", signs, gram, signs)[:, None])

@@ -47,12 +47,18 @@ _COMMANDS = {
         "collalign.cli.align_command:demo",
         "Generate a small collection, align it, compare with the truth.",
     ),
-    "add": ("collalign.cli.align_command:add", "Align new shapes to a finished result without moving the old ones."),
+    "add": (
+        "collalign.cli.align_command:add",
+        "Align new shapes to a finished result without moving the old ones.",
+    ),
     "batch": (
         "collalign.cli.batch_command:batch",
         "Align many folders; one that fails does not stop the others.",
     ),
-    "open": ("collalign.cli.open_command:open_app", "Open a result in the browser, correct it and go on."),
+    "open": (
+        "collalign.cli.open_command:open_app",
+        "Open a result in the browser, correct it and go on.",
+    ),
     "status": ("collalign.cli.status:status", "Say how far a run is, or make its store smaller."),
     **{name: (f"collalign.tools.{function}", line) for name, (function, line) in TOOLS.items()},
 }
@@ -93,7 +99,9 @@ def _launch(
         command. Where its name ends with .jsonl, each line is a JSON object.
     """
     configure_output(quiet=quiet, as_json=as_json, verbose=verbose, log=log)
-    app.config = (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
+    app.config = (
+        (refuse_rounding,) if config is None else (ConfigFile(config, _COMMANDS), refuse_rounding)
+    )
     running = COMMAND.set(shlex.join(["collalign", *tokens]))
     try:
         return app(tokens, exit_on_error=False)
@@ -111,13 +119,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # names need not fit the terminal's encoding
+            stream.reconfigure(
+                errors="backslashreplace"
+            )  # names need not fit the terminal's encoding
     try:
         with orderly_interrupts(until_exit=arguments is None):
             code = _run(list(sys.argv[1:] if arguments is None else arguments))
         print(end="", flush=True)
         return code
-    except BrokenPipeError:  # as in "collalign ... | head -1"; what Python still holds for the reader goes nowhere
+    except (
+        BrokenPipeError
+    ):  # as in "collalign ... | head -1"; what Python still holds for the reader goes nowhere
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return READER_GONE
 
@@ -133,13 +145,19 @@ def _run(words: list[str]) -> int:
         return end(int(app.meta(words, exit_on_error=False) or 0))
     except UnknownCommandError as error:
         instead = next((_INSTEAD[word] for word in words if word in _INSTEAD), None)
-        return end(2, str(error)) if instead is None else _say(f"there is no such command; write: {instead}", 2)
+        return (
+            end(2, str(error))
+            if instead is None
+            else _say(f"there is no such command; write: {instead}", 2)
+        )
     except CycloptsError as error:
         return end(2, str(error))
     except BrokenPipeError:
         raise
     except KeyboardInterrupt as interrupt:
-        return _say(str(interrupt) or f"interrupted; no file is left half-written; {GO_ON}", INTERRUPTED)
+        return _say(
+            str(interrupt) or f"interrupted; no file is left half-written; {GO_ON}", INTERRUPTED
+        )
     except Exception as error:
         if "-v" in words or "--verbose" in words:
             traceback.print_exc()
@@ -149,7 +167,11 @@ def _run(words: list[str]) -> int:
             raise
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             return _say("too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
-        if isinstance(error, OSError) and not isinstance(error, CollalignError) and error.errno is not None:
+        if (
+            isinstance(error, OSError)
+            and not isinstance(error, CollalignError)
+            and error.errno is not None
+        ):
             return _say(f"{error.filename or 'a file'}: {system_reason(error)}", 1)
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
 

@@ -31,7 +31,13 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.loading import load
-from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE, WRITER, output_names, save_collection
+from collalign.output.write import (
+    ALIGNMENT_FILE,
+    REPORT_FILE,
+    WRITER,
+    output_names,
+    save_collection,
+)
 from collalign.products.own import Own
 from collalign.products.run_record import REST
 from collalign.products.trust import DOUBT
@@ -50,7 +56,15 @@ from data_tools.rotations import rotation_angle_deg
 
 #: What is done to nearly every file and loses nothing of its surface; said of each in ``alignment.json`` alone.
 _USUAL = {
-    *("made-of-parts", "duplicates-merged", "not-kept", "coarse-steps", "subsampled", "decimated", "edge-geodesics"),
+    *(
+        "made-of-parts",
+        "duplicates-merged",
+        "not-kept",
+        "coarse-steps",
+        "subsampled",
+        "decimated",
+        "edge-geodesics",
+    ),
     *("tufted-laplacian", "degenerate-dropped", "unreferenced-dropped"),
 }
 
@@ -113,7 +127,9 @@ def align(
     drop
         Leave out shapes of the result in --out that are not named any more, such as those of `collalign add`.
     """
-    every, inputs = _listed(folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts)
+    every, inputs = _listed(
+        folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts
+    )
     listing = every.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
     inputs |= of_own
@@ -136,7 +152,9 @@ def align(
             _refuse_to_drop(out, every)
         with Session.open(options, run, progress_display(True)) as session:
             incomplete = {name for one in decided for name in one.incomplete}
-            collection = align_listing(session, listing, fixed=fixed, kept=kept, incomplete=incomplete, own=own)
+            collection = align_listing(
+                session, listing, fixed=fixed, kept=kept, incomplete=incomplete, own=own
+            )
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
@@ -199,33 +217,50 @@ def demo(
     start_s = time.perf_counter()
     if num_shapes < 2:
         raise OptionsError(f"--num-shapes: expected at least 2, got {num_shapes}")
-    say(f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth.")
+    say(
+        f"This generates {num_shapes} chairs in random poses, aligns them consistently and compares with the truth."
+    )
     planted = demo_collection(seed=options.seed, num=num_shapes)
     with OutputFolder.open(out / "shapes", writer="demo") as output:
         write_collection(output.staging, planted)
         files = output.publish(complete=True)
-    if not {path.absolute() for path in read_folder(out / "shapes").files} <= {path.absolute() for path in files}:
-        raise InputError(f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out")
+    if not {path.absolute() for path in read_folder(out / "shapes").files} <= {
+        path.absolute() for path in files
+    }:
+        raise InputError(
+            f"{out / 'shapes'}: holds other shapes as well, from an earlier call; choose another --out"
+        )
     if not options.reference and options.gauge == "reference":
         # The shape that stands most upright in pictures: their up is y, a chair's is z.
-        options = replace(options, reference=planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name)
+        options = replace(
+            options, reference=planted.shapes[int(np.argmax(planted.rotations[:, 2, 1]))].name
+        )
     code = align([out / "shapes"], out=out / "aligned", options=options, run=run)
     if code in (0, INCOMPLETE):
         errors = _errors_deg(out / "aligned" / ALIGNMENT_FILE, planted)
         median, worst = float(np.median(errors)), float(errors.max())
         add_to_summary(median_error_deg=median, worst_error_deg=worst)
-        say(f"Rotation error against the truth, over all pairs: median {median:.2f} deg, worst {worst:.2f} deg")
-    say(f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:")
+        say(
+            f"Rotation error against the truth, over all pairs: median {median:.2f} deg, worst {worst:.2f} deg"
+        )
+    say(
+        f"Took {time.perf_counter() - start_s:.0f} s. The shapes, the result, and the page to open in a browser:"
+    )
     for path in (out / "shapes", out / "aligned", out / "aligned" / REPORT_FILE):
         say(str(path))
     return code
 
 
-def _listed(given: Path | list[Path], *, recursive: bool, parts: bool) -> tuple[FolderListing, set[Path]]:
+def _listed(
+    given: Path | list[Path], *, recursive: bool, parts: bool
+) -> tuple[FolderListing, set[Path]]:
     """Return the shapes that places hold, and all that results must lie apart from."""
     listing = list_shapes(given, recursive=recursive, parts=parts)
     places = given if isinstance(given, list) else [given]
-    return listing, {*(Path(str(place).removeprefix("@")) for place in places), *inputs_of(listing.files)}
+    return listing, {
+        *(Path(str(place).removeprefix("@")) for place in places),
+        *inputs_of(listing.files),
+    }
 
 
 def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
@@ -283,19 +318,33 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
 
 
 def _save(
-    collection: Collection, output: OutputFolder, table: Labels | None, run: RunOptions, *, report: bool
+    collection: Collection,
+    output: OutputFolder,
+    table: Labels | None,
+    run: RunOptions,
+    *,
+    report: bool,
 ) -> tuple[Path, ...]:
     """Write the outputs, with a progress bar where somebody watches a terminal; the store says so meanwhile."""
     _set_stage(run, "outputs")
-    times_s = collection.run.times_s  # with the start of the program and the list of files, all of the command so far
+    times_s = (
+        collection.run.times_s
+    )  # with the start of the program and the list of files, all of the command so far
     rest_s = times_s.get(REST, 0.0) + max(0.0, elapsed_s() - sum(times_s.values()))
     collection = replace(collection, run=replace(collection.run, times_s=times_s | {REST: rest_s}))
     columns = table.columns_for(collection.names) if table is not None else None
     if table is not None:
-        collection = replace(collection, notes=(*collection.notes, *table.mismatches(collection.names)))
+        collection = replace(
+            collection, notes=(*collection.notes, *table.mismatches(collection.names))
+        )
     with ProgressBar("outputs", len(collection.names)) as bar:
         written = save_collection(
-            collection, output, report=report, labels=columns, advance=bar.advance, num_jobs=run.num_workers
+            collection,
+            output,
+            report=report,
+            labels=columns,
+            advance=bar.advance,
+            num_jobs=run.num_workers,
         )
     _set_stage(run, FINISHED)
     return written
@@ -327,20 +376,33 @@ def _errors_deg(alignment: Path, planted: PlantedCollection) -> FloatArray:
 
 def _doubtful(collection: Collection) -> dict[str, float]:
     """Return the confidence of the doubtful shapes, the most doubtful first; of none if nothing was estimated."""
-    stated = dict(zip(collection.names, np.nan_to_num(collection.confidence, nan=-1.0).tolist(), strict=True))
+    stated = dict(
+        zip(collection.names, np.nan_to_num(collection.confidence, nan=-1.0).tolist(), strict=True)
+    )
     if max(stated.values()) < 0:
         return {}
-    return {name: stated[name] for name in sorted(stated, key=lambda name: stated[name]) if stated[name] < DOUBT}
+    return {
+        name: stated[name]
+        for name in sorted(stated, key=lambda name: stated[name])
+        if stated[name] < DOUBT
+    }
 
 
 def _finish(collection: Collection, written: Sequence[Path]) -> int:
     """Say what came out, whom to doubt, what was left out, and where everything is; return the exit code."""
     seconds, doubtful = elapsed_s(), _doubtful(collection)
     reused = f" ({collection.run.num_reused} results reused)" if collection.run.num_reused else ""
-    say(f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s{reused}.")
+    say(
+        f"Aligned {len(collection.names)} shapes by {len(collection.pairs)} pairs in {seconds:.1f} s{reused}."
+    )
     if doubtful:
-        shown = [f"{name} ({percent(value) if value >= 0 else 'unknown'})" for name, value in doubtful.items()]
-        say(f"Doubtful poses, look at them first: {', '.join(shown[:10])}{', ...' if shown[10:] else ''}")
+        shown = [
+            f"{name} ({percent(value) if value >= 0 else 'unknown'})"
+            for name, value in doubtful.items()
+        ]
+        say(
+            f"Doubtful poses, look at them first: {', '.join(shown[:10])}{', ...' if shown[10:] else ''}"
+        )
     for note in collection.notes:
         say(f"Note: {note_text(note)}")
     lost = [
@@ -350,7 +412,9 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
     ]
     if lost:
         more = f" and {len(lost) - 1} more" if lost[1:] else ""
-        say(f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all.")
+        say(
+            f"Matched on a repaired copy ({lost[0]}){more}. Your files stay as they are; {ALIGNMENT_FILE} lists all."
+        )
     if collection.run.skipped:
         files = collection.run.skipped
         say(note_text(Note("not-shapes", values={"num": len(files), "files": files})))
@@ -361,7 +425,10 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
         pairs=len(collection.pairs),
         seconds=seconds,
         reused=collection.run.num_reused,
-        doubtful=[{"name": name, "confidence": value if value >= 0 else None} for name, value in doubtful.items()],
+        doubtful=[
+            {"name": name, "confidence": value if value >= 0 else None}
+            for name, value in doubtful.items()
+        ],
         left_out=[{"file": item.file, "reason": item.reason} for item in collection.excluded],
         skipped=collection.run.skipped,
         notes=note_records(collection.notes),

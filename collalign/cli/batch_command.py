@@ -58,7 +58,8 @@ def batch(
             except (CollalignError, OSError) as error:
                 warn(str(error))
                 add_to_summary(
-                    error=str(error), exit_code=error.exit_code if isinstance(error, CollalignError) else 1
+                    error=str(error),
+                    exit_code=error.exit_code if isinstance(error, CollalignError) else 1,
                 )
                 failed = True
     add_to_summary(jobs=jobs)

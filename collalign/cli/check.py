@@ -111,14 +111,20 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     said = {one.name: one.notes for one in read}
     notes += [*coarse_coordinates(said), *content_not_kept(said)]
     if num < options.sampling.num_points:
-        notes.append(Note("fewer-points", values={"num": num, "asked": options.sampling.num_points}))
+        notes.append(
+            Note("fewer-points", values={"num": num, "asked": options.sampling.num_points})
+        )
     if few := [one["name"] for one in facts if one["points"] < num]:
         notes.append(Note("too-few-points", tuple(few), {"num": num}))
     signatures = [one.signature for one in read]
     copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])
     notes += [one.note for one in copies]
     skipped = listing.skipped_names
-    others = [Note("not-shapes", values={"num": len(skipped), "files": tuple(skipped)})] if skipped else []
+    others = (
+        [Note("not-shapes", values={"num": len(skipped), "files": tuple(skipped)})]
+        if skipped
+        else []
+    )
     for note in [*notes, *others]:
         say(f"Note: {note_text(note)}")
     for item in left_out:
@@ -127,6 +133,8 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     add_to_summary(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
     able = len(facts) - len(few)
     if able < 2:
-        raise CollectionError(f"{able} readable shapes, at least two are needed to align a collection")
+        raise CollectionError(
+            f"{able} readable shapes, at least two are needed to align a collection"
+        )
     say(f"{able} of {len(listing.names)} files can be aligned.")
     return INCOMPLETE if left_out or few else 0

@@ -49,18 +49,24 @@ class ConfigFile:
         tables = {name for argument in arguments if argument.children for name in argument.names}
         for name, value in self._content.items():
             if name in self._commands:
-                raise self._misplaced(name, "options stand at the top level, not below the name of a command")
+                raise self._misplaced(
+                    name, "options stand at the top level, not below the name of a command"
+                )
             if name in _OWN_OPTIONS:
                 raise self._misplaced(name, "belongs on the command line")
             if f"--{name}" in tables and not isinstance(value, Mapping):
-                raise self._misplaced(name, f"a table of options, [{name}], is expected, not {value!r}")
+                raise self._misplaced(
+                    name, f"a table of options, [{name}], is expected, not {value!r}"
+                )
         from data_tools.checks import meant  # imports NumPy, which help shall not wait for
 
         known = {name.removeprefix("--") for argument in arguments for name in argument.names}
         for entry in _entries(self._content):
             if ".".join(entry).replace("_", "-") not in known:
                 similar = meant(".".join(entry), known)
-                raise OptionsError(f"--config {self._path}: there is no option [{']['.join(entry)}]{similar}")
+                raise OptionsError(
+                    f"--config {self._path}: there is no option [{']['.join(entry)}]{similar}"
+                )
         self._toml(app, commands, arguments)
 
     def _misplaced(self, name: str, reason: str) -> OptionsError:
@@ -70,7 +76,11 @@ class ConfigFile:
 def _entries(table: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Yield the names that lead to each value of tables in tables."""
     for name, value in table.items():
-        yield from ((name, *below) for below in _entries(value)) if isinstance(value, Mapping) else [(name,)]
+        yield from (
+            ((name, *below) for below in _entries(value))
+            if isinstance(value, Mapping)
+            else [(name,)]
+        )
 
 
 def refuse_rounding(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:

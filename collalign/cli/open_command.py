@@ -41,7 +41,11 @@ from data_tools.io.source import location
 from data_tools.landmarks.landmark_tables import READABLE
 
 #: Pages that are shown, by the command that writes them.
-_PAGES = {"align": REPORT_FILE, "variation": "variation/variation.html", "transfer": "landmarks/landmarks.html"}
+_PAGES = {
+    "align": REPORT_FILE,
+    "variation": "variation/variation.html",
+    "transfer": "landmarks/landmarks.html",
+}
 #: Folder with what came from the browser, that of landmarks in it, and files whose names say what they are. The
 #: folder has a manifest of its own: a file there that is somebody else's is never overwritten.
 _GIVEN, _TEMPLATES = "given", "templates"
@@ -80,7 +84,9 @@ class Workspace:
         }
         if not (self.out / ALIGNMENT_FILE).is_file():
             listing = read_folder(self._shapes)
-            shapes = [{"name": name, "exclude": False, "incomplete": False} for name in listing.names]
+            shapes = [
+                {"name": name, "exclude": False, "incomplete": False} for name in listing.names
+            ]
             return state | {"found": _found(listing), "shapes": shapes}
         collection = self._load()
         left_out, incomplete = _left_out(collection), _incomplete(collection)
@@ -122,7 +128,9 @@ class Workspace:
             elif name == _SOURCES_FILE:
                 collection.with_sources(_folder_in(content))
             elif others := sorted({*read_templates([staged], names)} - {*names}):
-                raise InputError(f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape")
+                raise InputError(
+                    f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape"
+                )
 
         self._keep((*folders, name), content, check)
 
@@ -143,7 +151,12 @@ class Workspace:
             is_usual = usual in (ALL, AUTO, NEVER) and named == _incomplete(collection)
             incomplete = usual if is_usual else ",".join(sorted(named)) or NEVER
             options = option_words(replace(collection.options, incomplete=incomplete))
-            words = [*shape_words(collection)[0], f"--out={out}", *options, *self._labels(collection)]
+            words = [
+                *shape_words(collection)[0],
+                f"--out={out}",
+                *options,
+                *self._labels(collection),
+            ]
             words += [f"--corrections={decisions}"] if decisions.is_file() else []
             return ["align", *words, *(f"--exclude={name}" for name in exclude)]
         if task == "variation":
@@ -168,9 +181,14 @@ class Workspace:
         for key in ("exclude", "incomplete"):
             check_known(key, asked.get(key) or (), names)
         kept = {key: asked[key] for key in ("group", "scaling") if key in asked}
-        named = ",".join(sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())}))
+        named = ",".join(
+            sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())})
+        )
         options = AlignOptions(**kept, incomplete=named or AUTO)
-        return [*option_words(options), *(f"--exclude={name}" for name in asked.get("exclude") or ())]
+        return [
+            *option_words(options),
+            *(f"--exclude={name}" for name in asked.get("exclude") or ()),
+        ]
 
     def start(self, task: str, asked: Mapping[str, Any]) -> None:
         """Run the command of :meth:`words` in a process of its own, one at a time."""
@@ -202,7 +220,9 @@ class Workspace:
         code = None if self._process is None else self._process.poll()
         return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
 
-    def _keep(self, parts: Sequence[str], content: bytes, check: Callable[[Path], object] | None = None) -> None:
+    def _keep(
+        self, parts: Sequence[str], content: bytes, check: Callable[[Path], object] | None = None
+    ) -> None:
         """Put a file into the folder of what was given, if ``check`` finds nothing wrong with it."""
         with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
             staged = write_atomic(given.stage(*parts), content)
@@ -231,21 +251,34 @@ class Workspace:
 
     def _templates(self, collection: Collection) -> list[str]:
         """Return the landmark files: what was corrected on the page goes before what was given for a specimen."""
-        files = sorted((self.out / _GIVEN / _TEMPLATES).glob("*"), key=lambda file: file.name != _CORRECTED_FILE)
+        files = sorted(
+            (self.out / _GIVEN / _TEMPLATES).glob("*"),
+            key=lambda file: file.name != _CORRECTED_FILE,
+        )
         corrected = {*read_templates(files[:1], collection.names)}
         chosen = files[:1] + [
-            file for file in files[1:] if not {*read_templates([file], collection.names)} & corrected
+            file
+            for file in files[1:]
+            if not {*read_templates([file], collection.names)} & corrected
         ]
         if not chosen:
-            raise InputError(f"give landmarks of a specimen first ({READABLE}), called like its file")
+            raise InputError(
+                f"give landmarks of a specimen first ({READABLE}), called like its file"
+            )
         return [str(file) for file in chosen]
 
 
 def _found(listing: FolderListing) -> str:
     """Say what a folder holds."""
-    kinds = Counter(Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files)
+    kinds = Counter(
+        Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files
+    )
     counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
-    skipped = f" {len(listing.skipped_names)} other files are left aside." if listing.skipped_names else ""
+    skipped = (
+        f" {len(listing.skipped_names)} other files are left aside."
+        if listing.skipped_names
+        else ""
+    )
     return f"{len(listing.files)} shapes ({counts}).{skipped}"
 
 
@@ -267,9 +300,15 @@ def _incomplete(collection: Collection) -> set[str]:
 
 
 #: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
-_INLINE = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
-_PAGE_POLICY = f"{_INLINE}; connect-src 'self'; frame-src 'self'; frame-ancestors 'none'; form-action 'none'"
-_RESULT_POLICY = f"{_INLINE}; sandbox allow-scripts allow-downloads; frame-ancestors 'self'; form-action 'none'"
+_INLINE = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+)
+_PAGE_POLICY = (
+    f"{_INLINE}; connect-src 'self'; frame-src 'self'; frame-ancestors 'none'; form-action 'none'"
+)
+_RESULT_POLICY = (
+    f"{_INLINE}; sandbox allow-scripts allow-downloads; frame-ancestors 'self'; form-action 'none'"
+)
 
 
 def open_app(place: Path, *, sources: Path | None = None) -> int:
@@ -312,7 +351,9 @@ def served(workspace: Workspace) -> Server:
     try:
         import bottle
     except ImportError as error:
-        raise OptionsError(f"open needs a server ({error}); install it with: pip install 'collalign[app]'") from None
+        raise OptionsError(
+            f"open needs a server ({error}); install it with: pip install 'collalign[app]'"
+        ) from None
     app, token = bottle.Bottle(), secrets.token_urlsafe()
     server = make_server("127.0.0.1", 0, app, server_class=Server, handler_class=_Quiet)
     server.address = f"http://127.0.0.1:{server.server_port}/{token}/"
@@ -330,14 +371,22 @@ def served(workspace: Workspace) -> Server:
             try:
                 return run(*args, **values)
             except RecursionError:
-                return bottle.HTTPResponse("nested too deeply", 400, content_type="text/plain; charset=utf-8")
+                return bottle.HTTPResponse(
+                    "nested too deeply", 400, content_type="text/plain; charset=utf-8"
+                )
             except (CollalignError, OSError, ValueError, TypeError, AttributeError) as error:
-                return bottle.HTTPResponse(str(error), 400, content_type="text/plain; charset=utf-8")
+                return bottle.HTTPResponse(
+                    str(error), 400, content_type="text/plain; charset=utf-8"
+                )
 
         return answered
 
     def page(file: Any, policy: str) -> Any:
-        headers = {"Content-Security-Policy": policy, "Referrer-Policy": "no-referrer", "Cache-Control": "no-store"}
+        headers = {
+            "Content-Security-Policy": policy,
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+        }
         bottle.response.headers.update(headers)
         return bottle.HTTPResponse(status=404) if file is None else file.read_bytes()
 
@@ -345,10 +394,19 @@ def served(workspace: Workspace) -> Server:
     app.add_hook("before_request", guard)
     app.install(plain)
     app.get(f"/{token}/", callback=lambda: page(own, _PAGE_POLICY))
-    app.get(f"/{token}/result/<name:path>", callback=lambda name: page(workspace.page(name), _RESULT_POLICY))
+    app.get(
+        f"/{token}/result/<name:path>",
+        callback=lambda name: page(workspace.page(name), _RESULT_POLICY),
+    )
     app.get(f"/{token}/state", callback=workspace.state)
     app.get(f"/{token}/progress", callback=workspace.progress)
-    app.post(f"/{token}/files/<name>", callback=lambda name: workspace.put(name, bottle.request.body.read()))
-    app.post(f"/{token}/run/<task>", callback=lambda task: workspace.start(task, json.load(bottle.request.body)))
+    app.post(
+        f"/{token}/files/<name>",
+        callback=lambda name: workspace.put(name, bottle.request.body.read()),
+    )
+    app.post(
+        f"/{token}/run/<task>",
+        callback=lambda task: workspace.start(task, json.load(bottle.request.body)),
+    )
     app.post(f"/{token}/stop", callback=workspace.stop)
     return server

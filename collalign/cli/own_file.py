@@ -52,7 +52,14 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
             invariants={} if folder is None else _arrays(folder),
             **content,
         )
-    except (CollalignError, ValueError, TypeError, AttributeError, KeyError, RecursionError) as error:
+    except (
+        CollalignError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        KeyError,
+        RecursionError,
+    ) as error:
         reason = f"no {error} is given" if isinstance(error, KeyError) else str(error)
         raise InputError(f"{path}: {reason.removeprefix(f'{path}: ')}") from error
     return own, {path, *([] if folder is None else [folder])}
@@ -78,7 +85,11 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
     for note in notes:
         warn(note_text(note))
     marks = {
-        name: {label: point for label, point in zip(one.labels, one.points, strict=True) if not np.isnan(point).any()}
+        name: {
+            label: point
+            for label, point in zip(one.labels, one.points, strict=True)
+            if not np.isnan(point).any()
+        }
         for name, one in placed.items()
     }
     return replace(own, marks=marks), {shape_of(path)[1]}
@@ -90,7 +101,9 @@ def _arrays(folder: Path) -> dict[str, np.ndarray]:
     for file in sorted(folder.rglob("*.npy")):
         try:
             with open_regular(file, MAX_FILE_BYTES) as stream:
-                found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(stream, allow_pickle=False)
+                found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(
+                    stream, allow_pickle=False
+                )
         except (OSError, ValueError, EOFError) as error:
             raise InputError(f"invariants: {file} cannot be read ({error})") from error
     if not found:

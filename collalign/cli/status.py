@@ -50,14 +50,20 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     for kind, count in counts.items():
         if not count["planned"] and kind not in ("shapes", "pairs"):
             continue
-        say("{kind}: {done} done, {failed} failed, {left} left of {planned}".format(kind=kind, **count))
+        say(
+            "{kind}: {done} done, {failed} failed, {left} left of {planned}".format(
+                kind=kind, **count
+            )
+        )
         for failure in failures[kind].values():
             say(f"  {printable(failure.label)}: {failure.reason}")
     size = store.stat().st_size
     say(f"store: {size / 2**20:.1f} MiB")
     if stage != FINISHED:
         say(f"stage: {stage}")
-    planned, left = (sum(count[state] for count in counts.values()) for state in ("planned", "left"))
+    planned, left = (
+        sum(count[state] for count in counts.values()) for state in ("planned", "left")
+    )
     finished = stage == FINISHED and planned > 0 and not left
     add_to_summary(run=notes, store_bytes=size, finished=finished)
     if not finished:
@@ -70,13 +76,17 @@ def _prune(store: Path) -> int:
     """Delete from a finished run's store what no run asked for last, and say how much that was."""
     with Store.open(store, read_only=True) as opened:
         if opened.notes().get(STAGE) != FINISHED:
-            raise StoreError(f"{store}: the run is not finished; run the same command to go on, then prune")
+            raise StoreError(
+                f"{store}: the run is not finished; run the same command to go on, then prune"
+            )
     before = store.stat().st_size
     with Store.open(store) as opened:
         removed = opened.prune()
     after = store.stat().st_size
     add_to_summary(removed=removed, store_bytes=after)
-    say(f"{removed} records removed; store: {before / 2**20:.1f} MiB before, {after / 2**20:.1f} MiB now")
+    say(
+        f"{removed} records removed; store: {before / 2**20:.1f} MiB before, {after / 2**20:.1f} MiB now"
+    )
     return 0
 
 

@@ -100,7 +100,9 @@ def candidate_costs(energies: FloatArray, mismatches: FloatArray) -> FloatArray:
         return energies
     best = int(np.argmin(energies))
     ratios = (mismatches + LEAST_MISMATCH) / (mismatches[best] + LEAST_MISMATCH)
-    return read_only(energies[best] * (energies / energies[best]) ** ENERGY_POWER * ratios**MISMATCH_POWER)
+    return read_only(
+        energies[best] * (energies / energies[best]) ** ENERGY_POWER * ratios**MISMATCH_POWER
+    )
 
 
 def cost_log_odds(costs: FloatArray) -> FloatArray:
@@ -110,6 +112,10 @@ def cost_log_odds(costs: FloatArray) -> FloatArray:
 
 def candidate_chances(pair: Pair) -> FloatArray:
     """Return how probable each candidate is by its pair alone, shape (m,); what they leave is that none is right."""
-    odds = pair.log_odds if len(pair.log_odds) else cost_log_odds(candidate_costs(pair.energies, pair.mismatches))
+    odds = (
+        pair.log_odds
+        if len(pair.log_odds)
+        else cost_log_odds(candidate_costs(pair.energies, pair.mismatches))
+    )
     weights = np.exp(odds - odds.max())
     return read_only(weights / (weights.sum() + np.exp(NONE_RIGHT)))

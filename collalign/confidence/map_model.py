@@ -115,5 +115,7 @@ def point_probability(terms: FloatArray, whole: float, *, knows_sides: bool) -> 
         As for :func:`map_probability`.
     """
     most = MOST_CONFIDENT if knows_sides else WITHOUT_SIDES
-    score = np.column_stack([terms, np.full(len(terms), np.log(whole / (1.0 - whole)))]) @ POINT_WEIGHTS
+    score = (
+        np.column_stack([terms, np.full(len(terms), np.log(whole / (1.0 - whole)))]) @ POINT_WEIGHTS
+    )
     return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score - POINT_CONSTANT)), most))

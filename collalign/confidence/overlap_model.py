@@ -30,7 +30,9 @@ MOST_CERTAIN = 0.99
 
 def overlap_log_odds(poses: LocalPoses) -> FloatArray:
     """Return the log-odds of poses against that none of them is right, shape (p,)."""
-    overlap, consensus = (np.log(np.maximum(share, LEAST_SHARE)) for share in (poses.overlap, poses.consensus))
+    overlap, consensus = (
+        np.log(np.maximum(share, LEAST_SHARE)) for share in (poses.overlap, poses.consensus)
+    )
     of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
     seen = ~np.isnan(poses.in_front).any(axis=1)
     weights = np.where(seen, *np.array([WEIGHTS[True], WEIGHTS[False]])[:, :, None])

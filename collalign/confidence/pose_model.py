@@ -88,7 +88,9 @@ def terms(evidence: FloatArray) -> FloatArray:
     evidence : ndarray, shape (N, len(KINDS))
         As :class:`collalign.products.trust.Trust` holds it.
     """
-    votes, margin, collection, lead, local = evidence[:, [VOTES, MARGIN, COLLECTION_VOTES, LEAD, LOCAL_MARGIN]].T
+    votes, margin, collection, lead, local = evidence[
+        :, [VOTES, MARGIN, COLLECTION_VOTES, LEAD, LOCAL_MARGIN]
+    ].T
     local = np.where(np.isnan(local), margin, local)
     seen = np.column_stack([np.sqrt(votes * collection), margin, local, lead])
     return np.clip(seen, LIMITS[:, 0], LIMITS[:, 1])
@@ -120,8 +122,13 @@ def ceiling(evidence: FloatArray) -> FloatArray:
         :, [MARGIN, MISFIT, LOCAL_MARGIN, PARTNERS, COLLECTION_VOTES]
     ].T
     limit = np.where(misfit > 2.0 * np.maximum(margin, TIED), UNCERTAIN, MOST_CONFIDENT)
-    is_clear = np.column_stack([margin + np.where(np.isnan(local), margin, local), local, collection]) > CLEAR
-    limit = np.where((partners > FEW_PARTNERS) | is_clear.any(axis=1), limit, np.minimum(limit, FEW_LIMIT))
+    is_clear = (
+        np.column_stack([margin + np.where(np.isnan(local), margin, local), local, collection])
+        > CLEAR
+    )
+    limit = np.where(
+        (partners > FEW_PARTNERS) | is_clear.any(axis=1), limit, np.minimum(limit, FEW_LIMIT)
+    )
     is_contradicted = (partners <= FEW_PARTNERS) & (np.maximum(margin, local) < 0.0)
     return np.where(resembles_none(evidence) | is_contradicted, STRANGE_LIMIT, limit)
 
@@ -137,10 +144,15 @@ def pose_confidence(trust: Trust) -> FloatArray:
 
     Where turns leave a whole part as it is, no pose is likelier than any other that they lead to.
     """
-    ties = [((own < TIED) & (over < TIED_LEAD)).sum() for own, over in zip(trust.excess, trust.leads, strict=True)]
+    ties = [
+        ((own < TIED) & (over < TIED_LEAD)).sum()
+        for own, over in zip(trust.excess, trust.leads, strict=True)
+    ]
     alike = np.array([len(turns) for turns in trust.symmetries])
     single = np.minimum(probability(trust.evidence), 1.0 / (1.0 + np.array(ties)))
-    return np.where(alike > 1, np.minimum(single, symmetric_confidence(trust) / np.maximum(alike, 1)), single)
+    return np.where(
+        alike > 1, np.minimum(single, symmetric_confidence(trust) / np.maximum(alike, 1)), single
+    )
 
 
 def symmetric_confidence(trust: Trust) -> FloatArray:
@@ -148,7 +160,9 @@ def symmetric_confidence(trust: Trust) -> FloatArray:
     return probability(trust.up_to_symmetry)
 
 
-def is_as_good(excess: FloatArray, leads: FloatArray, own_mismatch: FloatArray, usual_mismatch: float) -> BoolArray:
+def is_as_good(
+    excess: FloatArray, leads: FloatArray, own_mismatch: FloatArray, usual_mismatch: float
+) -> BoolArray:
     """Return after which turns of a part its shapes fit as well, shape (t,).
 
     Parameters

@@ -29,7 +29,11 @@ _LEAST_RANGE = 0.05
 #: .41, .49 and .58 on 16 mouse skulls; with powers fitted to the other collection .28, .34 and .42, and .33, .42 and
 #: .54. By the distance from the templates it was .17, .35 and .43, and -.05, .17 and .29. At least 90 % of the errors
 #: lie within in both. On ten teddies, which were held back, it is .33, .51 and .63, and 70, 81 and 92 % lie within.
-OF_FEW = ((1.34, 0.78, -0.79, 0.13, 0.0), (2.47, 0.78, -0.79, 0.13, 0.21), (4.92, 0.78, -0.79, 0.13, 0.42))
+OF_FEW = (
+    (1.34, 0.78, -0.79, 0.13, 0.0),
+    (2.47, 0.78, -0.79, 0.13, 0.21),
+    (4.92, 0.78, -0.79, 0.13, 0.42),
+)
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 1 + len(OF_FEW)
 
@@ -75,7 +79,10 @@ class RadiusEvidence:
         factor, *powers = OF_FEW[num_templates - 1]
         tilt = np.maximum(self.tilt, _LEAST_RANGE)
         numbers = (tilt, self.relief, self.residual / self.unit, self.spread / self.unit)
-        known = [np.maximum(one, _LEAST_DISTANCE) ** power for one, power in zip(numbers, powers, strict=True)]
+        known = [
+            np.maximum(one, _LEAST_DISTANCE) ** power
+            for one, power in zip(numbers, powers, strict=True)
+        ]
         variation = max(self.variation, _LEAST_RANGE * self.unit)
         return np.asarray(factor * variation * np.prod(known, axis=0))
 
@@ -124,7 +131,9 @@ def calibrate(errors: FloatArray, evidence: Sequence[RadiusEvidence]) -> Calibra
     landmark_error, num = _rms(errors), len(errors)
     if num < MIN_TEMPLATES:
         nothing = math.nan
-        return Calibration(landmark_error=landmark_error, factor=nothing, num_templates=num, most_residual=nothing)
+        return Calibration(
+            landmark_error=landmark_error, factor=nothing, num_templates=num, most_residual=nothing
+        )
     others = np.stack([_rms(np.delete(errors, at, axis=0)) for at in range(len(errors))])
     expected = [one.expected(without) for one, without in zip(evidence, others, strict=True)]
     scores = errors / np.array(expected)
@@ -133,7 +142,9 @@ def calibrate(errors: FloatArray, evidence: Sequence[RadiusEvidence]) -> Calibra
     factor = float(scores[rank - 1]) if rank <= len(scores) else math.nan
     seen = np.concatenate([one.residual / one.unit for one in evidence])
     most = float(np.nanmax(seen)) if np.isfinite(seen).any() else math.nan
-    return Calibration(landmark_error=landmark_error, factor=factor, num_templates=num, most_residual=most)
+    return Calibration(
+        landmark_error=landmark_error, factor=factor, num_templates=num, most_residual=most
+    )
 
 
 def beyond_range(calibration: Calibration, evidence: RadiusEvidence) -> BoolArray:

@@ -96,7 +96,9 @@ class Sides:
     @property
     def are_suspected(self) -> bool:
         """Whether both sides may be there: worth more pairs."""
-        return bool(self.num_between > 0 and min(self.median_all, self.median_between) >= LIKELY_BETWEEN / 2)
+        return bool(
+            self.num_between > 0 and min(self.median_all, self.median_between) >= LIKELY_BETWEEN / 2
+        )
 
     @property
     def are_likely(self) -> bool:
@@ -165,11 +167,15 @@ def surface_sides(scores: FloatArray, mirrored: BoolArray | None = None) -> Surf
     if mirrored is None:
         pairs = np.stack(np.triu_indices(num, 1), axis=1)
         of_pairs = np.nan_to_num(scores[pairs[:, 0], pairs[:, 1]])
-        mirrored = _best_sides(pairs, of_pairs / max(np.abs(of_pairs).max(initial=0.0), np.finfo(float).tiny), num)
+        mirrored = _best_sides(
+            pairs, of_pairs / max(np.abs(of_pairs).max(initial=0.0), np.finfo(float).tiny), num
+        )
     between = mirrored[:, None] != mirrored
     agreement = np.where(between, -scores, scores)
     known = np.isfinite(agreement)
-    support = np.where(known, agreement, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+    support = np.where(known, agreement, 0.0).sum(axis=1) / np.where(
+        known.any(axis=1), known.sum(axis=1), np.nan
+    )
     across = agreement[between & known]
     return SurfaceSides(
         mirrored=read_only(mirrored.copy()),
@@ -301,7 +307,9 @@ def _smaller_sides(mirrored: BoolArray, pairs: IntArray) -> BoolArray:
     num = len(mirrored)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(num, num))
     _, part = connected_components(graph, directed=False)
-    return np.asarray(mirrored ^ (2 * np.bincount(part, weights=mirrored) > np.bincount(part))[part])
+    return np.asarray(
+        mirrored ^ (2 * np.bincount(part, weights=mirrored) > np.bincount(part))[part]
+    )
 
 
 def _summary(mirrored: BoolArray, pairs: IntArray, preference: FloatArray) -> Sides:

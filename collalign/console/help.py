@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 Flag = Annotated[bool, Parameter(negative=())]
 #: Shapes that a command leaves out.
 Excluded = Annotated[
-    tuple[str, ...], Parameter(consume_multiple=True, negative=(), help="Names of shapes that are left out.")
+    tuple[str, ...],
+    Parameter(consume_multiple=True, negative=(), help="Names of shapes that are left out."),
 ]
 
 #: The flag that asks for all options.
@@ -36,8 +37,28 @@ _BASIC = frozenset(
             "dry-run",
             "file",
         ),
-        *("folder", "format", "group", "jobs", "labels", "landmarks", "leave-one-out", "nonrigid", "num-shapes"),
-        *("num-points", "num-seeds", "num-subsets", "out", "partial", "parts", "patches", "recursive", "result"),
+        *(
+            "folder",
+            "format",
+            "group",
+            "jobs",
+            "labels",
+            "landmarks",
+            "leave-one-out",
+            "nonrigid",
+            "num-shapes",
+        ),
+        *(
+            "num-points",
+            "num-seeds",
+            "num-subsets",
+            "out",
+            "partial",
+            "parts",
+            "patches",
+            "recursive",
+            "result",
+        ),
         *("sampling.num-points", "scaling", "source", "symmetry", "target", "to", "verify"),
     )
 )
@@ -46,7 +67,16 @@ _GROUPS = {
     "Sampling": ("--sampling.", "--embedding.", "--cleaning."),
     "Matching": ("--pairs", "--refine", "--certify", "--matching."),
     "Non-rigid matching": ("--deformation.", "--surface."),
-    "Running": ("--jobs", "--store", "--scheduler", "--shape-time", "--pair-time", "--memory", "--strict", "--seed"),
+    "Running": (
+        "--jobs",
+        "--store",
+        "--scheduler",
+        "--shape-time",
+        "--pair-time",
+        "--memory",
+        "--strict",
+        "--seed",
+    ),
 }
 _OTHERS = "Advanced"
 #: Commands with at most so many options show them all.
@@ -77,7 +107,9 @@ class GroupedHelp:
                 self._draw(console, options, panel.copy(title=title, entries=entries))
         if not self._everything:
             num_more = len(panel.entries) - len(groups["Basic"])
-            console.print(f"{HELP_ALL} shows {num_more} more options: {', '.join(list(groups)[1:]).lower()}.")
+            console.print(
+                f"{HELP_ALL} shows {num_more} more options: {', '.join(list(groups)[1:]).lower()}."
+            )
 
 
 def grouped(entries: Iterable[HelpEntry]) -> dict[str, list[HelpEntry]]:

@@ -89,7 +89,9 @@ def resumable(run: RunOptions, folder: Path) -> Iterator[RunOptions]:
 def _first(number: int, frame: FrameType | None) -> None:
     signal.signal(signal.SIGINT, _second)
     warnings.filterwarnings("ignore", module="joblib")  # it advises to wait for all results
-    threading.excepthook = lambda arguments: None  # what threads of the pool miss now is missing on purpose
+    threading.excepthook = lambda arguments: (
+        None
+    )  # what threads of the pool miss now is missing on purpose
     raise KeyboardInterrupt
 
 

@@ -24,11 +24,16 @@ from data_tools.io.files import system_reason
 
 _ROOT, _PRINTED = logging.getLogger("collalign"), logging.getLogger("collalign.said")
 #: First line of a log, and of a log whose lines are JSON: nothing is appended to a file that begins otherwise.
-_FIRST_LINE, _FIRST_JSON_LINE = "# log of collalign\n", '{"format": "collalign-log", "version": 1}\n'
+_FIRST_LINE, _FIRST_JSON_LINE = (
+    "# log of collalign\n",
+    '{"format": "collalign-log", "version": 1}\n',
+)
 _JSON_SUFFIX = ".jsonl"
 #: For ``os.open``: no pipe is waited for, no child inherits the file, bytes come as they are; each system has some.
 _FOR_APPENDING = os.O_RDWR | os.O_APPEND | os.O_CREAT
-_FOR_APPENDING |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_FOR_APPENDING |= (
+    getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+)
 
 
 @dataclass
@@ -121,7 +126,11 @@ def configure_output(*, quiet: bool, as_json: bool, verbose: bool, log: Path | N
     lines.addFilter(
         lambda record: (
             record.name != _PRINTED.name
-            and (record.levelno >= logging.WARNING or verbose or (shows_stages and record.name == STAGES.name))
+            and (
+                record.levelno >= logging.WARNING
+                or verbose
+                or (shows_stages and record.name == STAGES.name)
+            )
         )
     )
     handlers: list[logging.Handler] = [lines]
@@ -140,11 +149,16 @@ class _LogFile(logging.FileHandler):
     def __init__(self, path: Path) -> None:
         self._is_json = path.suffix.lower() == _JSON_SUFFIX
         super().__init__(path)
-        self.setFormatter(_JsonLines() if self._is_json else logging.Formatter("%(asctime)s %(message)s"))
+        self.setFormatter(
+            _JsonLines() if self._is_json else logging.Formatter("%(asctime)s %(message)s")
+        )
 
     def _open(self) -> TextIOWrapper:
         """Decide about the file that is open, which nobody can exchange meanwhile."""
-        path, first = self.baseFilename, (_FIRST_JSON_LINE if self._is_json else _FIRST_LINE).encode()
+        path, first = (
+            self.baseFilename,
+            (_FIRST_JSON_LINE if self._is_json else _FIRST_LINE).encode(),
+        )
         descriptor = os.open(path, _FOR_APPENDING, 0o644)
         try:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -166,7 +180,9 @@ class _JsonLines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         entry = {
-            "time": datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds"),
+            "time": datetime.fromtimestamp(record.created)
+            .astimezone()
+            .isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "message": record.getMessage(),
         }

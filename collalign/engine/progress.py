@@ -40,11 +40,20 @@ class ProgressBar:
         Standard error by default, where somebody watches it.
     """
 
-    def __init__(self, description: str, total: int, *, done: int = 0, file: IO[str] | None = None) -> None:
+    def __init__(
+        self, description: str, total: int, *, done: int = 0, file: IO[str] | None = None
+    ) -> None:
         unit = description.partition(" (")[0].rstrip("s")
         hidden = file is None and not is_watched()
-        self._bar = tqdm(desc=description, total=total, initial=done, file=file, unit=unit, disable=hidden)
-        self._description, self._total, self._num_done, self._num_failed = description, total, done, 0
+        self._bar = tqdm(
+            desc=description, total=total, initial=done, file=file, unit=unit, disable=hidden
+        )
+        self._description, self._total, self._num_done, self._num_failed = (
+            description,
+            total,
+            done,
+            0,
+        )
         self._began_s = self._said_s = time.monotonic()
         self._say("begin")
 

@@ -51,7 +51,9 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         if not isinstance(self.jobs, int) or self.jobs == 0 or self.jobs < -1:
-            raise OptionsError(f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}")
+            raise OptionsError(
+                f"jobs: expected -1 or a positive number of processes, got {self.jobs!r}"
+            )
         for name, largest in (
             ("shape_time_limit_s", threading.TIMEOUT_MAX),
             ("pair_time_limit_s", threading.TIMEOUT_MAX),

@@ -68,7 +68,11 @@ class Session(Generic[OptionsT]):
 
     @classmethod
     def around(
-        cls, store: Store, options: OptionsT, run: RunOptions, progress: ProgressFactory | None = None
+        cls,
+        store: Store,
+        options: OptionsT,
+        run: RunOptions,
+        progress: ProgressFactory | None = None,
     ) -> Session[OptionsT]:
         """Return a session on an open store."""
         stored = {kind: store.keys(kind) for kind in KINDS}
@@ -147,12 +151,22 @@ class Session(Generic[OptionsT]):
         by_key = {one.key: one for one in wanted.values()}
         self.store.plan(job.kind, {key: one.label for key, one in by_key.items()})
         missing = self.store.missing(job.kind, by_key, again=again or strict)
-        own = table_of_stored(self.store, (by_key[key].arguments for key in missing)) if shared is None else None
-        with nullcontext() if own is None else own, self._display(job.kind, len(by_key), len(missing)) as report:
+        own = (
+            table_of_stored(self.store, (by_key[key].arguments for key in missing))
+            if shared is None
+            else None
+        )
+        with (
+            nullcontext() if own is None else own,
+            self._display(job.kind, len(by_key), len(missing)) as report,
+        ):
             memory_bytes = None if time_limit_s is None else self.run.memory_limit_bytes
             outcomes = run_jobs(
                 partial(run_task, job.run, True),
-                takewhile(lambda _: time.monotonic() < until, ((key, by_key[key].arguments) for key in missing)),
+                takewhile(
+                    lambda _: time.monotonic() < until,
+                    ((key, by_key[key].arguments) for key in missing),
+                ),
                 num_jobs=self.run.num_workers,
                 time_limit_s=None if self.run.is_alone else time_limit_s,
                 memory_limit_bytes=None if self.run.is_alone else memory_bytes,
@@ -171,7 +185,10 @@ class Session(Generic[OptionsT]):
         if unsettled := by_key.keys() - done - failures.keys():
             self.store.unplan(job.kind, unsettled)
         left = {name: failures.get(one.key) for name, one in wanted.items() if one.key not in done}
-        reasons = {name: "no time was left" if failure is None else failure.reason for name, failure in left.items()}
+        reasons = {
+            name: "no time was left" if failure is None else failure.reason
+            for name, failure in left.items()
+        }
         return Results(self.store, job, wanted, reasons)
 
     def map_parallel(
@@ -202,7 +219,10 @@ class Session(Generic[OptionsT]):
         """
         names, results = {str(name): name for name in tasks}, dict[K, Any]()
         own = table_of_stored(self.store, tasks.values()) if shared is None else None
-        with nullcontext() if own is None else own, self._display(kind, len(tasks), len(tasks)) as report:
+        with (
+            nullcontext() if own is None else own,
+            self._display(kind, len(tasks), len(tasks)) as report,
+        ):
             outcomes = run_jobs(
                 partial(run_task, run, False),
                 ((str(name), arguments) for name, arguments in tasks.items()),

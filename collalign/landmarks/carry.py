@@ -41,11 +41,15 @@ class Template:
     def only(self, rows: Sequence[int]) -> Template:
         """Return the template with some of its landmarks."""
         chosen = list(rows)
-        places = SurfacePoints(corners=self.places.corners[chosen], weights=self.places.weights[chosen])
+        places = SurfacePoints(
+            corners=self.places.corners[chosen], weights=self.places.weights[chosen]
+        )
         return Template(shape=self.shape, places=places, offsets=self.offsets[chosen])
 
 
-def template(shape: int, landmarks: FloatArray, vertices: FloatArray, faces: IntArray, radius: float) -> Template:
+def template(
+    shape: int, landmarks: FloatArray, vertices: FloatArray, faces: IntArray, radius: float
+) -> Template:
     """Find the places of a specimen's landmarks on its copy of the mean.
 
     Parameters
@@ -81,7 +85,9 @@ def carried(templates: Sequence[Template], vertices: FloatArray) -> FloatArray:
 
 def at_places(templates: Sequence[Template], values: FloatArray) -> FloatArray:
     """Return values of the mean's vertices at every template's landmarks, shape (t, l)."""
-    return np.stack([(item.places.weights * values[item.places.corners]).sum(axis=1) for item in templates])
+    return np.stack(
+        [(item.places.weights * values[item.places.corners]).sum(axis=1) for item in templates]
+    )
 
 
 def off_surface(templates: Sequence[Template]) -> BoolArray:
@@ -90,7 +96,9 @@ def off_surface(templates: Sequence[Template]) -> BoolArray:
     return np.asarray(np.nanmedian(np.where(np.isnan(off).all(axis=0), 0.0, off), axis=0) > 0)
 
 
-def on_surface(points: FloatArray, templates: Sequence[Template], surface: SurfaceLocator) -> FloatArray:
+def on_surface(
+    points: FloatArray, templates: Sequence[Template], surface: SurfaceLocator
+) -> FloatArray:
     """Return fused landmarks on a specimen's surface, shape (l, 3).
 
     A landmark that is off the surface in most templates stays off it.
@@ -140,7 +148,9 @@ def template_distance(templates: Sequence[Template], specimen: int, vertices: Fl
     return float(np.sqrt(1.0 / np.mean(1.0 / squares))) if squares.all() else 0.0
 
 
-def _squared_distances(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> FloatArray:
+def _squared_distances(
+    templates: Sequence[Template], specimen: int, vertices: FloatArray
+) -> FloatArray:
     """Return the mean squared distance of corresponding points of the specimen and each template, shape (t,)."""
     squares = [((vertices[item.shape] - vertices[specimen]) ** 2).sum(axis=1) for item in templates]
     return np.array([one[np.isfinite(one)].mean() for one in squares])
@@ -186,7 +196,9 @@ class Neighbourhoods:
         self._mean, self._copies, self._faces, self._unit = mean, copies, faces, unit
         self._tree, self._normals = cKDTree(mean), dict[int, FloatArray]()
 
-    def compare(self, templates: Sequence[Template], specimen: int) -> tuple[FloatArray, FloatArray]:
+    def compare(
+        self, templates: Sequence[Template], specimen: int
+    ) -> tuple[FloatArray, FloatArray]:
         """Return what the surroundings of landmarks show, on average over templates, shapes (l,) and (l,).
 
         Returns
@@ -224,11 +236,17 @@ class Neighbourhoods:
         """Vertices of the mean around each place, at least the nearest few."""
         nearest = self._tree.query(places, k=min(NUM_NEIGHBOURS, len(self._mean)))[1]
         near = self._tree.query_ball_point(places, radius * self._unit)
-        return [np.union1d(few, many).astype(np.int64) for few, many in zip(nearest, near, strict=True)]
+        return [
+            np.union1d(few, many).astype(np.int64) for few, many in zip(nearest, near, strict=True)
+        ]
 
     def _normals_of(self, shape: int) -> FloatArray:
         if shape not in self._normals:
             points = self._copies[shape]
-            normals = vertex_normals(points, self._faces) if len(self._faces) else plane_normals(points, points)
+            normals = (
+                vertex_normals(points, self._faces)
+                if len(self._faces)
+                else plane_normals(points, points)
+            )
             self._normals[shape] = normals
         return self._normals[shape]

@@ -49,7 +49,9 @@ class _Surface:
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return distances of points (q, 3) in root mean square radii, shape (q,)."""
-        found = np.linalg.norm(self._locator.closest(points).on(self._locator.vertices) - points, axis=1)
+        found = np.linalg.norm(
+            self._locator.closest(points).on(self._locator.vertices) - points, axis=1
+        )
         return np.asarray(np.maximum(found - self._slack, 0.0) / self.radius)
 
     def median(self, points: FloatArray) -> float:
@@ -92,7 +94,9 @@ def place_templates(
     """
     placed, notes, systems = {}, list[Note](), set()
     for name, marks in given.items():
-        surface = _Surface(read_shape(files[name], CleaningOptions(largest_component=False), name=name))
+        surface = _Surface(
+            read_shape(files[name], CleaningOptions(largest_component=False), name=name)
+        )
         declared = declared_system(files[name])
         system = declared or _system_on(marks, surface)
         placed[name], codes = _without(name, _in_system(marks, system), surface, _is_code)
@@ -132,7 +136,10 @@ def _system_on(marks: Landmarks, surface: _Surface) -> CoordinateSystem | None:
 
 
 def _without(
-    name: str, marks: Landmarks, surface: _Surface, wrong: Callable[[FloatArray, _Surface], BoolArray]
+    name: str,
+    marks: Landmarks,
+    surface: _Surface,
+    wrong: Callable[[FloatArray, _Surface], BoolArray],
 ) -> tuple[Landmarks, tuple[str, ...]]:
     """Return landmarks and semilandmarks without those that are wrong, and the names of these.
 
@@ -147,9 +154,15 @@ def _without(
     for one in marks.semilandmarks:
         gone = _found_wrong(one.points, surface, wrong)
         names += [f"{one.name}-{at + 1}" for at in np.flatnonzero(gone)]
-        points = np.where(gone[:, None], np.nan, one.points) if one.kind == "patch" else one.points[~gone]
+        points = (
+            np.where(gone[:, None], np.nan, one.points)
+            if one.kind == "patch"
+            else one.points[~gone]
+        )
         if len(points) < (3 if one.kind == "closed curve" else 2):
-            raise InputError(f"{name}: the curve {one.name!r} has {len(points)} points near the surface, too few")
+            raise InputError(
+                f"{name}: the curve {one.name!r} has {len(points)} points near the surface, too few"
+            )
         kept.append(replace(one, points=read_only(points)))
     points = read_only(np.where(lost[:, None], np.nan, marks.points))
     return replace(marks, points=points, semilandmarks=tuple(kept)), tuple(names)
@@ -186,8 +199,12 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
     off, several = surface.median(points), len(points) >= _MIN_LANDMARKS
     if off <= SURE:
         crowded = several and _spread(points) < _ONE_PLACE * surface.radius
-        times, near = min(_rescaled(points, surface, larger=True), key=lambda one: one[1], default=(1.0, np.inf))
-        return [Note("landmarks-close", (name,), {"times": times})] if crowded and near <= SURE else []
+        times, near = min(
+            _rescaled(points, surface, larger=True), key=lambda one: one[1], default=(1.0, np.inf)
+        )
+        return (
+            [Note("landmarks-close", (name,), {"times": times})] if crowded and near <= SURE else []
+        )
     unit = "{:.4g} times as large they lie on it: the files are in different units"
     found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
     found += [(_OTHER_SYSTEM, surface.median(points * LPS_RAS))]
@@ -200,7 +217,11 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
         raise InputError(
             f"{name}: its landmarks are not on its surface. The median distance is {off * surface.radius:.4g}, and "
             f"the root mean square radius of the surface is {surface.radius:.4g}. "
-            + (f"Possible reason: {remedy}" if helps else "Check the specimen, its unit and its coordinate system")
+            + (
+                f"Possible reason: {remedy}"
+                if helps
+                else "Check the specimen, its unit and its coordinate system"
+            )
         )
     return []
 
@@ -208,7 +229,9 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
 _OTHER_SYSTEM = "with x and y negated they lie on it: one of the files is in RAS, the other in LPS"
 
 
-def _rescaled(points: FloatArray, surface: _Surface, *, larger: bool = False) -> list[tuple[float, float]]:
+def _rescaled(
+    points: FloatArray, surface: _Surface, *, larger: bool = False
+) -> list[tuple[float, float]]:
     """Return other units, and how near landmarks are in them; none that brings them all into one place."""
     factors = [*_UNITS, *(() if larger else (1 / unit for unit in _UNITS))]
     spread = _spread(points)
@@ -227,7 +250,10 @@ def _off_surface(name: str, placed: Landmarks, surface: _Surface) -> list[Note]:
     far = np.flatnonzero(away > FAR)
     if not len(far):
         return []
-    labels, distances = tuple(placed.labels[at] for at in known[far]), tuple((away[far] * surface.radius).tolist())
+    labels, distances = (
+        tuple(placed.labels[at] for at in known[far]),
+        tuple((away[far] * surface.radius).tolist()),
+    )
     return [Note("landmarks-off-surface", (name,), {"labels": labels, "distances": distances})]
 
 

@@ -12,7 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkKind, SemilandmarkRows, Semilandmarks
+from data_tools.landmarks.landmark_files import (
+    Landmarks,
+    SemilandmarkKind,
+    SemilandmarkRows,
+    Semilandmarks,
+)
 from data_tools.notes import Note
 from data_tools.percent import listed
 from data_tools.poses import moved_by
@@ -120,7 +125,9 @@ def _matched(own: tuple[str, ...], other: tuple[str, ...]) -> tuple[tuple[str, .
     if len({*rest}) < len(rest) or not {*rest} & {*rest_there}:
         return own, ""
     of = dict(zip(rest_there, other, strict=True))
-    return tuple(of.get(word, label) for word, label in zip(rest, own, strict=True)), "without-prefix"
+    return tuple(
+        of.get(word, label) for word, label in zip(rest, own, strict=True)
+    ), "without-prefix"
 
 
 def _counted(labels: Sequence[str]) -> list[int]:
@@ -137,7 +144,9 @@ def _without_prefix(labels: Sequence[str]) -> list[str]:
     numbered = [_NUMBERED.fullmatch(label) for label in labels]
     if numbered and all(numbered) and len({one[1] for one in numbered if one}) == 1:
         return [str(int(one[2])) for one in numbered if one]
-    prefixes = [labels[0][: sign.end()] for sign in _SEPARATOR.finditer(labels[0])] if labels else []
+    prefixes = (
+        [labels[0][: sign.end()] for sign in _SEPARATOR.finditer(labels[0])] if labels else []
+    )
     common = [one for one in prefixes if all(label.startswith(one) for label in labels)]
     shared = max(common, key=len, default="")
     return [label.removeprefix(shared) for label in labels]
@@ -172,7 +181,10 @@ class LandmarkTable:
 
 
 def landmark_table(
-    given: Mapping[str, Landmarks], transforms: Mapping[str, FloatArray], *, curve_points: int | None = None
+    given: Mapping[str, Landmarks],
+    transforms: Mapping[str, FloatArray],
+    *,
+    curve_points: int | None = None,
 ) -> LandmarkTable:
     """Bring the landmarks of all templates into one order.
 
@@ -224,7 +236,9 @@ class _Builder:
             pairs += zip(self._sets[one.name][1], self._counted(one, name, placed), strict=True)
         for label, point in pairs:
             if label in own:
-                raise InputError(f"{name}: two landmarks are called {label!r}; give each a name of its own")
+                raise InputError(
+                    f"{name}: two landmarks are called {label!r}; give each a name of its own"
+                )
             own[label] = point
         first = next(iter(self._columns), None)
         if first is not None and not set(own) & set(self._columns[first]):
@@ -257,7 +271,9 @@ class _Builder:
         own = tuple(f"{one.name}-{number}" for number in range(1, num + 1))
         kind, labels = self._sets.setdefault(one.name, (one.kind, own))
         if kind != one.kind:
-            raise InputError(f"{template}: {one.name!r} is a {one.kind} here and a {kind} on another specimen")
+            raise InputError(
+                f"{template}: {one.name!r} is a {one.kind} here and a {kind} on another specimen"
+            )
         if one.kind != "patch":
             return evenly_spaced(one.points, len(labels), closed=kind == "closed curve")
         if len(labels) != num:

@@ -90,21 +90,35 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
         shape, path = shape_of(given)
         found = read_specimens(path)
         if shape is not None and len(found) > 1:
-            raise InputError(f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone")
+            raise InputError(
+                f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone"
+            )
         known = {Path(name).stem: name for name in found} | {name: name for name in found}
         named = {name: found[known[name]] for name in names if name in known}
         if len(found) > 1 and not named:
-            raise InputError(f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection")
+            raise InputError(
+                f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection"
+            )
         if shape is not None or not named:
             named = dict(zip([specimen_among(given, names)], found.values(), strict=True))
         elif others := {*found} - {known[name] for name in named}:
-            _LOG.warning("%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others)))
+            _LOG.warning(
+                "%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others))
+            )
         found = named
-        bare = [name for name, marks in found.items() if not marks.semilandmarks and np.isnan(marks.points).all()]
+        bare = [
+            name
+            for name, marks in found.items()
+            if not marks.semilandmarks and np.isnan(marks.points).all()
+        ]
         if len(bare) == len(found):
-            raise InputError(f"{path}: all its landmarks are missing; give a specimen that has some")
+            raise InputError(
+                f"{path}: all its landmarks are missing; give a specimen that has some"
+            )
         if bare:
-            _LOG.warning("%s: left aside, all their landmarks are missing: %s", path, ", ".join(bare))
+            _LOG.warning(
+                "%s: left aside, all their landmarks are missing: %s", path, ", ".join(bare)
+            )
         found = {name: marks for name, marks in found.items() if name not in bare}
         if twice := sorted(found.keys() & read.keys()):
             raise InputError(f"{path}: a second landmark file of the specimen {twice[0]!r}")
@@ -115,7 +129,9 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
 def shape_of(given: str | Path) -> tuple[str | None, Path]:
     """Return the shape that ``SHAPE=FILE`` names, None where only a file is given, and the file."""
     shape, sign, file = str(given).partition("=")
-    return (composed(shape), Path(file)) if sign and not Path(given).exists() else (None, Path(given))
+    return (
+        (composed(shape), Path(file)) if sign and not Path(given).exists() else (None, Path(given))
+    )
 
 
 def specimen_among(given: str | Path, names: Sequence[str]) -> str:

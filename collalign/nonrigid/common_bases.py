@@ -79,7 +79,9 @@ def residual_weights(residuals: FloatArray) -> FloatArray:
     return np.asarray(1.0 / np.maximum(residuals / median, SMALLEST_RESIDUAL))
 
 
-def _along_tree(edges: IntArray, maps: FloatArray, num_shapes: int, weights: FloatArray) -> FloatArray:
+def _along_tree(
+    edges: IntArray, maps: FloatArray, num_shapes: int, weights: FloatArray
+) -> FloatArray:
     """Return bases that agree with the maps of the most trusted spanning tree."""
     graph = nx.Graph()
     graph.add_nodes_from(range(num_shapes))
@@ -97,7 +99,9 @@ def _along_tree(edges: IntArray, maps: FloatArray, num_shapes: int, weights: Flo
     return bases
 
 
-def _power_iteration(edges: IntArray, maps: FloatArray, bases: FloatArray, weights: FloatArray) -> FloatArray:
+def _power_iteration(
+    edges: IntArray, maps: FloatArray, bases: FloatArray, weights: FloatArray
+) -> FloatArray:
     """Return the bases after steps of averaging what maps ask for and taking the nearest orthogonal blocks."""
     target, source = edges[:, 0], edges[:, 1]
     weighted = weights[:, None, None] * maps
@@ -117,7 +121,10 @@ CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
 
 
 def choose_maps(
-    edges: IntArray, candidates: Sequence[FloatArray], log_odds: Sequence[FloatArray], num_shapes: int
+    edges: IntArray,
+    candidates: Sequence[FloatArray],
+    log_odds: Sequence[FloatArray],
+    num_shapes: int,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Choose one candidate map for each pair, and return the common bases of those.
 
@@ -156,7 +163,11 @@ def choose_maps(
 
 
 def _bases_of(
-    edges: IntArray, maps: Sequence[FloatArray], choice: IntArray, num_shapes: int, weights: FloatArray
+    edges: IntArray,
+    maps: Sequence[FloatArray],
+    choice: IntArray,
+    num_shapes: int,
+    weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     chosen = np.stack([own[c] for own, c in zip(maps, choice, strict=True)])
     return common_bases(edges, chosen, num_shapes, weights)

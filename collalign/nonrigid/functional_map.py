@@ -117,7 +117,9 @@ class ZoomOut:
         descriptor_weight: float = 0.3,
     ) -> None:
         if not sizes or list(sizes) != sorted(sizes) or sizes[0] < 1:
-            raise OptionsError(f"sizes: expected ascending positive numbers of functions, got {list(sizes)}")
+            raise OptionsError(
+                f"sizes: expected ascending positive numbers of functions, got {list(sizes)}"
+            )
         if min(basis_target.shape[1], basis_source.shape[1]) < sizes[-1]:
             shapes = f"{basis_target.shape} and {basis_source.shape}"
             raise InputError(f"bases of shapes {shapes} do not hold {sizes[-1]} functions each")
@@ -125,9 +127,13 @@ class ZoomOut:
             raise InputError(f"{len(basis_source)} samples are too few for {sizes[-1]} functions")
         self._target, self._source, self._sizes = basis_target, basis_source, list(sizes)
         none = (np.zeros((len(basis_target), 0)), np.zeros((len(basis_source), 0)))
-        self._extra_target, self._extra_source = (descriptor_weight * x for x in descriptors or none)
+        self._extra_target, self._extra_source = (
+            descriptor_weight * x for x in descriptors or none
+        )
 
-    def refine(self, map_target_source: IntArray, map_source_target: IntArray | None = None) -> FunctionalMap:
+    def refine(
+        self, map_target_source: IntArray, map_source_target: IntArray | None = None
+    ) -> FunctionalMap:
         """Refine a map of the samples.
 
         Parameters
@@ -149,11 +155,17 @@ class ZoomOut:
             forward, backward = mutual_nearest_rows(rows_target, rows_source)
         last = self._sizes[-1]
         c = fitted_map(self._target[:, :last], self._source[:, :last], forward, backward)
-        return FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
+        return FunctionalMap(
+            C_source_target=c, map_target_source=forward, map_source_target=backward
+        )
 
 
 def fitted_map(
-    target: FloatArray, source: FloatArray, forward: IntArray, backward: IntArray, cost: FloatArray | float = 0.0
+    target: FloatArray,
+    source: FloatArray,
+    forward: IntArray,
+    backward: IntArray,
+    cost: FloatArray | float = 0.0,
 ) -> FloatArray:
     """Return the least-squares functional map ``C_source_target`` of a point map and its inverse, shape (k, m).
 
@@ -220,7 +232,10 @@ class HarmonicRefiner:
     """Smooths maps between the dense samples of two shapes, prepared once for all candidates of the pair."""
 
     def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
-        self._shapes, self._size = (target, source), min(len(target.eigenvalues), len(source.eigenvalues)) + 1
+        self._shapes, self._size = (
+            (target, source),
+            min(len(target.eigenvalues), len(source.eigenvalues)) + 1,
+        )
         self._target, self._source = (Side.of(one, one.dense, self._size) for one in self._shapes)
 
     def refine(
@@ -246,7 +261,9 @@ class HarmonicRefiner:
     def of_all_vertices(self, found: FunctionalMap) -> tuple[IntArray, IntArray]:
         """Return the point maps of all working vertices, of the source (w,) and back, by a map of samples."""
         target, source = (Side.of(one, slice(None), self._size) for one in self._shapes)
-        return self._nearest(target, source, found.map_target_source, found.map_source_target, SMOOTHNESS)
+        return self._nearest(
+            target, source, found.map_target_source, found.map_source_target, SMOOTHNESS
+        )
 
     def _nearest(
         self, target: Side, source: Side, forward: IntArray, backward: IntArray, smoothness: float
@@ -255,8 +272,12 @@ class HarmonicRefiner:
         dense_target, dense_source = self._target, self._source
         rough_target = smoothness * dense_target.frequencies
         rough_source = smoothness * dense_source.frequencies
-        to_source = fitted_map(dense_target.own, dense_source.basis, forward, backward, rough_source)
-        to_target = fitted_map(dense_source.own, dense_target.basis, backward, forward, rough_target)
+        to_source = fitted_map(
+            dense_target.own, dense_source.basis, forward, backward, rough_source
+        )
+        to_target = fitted_map(
+            dense_source.own, dense_target.basis, backward, forward, rough_target
+        )
         rows_target = np.hstack([target.own, target.basis @ to_target])
         rows_source = np.hstack([source.basis @ to_source, source.own])
         return mutual_nearest_rows(rows_target, rows_source)

@@ -24,13 +24,17 @@ MIXED_ORIENTATION = 0.4
 NUM_NEIGHBOURS = 6
 
 
-def measure_evidence(target: SpectralShape, source: SpectralShape, refined: FunctionalMap) -> Evidence:
+def measure_evidence(
+    target: SpectralShape, source: SpectralShape, refined: FunctionalMap
+) -> Evidence:
     """Return the evidence for a refined map of the dense samples (all of them or the first ones)."""
     forward, backward = refined.map_target_source, refined.map_source_target
     on_target, on_source = target.dense[: len(backward)], source.dense[: len(forward)]
     return Evidence(
         curvature=_curvature_gap(target.curvature[on_target[forward]], source.curvature[on_source]),
-        commutativity=_commutativity_gap(refined.C_source_target, target.eigenvalues, source.eigenvalues),
+        commutativity=_commutativity_gap(
+            refined.C_source_target, target.eigenvalues, source.eigenvalues
+        ),
         roughness=_roughness(target, source, refined),
         orientation=orientation_of(target, source, refined.C_source_target, forward),
         stretch=0.5
@@ -42,7 +46,10 @@ def measure_evidence(target: SpectralShape, source: SpectralShape, refined: Func
 
 
 def orientation_of(
-    target: SpectralShape, source: SpectralShape, c_source_target: FloatArray, map_target_source: IntArray
+    target: SpectralShape,
+    source: SpectralShape,
+    c_source_target: FloatArray,
+    map_target_source: IntArray,
 ) -> float:
     """Return the correlation of the source's orientation form of pulled-back functions with the target's form.
 
@@ -62,7 +69,11 @@ def orientation_of(
 
 
 def paired_forms(
-    form_target: FloatArray, form_source: FloatArray, c_source_target: FloatArray, *, sign: float = 1.0
+    form_target: FloatArray,
+    form_source: FloatArray,
+    c_source_target: FloatArray,
+    *,
+    sign: float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the orientation forms of the target's lowest functions, and of what they become on the source.
 
@@ -121,7 +132,9 @@ def _neighbours(shape: SpectralShape, num: int) -> tuple[IntArray, float]:
     return neighbours[:, 1:], float((distances**2).sum())
 
 
-def _commutativity_gap(c: FloatArray, target_values: FloatArray, source_values: FloatArray) -> float:
+def _commutativity_gap(
+    c: FloatArray, target_values: FloatArray, source_values: FloatArray
+) -> float:
     """Return ``|Lambda_S C - C Lambda_T| / (|Lambda_S C| + |C Lambda_T|)`` in Frobenius norms."""
     size = len(c)
     of_target = np.concatenate([[0.0], target_values])[:size]

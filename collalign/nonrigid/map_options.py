@@ -36,7 +36,9 @@ class SurfaceOptions:
     def __post_init__(self) -> None:
         check_count("num_functions", self.num_functions, lower=20)
         check_count("num_samples", self.num_samples, lower=8)
-        check_count("num_dense, at least twice num_functions", self.num_dense, lower=2 * self.num_functions)
+        check_count(
+            "num_dense, at least twice num_functions", self.num_dense, lower=2 * self.num_functions
+        )
         check_count("max_faces", self.max_faces, lower=1000)
 
 

@@ -22,7 +22,13 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from collalign.nonrigid.functional_map import SMOOTHNESS, Side, fitted_map, mutual_nearest_rows, zoomout_sizes
+from collalign.nonrigid.functional_map import (
+    SMOOTHNESS,
+    Side,
+    fitted_map,
+    mutual_nearest_rows,
+    zoomout_sizes,
+)
 from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -148,9 +154,16 @@ class ShellRefiner:
         """
         there, back = map_target_source, map_source_target
         for size in self._sizes:
-            on_target, of_source = _compared(self._target, self._source, size, (there, back), chirality)
-            on_source, of_target = _compared(self._source, self._target, size, (back, there), chirality)
-            rows_target, rows_source = np.hstack([on_target, of_target]), np.hstack([of_source, on_source])
+            on_target, of_source = _compared(
+                self._target, self._source, size, (there, back), chirality
+            )
+            on_source, of_target = _compared(
+                self._source, self._target, size, (back, there), chirality
+            )
+            rows_target, rows_source = (
+                np.hstack([on_target, of_target]),
+                np.hstack([of_source, on_source]),
+            )
             there, back = mutual_nearest_rows(rows_target, rows_source)
         return there, back
 

@@ -7,8 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.confidence.map_model import FLOOR, LEAST_AGREEMENT, NEAR, Evidence, map_probability, point_probability
-from collalign.nonrigid.functional_map import SMOOTHNESS, FunctionalMap, HarmonicRefiner, mutual_nearest_rows
+from collalign.confidence.map_model import (
+    FLOOR,
+    LEAST_AGREEMENT,
+    NEAR,
+    Evidence,
+    map_probability,
+    point_probability,
+)
+from collalign.nonrigid.functional_map import (
+    SMOOTHNESS,
+    FunctionalMap,
+    HarmonicRefiner,
+    mutual_nearest_rows,
+)
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, measure_evidence
 from collalign.nonrigid.map_options import TUNED, NonrigidOptions
 from collalign.nonrigid.map_starts import ShellRefiner, candidate_mask, sign_starts, wave_gaps
@@ -48,7 +60,9 @@ class Refined:
         return self.evidence.score + (TUNED.posed_handicap if self.origin == FROM_POSES else 0.0)
 
 
-def find_candidates(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+def find_candidates(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+) -> list[Refined]:
     """Return distinct refined candidates, best evidence first.
 
     Starts from within and, where there are normals, from poses (shapes of a class may look alike where their insides
@@ -57,7 +71,10 @@ def find_candidates(target: SpectralShape, source: SpectralShape, options: Nonri
     coarse = _likely(screened_from_within(target, source, options), options)
     if not has_normals(target, source):
         return distinct_maps([settled(target, source, one) for one in coarse])
-    mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
+    mapper, shells = (
+        PoseMapper(sampled_surface(target), sampled_surface(source)),
+        ShellRefiner(target, source),
+    )
     coarse += _others(_likely(screened_from_poses(mapper, options), options), coarse)
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
@@ -66,35 +83,54 @@ def candidates_from(
     target: SpectralShape, source: SpectralShape, poses: FloatArray, options: NonrigidOptions
 ) -> list[Refined]:
     """Return distinct candidates that poses (m, 3, 3) of two meshes start, best evidence first."""
-    mapper, shells = PoseMapper(sampled_surface(target), sampled_surface(source)), ShellRefiner(target, source)
+    mapper, shells = (
+        PoseMapper(sampled_surface(target), sampled_surface(source)),
+        ShellRefiner(target, source),
+    )
     few = at_few_samples(mapper)
     coarse = [
-        refined_with_evidence(few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES)
+        refined_with_evidence(
+            few.target.spectral, few.source.spectral, few.map_from(pose), FROM_POSES
+        )
         for pose in poses
     ]
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
-def with_others_from_poses(mapper: PoseMapper, own: Refined, options: NonrigidOptions) -> list[Refined]:
+def with_others_from_poses(
+    mapper: PoseMapper, own: Refined, options: NonrigidOptions
+) -> list[Refined]:
     """Return a candidate, and behind it other maps that poses start, all with what their poses leave."""
     target, source = mapper.target.spectral, mapper.source.spectral
     others = [settled(target, source, one) for one in screened_from_poses(mapper, options)]
-    others = distinct_maps([with_pose_evidence(mapper, one, options) for one in _others(others, [own])])
+    others = distinct_maps(
+        [with_pose_evidence(mapper, one, options) for one in _others(others, [own])]
+    )
     return [with_pose_evidence(mapper, own, options), *others]
 
 
-def screened_from_within(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+def screened_from_within(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+) -> list[Refined]:
     """Return at most ``options.num_candidates`` maps at few samples, by no pose, best evidence first."""
     samples = source.samples[: min(TUNED.num_source, len(target.samples))]
     allowed = candidate_mask(wave_gaps(target, source, samples), TUNED.wave_share)
     starts = sign_starts(target, source, samples, allowed)
     screen = Refiner(
-        target, source, first=18, last=TUNED.screen_last, factor=1.35, num_dense=TUNED.num_screen_samples
+        target,
+        source,
+        first=18,
+        last=TUNED.screen_last,
+        factor=1.35,
+        num_dense=TUNED.num_screen_samples,
     )
     screened: list[Refined] = []
     for i in distinct_starts(starts, TUNED.num_screened):
         maps = start_maps(screen, starts.rotations[i], has_normals=has_normals(target, source))
-        screened += [refined_with_evidence(target, source, refined, str(starts.origins[i])) for refined in maps]
+        screened += [
+            refined_with_evidence(target, source, refined, str(starts.origins[i]))
+            for refined in maps
+        ]
     return of_both_orientations(distinct_maps(screened), options.num_candidates)
 
 
@@ -126,17 +162,26 @@ def smooth_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined
     """Return maps at few samples that are smooth from the start, by the axes' poses, best evidence first."""
     harmonic = HarmonicRefiner(few.target.spectral, few.source.spectral)
     poses = axis_poses(few.target, few.source, mirrored=options.orientation == "any")
-    return _best_posed(few, [harmonic.refine(*few.closest_points(pose), ANNEALED) for pose in poses], options)
+    return _best_posed(
+        few, [harmonic.refine(*few.closest_points(pose), ANNEALED) for pose in poses], options
+    )
 
 
 def at_few_samples(mapper: PoseMapper) -> PoseMapper:
     """Return the mapper of the surfaces' first samples and lowest functions."""
-    return PoseMapper(*(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source)))
+    return PoseMapper(
+        *(first_samples(one, NUM_POINTS, NUM_FUNCTIONS) for one in (mapper.target, mapper.source))
+    )
 
 
-def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions) -> list[Refined]:
+def _best_posed(
+    few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions
+) -> list[Refined]:
     target, source = few.target.spectral, few.source.spectral
-    found = [with_pose_evidence(few, refined_with_evidence(target, source, one, FROM_POSES), options) for one in maps]
+    found = [
+        with_pose_evidence(few, refined_with_evidence(target, source, one, FROM_POSES), options)
+        for one in maps
+    ]
     if options.orientation == "preserving":
         found = [candidate for candidate in found if candidate.evidence.orientation > 0]
     return distinct_maps(found)[: TUNED.num_posed]
@@ -144,31 +189,46 @@ def _best_posed(few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOpt
 
 def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
     """Return a candidate whose evidence knows what the pose that it asks for leaves between the surfaces."""
-    rotation = mapper.rotation_of(candidate.functional_map, chirality=chirality_of(candidate, options))
+    rotation = mapper.rotation_of(
+        candidate.functional_map, chirality=chirality_of(candidate, options)
+    )
     normals = mapper.normal_gap(candidate.functional_map, rotation)
     return replace(
-        candidate, evidence=replace(candidate.evidence, normals=normals, surface=mapper.surface_gap(rotation))
+        candidate,
+        evidence=replace(candidate.evidence, normals=normals, surface=mapper.surface_gap(rotation)),
     )
 
 
-def laid(shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: NonrigidOptions) -> Refined:
+def laid(
+    shells: ShellRefiner, mapper: PoseMapper, coarse: Refined, options: NonrigidOptions
+) -> Refined:
     """Return what a map leads to with all samples where the surfaces are laid onto each other, smooth both ways."""
     target, source = mapper.target.spectral, mapper.source.spectral
-    maps = shells.refine(*_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options))
+    maps = shells.refine(
+        *_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options)
+    )
     found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
-    return with_pose_evidence(mapper, refined_with_evidence(target, source, found, coarse.origin), options)
+    return with_pose_evidence(
+        mapper, refined_with_evidence(target, source, found, coarse.origin), options
+    )
 
 
-def mended(target: SpectralShape, source: SpectralShape, torn: Refined, options: NonrigidOptions) -> Refined:
+def mended(
+    target: SpectralShape, source: SpectralShape, torn: Refined, options: NonrigidOptions
+) -> Refined:
     """Return a candidate found again from its largest piece each way, if it is torn and that is judged no worse."""
     if not has_normals(target, source):
         return torn
     maps = without_torn_ends(target, source, torn.functional_map)
     if min(maps[0].min(), maps[1].min()) >= 0:
         return torn
-    coarse = replace(torn, functional_map=HarmonicRefiner(target, source).refine(*maps, ANNEALED[:1]))
+    coarse = replace(
+        torn, functional_map=HarmonicRefiner(target, source).refine(*maps, ANNEALED[:1])
+    )
     mapper = PoseMapper(sampled_surface(target), sampled_surface(source))
-    return min(torn, laid(ShellRefiner(target, source), mapper, coarse, options), key=lambda one: one.score)
+    return min(
+        torn, laid(ShellRefiner(target, source), mapper, coarse, options), key=lambda one: one.score
+    )
 
 
 def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> Refined:
@@ -179,7 +239,9 @@ def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> 
     found = chosen.functional_map
     zoomout = Refiner(target, source, first=30, factor=1.2).zoomout
     maps = zoomout.refine(found.map_target_source, found.map_source_target)
-    sharp = HarmonicRefiner(target, source).refine(maps.map_target_source, maps.map_source_target, SETTLING)
+    sharp = HarmonicRefiner(target, source).refine(
+        maps.map_target_source, maps.map_source_target, SETTLING
+    )
     places = target.vertices[target.dense] / target.area**0.5
     gone = np.linalg.norm(places[sharp.map_target_source] - places[found.map_target_source], axis=1)
     return chosen if (gone > NEAR).any() else replace(chosen, functional_map=sharp)
@@ -193,7 +255,9 @@ def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Re
     )
 
 
-def _at_all_samples(target: SpectralShape, source: SpectralShape, coarse: Refined) -> tuple[IntArray, IntArray]:
+def _at_all_samples(
+    target: SpectralShape, source: SpectralShape, coarse: Refined
+) -> tuple[IntArray, IntArray]:
     c = coarse.functional_map.C_source_target
     on_target, on_source = target.basis[target.dense], source.basis[source.dense]
     return mutual_nearest_rows(on_target[:, : len(c)], on_source[:, : len(c)] @ c)
@@ -204,7 +268,9 @@ def chirality_of(candidate: Refined, options: NonrigidOptions) -> float:
     return -1.0 if candidate.evidence.orientation < 0 and options.orientation == "any" else 1.0
 
 
-def start_maps(refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool) -> list[FunctionalMap]:
+def start_maps(
+    refiner: Refiner, rotation_target_source: FloatArray, *, has_normals: bool
+) -> list[FunctionalMap]:
     """Return the refined map of a start (q, q) and, where normals tell, one of either orientation."""
     plain = refiner.from_rotation(rotation_target_source)
     if not has_normals:
@@ -223,7 +289,10 @@ def distinct_starts(starts: LocalMinima, num: int) -> list[int]:
     size = TUNED.num_start_compared
     kept: list[int] = []
     for i in range(len(starts)):
-        gaps = [np.linalg.norm(starts.rotations[i, :size, :size] - starts.rotations[j, :size, :size]) for j in kept]
+        gaps = [
+            np.linalg.norm(starts.rotations[i, :size, :size] - starts.rotations[j, :size, :size])
+            for j in kept
+        ]
         if all(gap >= TUNED.same_start for gap in gaps):
             kept.append(i)
     return kept[:num]
@@ -248,7 +317,11 @@ def _likely(coarse: list[Refined], options: NonrigidOptions) -> list[Refined]:
 def _others(candidates: list[Refined], known: list[Refined]) -> list[Refined]:
     """Return the candidates that are none of the known ones."""
     maps = [one.functional_map.C_source_target for one in known]
-    return [c for c in candidates if not any(is_same_map(c.functional_map.C_source_target, m) for m in maps)]
+    return [
+        c
+        for c in candidates
+        if not any(is_same_map(c.functional_map.C_source_target, m) for m in maps)
+    ]
 
 
 def of_both_orientations(best: list[Refined], num: int) -> list[Refined]:
@@ -269,7 +342,9 @@ def refined_with_evidence(
     target: SpectralShape, source: SpectralShape, refined: FunctionalMap, origin: str
 ) -> Refined:
     """Return a refined map with its evidence."""
-    return Refined(functional_map=refined, evidence=measure_evidence(target, source, refined), origin=origin)
+    return Refined(
+        functional_map=refined, evidence=measure_evidence(target, source, refined), origin=origin
+    )
 
 
 #: Difference of scores at which a candidate counts e times as much as another. Chosen on 19 pairs of SCAPE,
@@ -286,7 +361,9 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     Starts lead to the true map from many sides, and to each wrong one from few.
     """
     weights = _weights(found)
-    return np.array([(weights @ _same_places(target, found, number)).mean() for number in range(len(found))])
+    return np.array(
+        [(weights @ _same_places(target, found, number)).mean() for number in range(len(found))]
+    )
 
 
 def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
@@ -309,7 +386,9 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
     return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), -np.log(commutativity)])
 
 
-def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refined]) -> tuple[float, FloatArray]:
+def trust_of(
+    target: SpectralShape, source: SpectralShape, found: Sequence[Refined]
+) -> tuple[float, FloatArray]:
     """Return the confidence of the first candidate, and that of its image of each working vertex of the source.
 
     Returns
@@ -320,11 +399,15 @@ def trust_of(target: SpectralShape, source: SpectralShape, found: Sequence[Refin
     """
     knows_sides = bool(np.isfinite(found[0].evidence.orientation))
     whole = map_probability(map_terms(target, found, 0), knows_sides=knows_sides)
-    at_samples = point_probability(point_terms(target, source, found, 0), whole, knows_sides=knows_sides)
+    at_samples = point_probability(
+        point_terms(target, source, found, 0), whole, knows_sides=knows_sides
+    )
     return whole, at_samples[source.nearest_dense]
 
 
-def point_terms(target: SpectralShape, source: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
+def point_terms(
+    target: SpectralShape, source: SpectralShape, found: Sequence[Refined], number: int
+) -> FloatArray:
     """Return what :func:`point_probability` weighs of a candidate at the source's dense samples, shape (s, 2)."""
     forward = found[number].functional_map.map_target_source
     backward = found[number].functional_map.map_source_target

@@ -79,11 +79,15 @@ def prepare_posed(shape: Shape) -> PosedSurface:
     surface = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES))
     working = outward(surface.shape)
     if len(working.vertices) < NUM_POINTS:
-        raise InputError(f"{shape.file or shape.name}: {len(working.vertices)} vertices, {NUM_POINTS} are needed")
+        raise InputError(
+            f"{shape.file or shape.name}: {len(working.vertices)} vertices, {NUM_POINTS} are needed"
+        )
     dense = surface.farthest_points(NUM_POINTS, "euclidean", seeded=False)
     eigen = surface.eigenfunctions(NUM_FUNCTIONS)
     operators = surface.operators
-    curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
+    curvature = np.column_stack(
+        [smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES]
+    )
     spectral = spectral_samples(
         name=shape.name,
         vertices=working.vertices[dense],
@@ -108,7 +112,9 @@ def spectral_samples(**known: Any) -> SpectralShape:
     """
     num = len(known["vertices"])
     nothing, none = read_only(np.empty((num, 0))), read_only(np.empty(0, dtype=np.int64))
-    kept: dict[str, Any] = {name: read_only(v) if isinstance(v, np.ndarray) else v for name, v in known.items()}
+    kept: dict[str, Any] = {
+        name: read_only(v) if isinstance(v, np.ndarray) else v for name, v in known.items()
+    }
     return SpectralShape(
         faces=read_only(np.empty((0, 3), dtype=np.int64)),
         to_working=none,
@@ -153,7 +159,9 @@ def sampled_surface(shape: SpectralShape) -> PosedSurface:
     return posed_surface(sampled, vertex_normals(shape.vertices, shape.faces)[shape.dense])
 
 
-def _at(shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, num_functions: int) -> SpectralShape:
+def _at(
+    shape: SpectralShape, rows: IntArray | slice, orientation: FloatArray, num_functions: int
+) -> SpectralShape:
     """Return a shape at some of its vertices, with its lowest functions alone."""
     return spectral_samples(
         name=shape.name,
@@ -223,7 +231,12 @@ class PoseMapper:
         beside them steady those that are not. No pose takes part.
         """
         target, source = (
-            np.hstack([unit_rows(one.spectral.functions[:, :NUM_SIGNS]), START_DESCRIPTOR_WEIGHT * one.descriptors])
+            np.hstack(
+                [
+                    unit_rows(one.spectral.functions[:, :NUM_SIGNS]),
+                    START_DESCRIPTOR_WEIGHT * one.descriptors,
+                ]
+            )
             for one in (self.target, self.source)
         )
         unsigned, starts = cdist(target, source, "sqeuclidean"), []
@@ -246,7 +259,9 @@ class PoseMapper:
         """Return the mean squared distance of closest points and normals at a pose (3, 3), both ways."""
         rotation, source = R_target_source.T, self.source
         fixed = np.hstack([self.target.points, SURFACE_NORMAL_WEIGHT * self.target.normals])
-        moved = np.hstack([source.points @ rotation, SURFACE_NORMAL_WEIGHT * source.normals @ rotation])
+        moved = np.hstack(
+            [source.points @ rotation, SURFACE_NORMAL_WEIGHT * source.normals @ rotation]
+        )
         there, back = mutual_nearest_rows(fixed, moved)
         gaps = np.concatenate([fixed[there] - moved, fixed - moved[back]])
         return float((gaps**2).sum(axis=1).mean())
@@ -255,7 +270,9 @@ class PoseMapper:
         """Return the orthogonal matrix (3, 3) of determinant ``chirality`` that fits a map and its inverse best."""
         to = np.vstack([self.target.points[found.map_target_source], self.target.points])
         of = np.vstack([self.source.points, self.source.points[found.map_source_target]])
-        return nearest_orthogonal((to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality)
+        return nearest_orthogonal(
+            (to - to.mean(axis=0)).T @ (of - of.mean(axis=0)), determinant=chirality
+        )
 
     def normal_gap(self, found: FunctionalMap, R_target_source: FloatArray) -> float:
         """Return the mean of 1 - cosine of the normals that a map and its inverse match, at a pose (3, 3)."""
@@ -268,4 +285,6 @@ class PoseMapper:
 def _start_features(surface: PosedSurface, rotation: FloatArray) -> FloatArray:
     """Return what closest points compare at the start, shape (n, 6 + m)."""
     normals = START_NORMAL_WEIGHT * surface.normals @ rotation.T
-    return np.hstack([surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors])
+    return np.hstack(
+        [surface.points @ rotation.T, normals, START_DESCRIPTOR_WEIGHT * surface.descriptors]
+    )

@@ -13,7 +13,12 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from collalign.confidence.map_model import NEAR
-from collalign.nonrigid.functional_map import FunctionalMap, ZoomOut, mutual_nearest_rows, zoomout_sizes
+from collalign.nonrigid.functional_map import (
+    FunctionalMap,
+    ZoomOut,
+    mutual_nearest_rows,
+    zoomout_sizes,
+)
 from collalign.nonrigid.map_evidence import paired_forms
 from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
@@ -97,7 +102,9 @@ class Refiner:
         return self.zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
 
 
-def between_files(laid: FloatArray, target: SpectralShape, source: SpectralShape) -> tuple[IntArray, IntArray]:
+def between_files(
+    laid: FloatArray, target: SpectralShape, source: SpectralShape
+) -> tuple[IntArray, IntArray]:
     """Return the maps of the files' vertices, source to target (v,) and back (u,), -1 for none, where a target lies.
 
     Vertices go to those nearest to them. A vertex of the target that lies on a triangle of its working surface lies
@@ -132,7 +139,9 @@ def _standardised(shape: SpectralShape) -> FloatArray:
     return centred / np.where(deviation > 0, deviation, 1.0)
 
 
-def without_torn_ends(target: SpectralShape, source: SpectralShape, torn: FunctionalMap) -> tuple[IntArray, IntArray]:
+def without_torn_ends(
+    target: SpectralShape, source: SpectralShape, torn: FunctionalMap
+) -> tuple[IntArray, IntArray]:
     """Return the maps of the samples of two meshes, (k,) and (n,), with -1 beyond where they are torn."""
     of_target, of_source = _Net(target), _Net(source)
     there, back = torn.map_target_source, torn.map_source_target

@@ -70,7 +70,9 @@ def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float
     positions = shape.vertices
     for _ in range(2):
         positions = step.solve(mass @ positions)
-    bending = ((operators.stiffness @ positions) * vertex_normals(shape.vertices, shape.faces)).sum(axis=1)
+    bending = ((operators.stiffness @ positions) * vertex_normals(shape.vertices, shape.faces)).sum(
+        axis=1
+    )
     curvature = 0.5 * np.sqrt(shape.area) * step.solve(bending)
     return np.clip(curvature, *np.quantile(curvature, [0.01, 0.99]))
 
@@ -219,8 +221,12 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         )
     dense = farthest_points(working, min(options.num_dense, num), metric="euclidean")
     eigen = surface.eigenfunctions(options.num_functions)
-    lowest = Spectrum(eigen.values[:NUM_SPECTRUM], eigen.functions[:, :NUM_SPECTRUM], eigen.mass, eigen.kind)
-    samples = farthest_points(working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics)
+    lowest = Spectrum(
+        eigen.values[:NUM_SPECTRUM], eigen.functions[:, :NUM_SPECTRUM], eigen.mass, eigen.kind
+    )
+    samples = farthest_points(
+        working, options.num_samples, seeds=surface.seeds(NUM_SEEDS), solver=surface.geodesics
+    )
     in_file = shape.file_indices
     places = _places(shape.vertices[kept], working.vertices)
     to_working = np.full(shape.file_size or len(shape.vertices), -1)
@@ -274,5 +280,7 @@ def _outside(
         no_curvature = np.full((len(working.vertices), len(CURVATURE_TIMES)), np.nan)
         return no_curvature, np.full((len(dense), num, num), np.nan)
     operators = surface.operators
-    curvature = np.column_stack([smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES])
+    curvature = np.column_stack(
+        [smoothed_curvature(working, operators, time=t) for t in CURVATURE_TIMES]
+    )
     return curvature, orientation_form(working, eigen.functions[:, :num])[dense]

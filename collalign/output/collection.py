@@ -50,7 +50,9 @@ def open_report(collection: CollectionData) -> ReportView:
     """Return the report of a result, which a terminal opens in the browser; one is written where there is none."""
     path = None if collection.folder is None else collection.folder / "report.html"
     if path is None or not path.is_file():
-        path = write_report(_part(collection, np.arange(len(collection))), mkdtemp(prefix="collalign-"))
+        path = write_report(
+            _part(collection, np.arange(len(collection))), mkdtemp(prefix="collalign-")
+        )
     if "ipykernel" not in sys.modules:
         webbrowser.open(path.absolute().as_uri())
     return ReportView(path)
@@ -64,22 +66,37 @@ def gallery(collection: CollectionData) -> str:
         for one in (collection[at] for at in order.tolist())
         if not one.confidence >= DOUBT
     ]
-    table = f"<table><tr><th>In doubt</th><th>Confidence</th></tr>{''.join(rows)}</table>" if rows else ""
+    table = (
+        f"<table><tr><th>In doubt</th><th>Confidence</th></tr>{''.join(rows)}</table>"
+        if rows
+        else ""
+    )
     told = f"<p>{html.escape(repr(collection)[1:-1])}</p>{table}"
     try:
-        part, title = _part(collection, np.sort(order)), f"The {len(order)} least sure of {len(collection)} shapes"
-        page = replace(next(report_pages(part, Path("report.html"), title=title)), summary="", again=None)
-        picture = base64.b64encode(pictured(collection, np.sort(order).tolist())._repr_png_()).decode()
+        part, title = (
+            _part(collection, np.sort(order)),
+            f"The {len(order)} least sure of {len(collection)} shapes",
+        )
+        page = replace(
+            next(report_pages(part, Path("report.html"), title=title)), summary="", again=None
+        )
+        picture = base64.b64encode(
+            pictured(collection, np.sort(order).tolist())._repr_png_()
+        ).decode()
     except CollalignError:  # a file is not there any more
         return told
-    image = f'<img alt="Before and after" style="max-width:100%" src="data:image/png;base64,{picture}">'
+    image = (
+        f'<img alt="Before and after" style="max-width:100%" src="data:image/png;base64,{picture}">'
+    )
     return f"{told}{_framed(page.text())}<details><summary>As a picture</summary>{image}</details>"
 
 
 def pictured(collection: CollectionData, chosen: Iterable[int]) -> Any:
     """Return the figure of matplotlib with some shapes, given by position, before and after alignment."""
     confidence, transforms = collection.confidence, collection.transforms
-    tiles = (tile_of(collection.shape_at(at), transforms[at], float(confidence[at])) for at in chosen)
+    tiles = (
+        tile_of(collection.shape_at(at), transforms[at], float(confidence[at])) for at in chosen
+    )
     return contact_sheet(tiles, NamedFrame.of(collection.options))
 
 
@@ -91,7 +108,9 @@ def _part(collection: CollectionData, chosen: IntArray) -> CollectionData:
     ]
     vertices, faces = zip(*meshes, strict=True)
     part = some_shapes(replace(collection, vertices=(), faces=(), places=()), chosen)
-    return replace(part, vertices=vertices, faces=faces, pairs=[shown_pair(pair) for pair in part.pairs])
+    return replace(
+        part, vertices=vertices, faces=faces, pairs=[shown_pair(pair) for pair in part.pairs]
+    )
 
 
 def _framed(page: str) -> str:

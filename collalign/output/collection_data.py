@@ -112,7 +112,9 @@ class CollectionData:
 
     def __repr__(self) -> str:
         doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
-        found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
+        found = (
+            f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
+        )
         return f"<{type(self).__name__}: {found}>"
 
     def __len__(self) -> int:
@@ -284,7 +286,9 @@ class CollectionData:
         if self.folder is not None:
             return load_vertex_maps(self.folder)
         if self.made.vertices is None:
-            raise InputError("there are no maps of all vertices; align with deformable=True (--deformable)")
+            raise InputError(
+                "there are no maps of all vertices; align with deformable=True (--deformable)"
+            )
         return self.made.vertices
 
     @property

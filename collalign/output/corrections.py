@@ -81,19 +81,31 @@ def fixed_by(
     for one in files:
         for shape in one.decisions:
             if shape not in names:
-                raise InputError(f"{one.source}: {shape!r} is no shape of this collection; {_ADVICE}")
+                raise InputError(
+                    f"{one.source}: {shape!r} is no shape of this collection; {_ADVICE}"
+                )
             if shape in decided:
-                raise InputError(f"{one.source}: another file decides about {shape!r} as well; keep one")
+                raise InputError(
+                    f"{one.source}: another file decides about {shape!r} as well; keep one"
+                )
             if shape in one.incomplete and incomplete not in (AUTO, ALL) and shape not in told:
-                raise InputError(f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well")
-        frame = {name: pose for name, pose in one.frame.items() if name in names and name not in one.incomplete}
+                raise InputError(
+                    f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well"
+                )
+        frame = {
+            name: pose
+            for name, pose in one.frame.items()
+            if name in names and name not in one.incomplete
+        }
         placed = any(len(pose) == 4 for pose in one.decisions.values())
         if (
             one.decisions
             and (one.frame or placed)
             and not any(len(pose) == 4 or not placed for pose in frame.values())
         ):
-            raise InputError(f"{one.source}: none of the shapes that it refers to is in this collection; {_ADVICE}")
+            raise InputError(
+                f"{one.source}: none of the shapes that it refers to is in this collection; {_ADVICE}"
+            )
         kept |= frame if one.decisions else {}
         decided |= one.decisions
     return decided, {name: pose for name, pose in kept.items() if name not in decided}
@@ -115,10 +127,18 @@ def read_corrections(path: Path | str) -> Corrections:
             f"{source}: cannot be read as JSON ({error}); download the decisions from the report again"
         ) from error
     if not isinstance(record, dict) or record.get("format") != FORMAT:
-        raise InputError(f"{source}: not a file of decisions; it is the one that report.html offers for download")
+        raise InputError(
+            f"{source}: not a file of decisions; it is the one that report.html offers for download"
+        )
     if record.get("version") not in range(1, VERSION + 1):
-        raise InputError(f"{source}: decisions of version {record.get('version')}, this program reads 1 to {VERSION}")
-    entries, frame, incomplete = record.get("decisions"), record.get("frame"), record.get("incomplete", [])
+        raise InputError(
+            f"{source}: decisions of version {record.get('version')}, this program reads 1 to {VERSION}"
+        )
+    entries, frame, incomplete = (
+        record.get("decisions"),
+        record.get("frame"),
+        record.get("incomplete", []),
+    )
     if not (isinstance(entries, list) and isinstance(frame, dict) and isinstance(incomplete, list)):
         raise InputError(
             f"{source}: 'decisions' and 'incomplete' must be lists and 'frame' an object; download them again"
@@ -135,12 +155,20 @@ def read_corrections(path: Path | str) -> Corrections:
             )
         decisions[shape] = pose
     poses = {str(name): _pose(one, f"{source}, frame of {name!r}") for name, one in frame.items()}
-    return Corrections(decisions=decisions, frame=poses, incomplete=tuple(map(str, incomplete)), source=str(source))
+    return Corrections(
+        decisions=decisions, frame=poses, incomplete=tuple(map(str, incomplete)), source=str(source)
+    )
 
 
 def _decision(entry: Any, where: str) -> tuple[str, FloatArray]:
-    if not isinstance(entry, dict) or not isinstance(entry.get("shape"), str) or entry.get("decision") not in _KINDS:
-        raise InputError(f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'")
+    if (
+        not isinstance(entry, dict)
+        or not isinstance(entry.get("shape"), str)
+        or entry.get("decision") not in _KINDS
+    ):
+        raise InputError(
+            f"{where}: expected 'shape', 'decision' ({' or '.join(_KINDS)}) and 'rotation'"
+        )
     return entry["shape"], _pose(entry, f"{where} ({entry['shape']})")
 
 

@@ -47,7 +47,9 @@ def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
 
     At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
     """
-    found = {(pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in pairs}
+    found = {
+        (pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in pairs
+    }
     found |= {(j, i): R.T for (i, j), R in found.items()}
     chosen = _some_triangles(found.keys(), num_shapes)
     if not chosen:
@@ -56,7 +58,9 @@ def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
     return np.degrees(rotation_angles(cycles, np.eye(3)))
 
 
-def _some_triangles(pairs: Iterable[tuple[int, int]], num_shapes: int) -> list[tuple[int, int, int]]:
+def _some_triangles(
+    pairs: Iterable[tuple[int, int]], num_shapes: int
+) -> list[tuple[int, int, int]]:
     """Return evenly spaced triangles i < j < k of a graph given by its pairs."""
     edges = sorted({(min(pair), max(pair)) for pair in pairs})
     later: list[list[int]] = [[] for _ in range(num_shapes)]
@@ -135,7 +139,9 @@ def label_maps(pairs: Sequence[AlignedPair], labels: IntArray) -> IntArray:
     maps = np.full((len(pairs), int(labels.max(initial=-1)) + 1), OWN_MAP)
     for row, pair in zip(maps, pairs, strict=True):
         known = labels[pair.source] >= 0
-        found = np.where(pair.map_target_source >= 0, labels[pair.target][pair.map_target_source], -1)[known]
+        found = np.where(
+            pair.map_target_source >= 0, labels[pair.target][pair.map_target_source], -1
+        )[known]
         if not np.array_equal(found, labels[pair.source][known]):
             row[:] = -1
             row[labels[pair.source][known]] = found
@@ -179,7 +185,9 @@ def save_evidence(collection: CollectionData, folder: Path | str) -> Path:
     path = Path(folder) / EVIDENCE_FILE
     path.parent.mkdir(parents=True, exist_ok=True)
     record = to_record(replace(collection, folder=None, fresh=None))
-    arrays = to_arrays({name: record[name] for name in record if name not in {"maps", *CORRESPONDENCES}})
+    arrays = to_arrays(
+        {name: record[name] for name in record if name not in {"maps", *CORRESPONDENCES}}
+    )
     np.savez_compressed(path, version=np.array(EVIDENCE_VERSION), **arrays)  # type: ignore[arg-type]
     return path
 

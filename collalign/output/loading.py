@@ -99,7 +99,9 @@ def _correspondences(path: Path, names: list[str]) -> Record:
     """Return what ``correspondences.npz`` holds of the collection, of the right shapes."""
     data = load_arrays(read_source(path).content, path.name)
     num, size = len(names), data["labels"].shape[-1]
-    labels = as_indices(data["labels"], "labels", lower=-1, upper=len(data["consensus"]), shape=(num, size))
+    labels = as_indices(
+        data["labels"], "labels", lower=-1, upper=len(data["consensus"]), shape=(num, size)
+    )
     as_indices(data["vertex_indices"], "vertex_indices", upper=2**31, shape=(num, size))
     as_floats(data["positions"], "positions", shape=(num, size, 3))
     as_floats(data["consensus"], "consensus", shape=(None, 3))
@@ -111,9 +113,14 @@ def _check(collection: Collection) -> None:
     """Check what fields have to do with each other; each by itself was checked when it was read."""
     num, names = len(collection), collection.names
     of_shapes = (collection.files, collection.alternatives, collection.vertices, collection.faces)
-    counts = {len(values) for values in (*of_shapes, *collection.labels.values(), collection.places or names)}
+    counts = {
+        len(values)
+        for values in (*of_shapes, *collection.labels.values(), collection.places or names)
+    }
     if counts != {num} or len(set(names)) != num:
-        raise InputError(f"names: files, meshes, poses or labels are not of {num} shapes of different names")
+        raise InputError(
+            f"names: files, meshes, poses or labels are not of {num} shapes of different names"
+        )
     if not np.linalg.det(collection.transforms[:, :3, :3]).all():
         raise InputError("transforms: singular")
     for vertices, faces in zip(collection.vertices, collection.faces, strict=True):

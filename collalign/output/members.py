@@ -85,7 +85,9 @@ def statistics_members(
     """
     reasons = np.full(len(collection), "", dtype=object)
     known = np.asarray(np.isfinite(collection.confidence))
-    if not include_doubtful and known.any():  # without any confidence, as of a baseline, there is nothing to doubt
+    if (
+        not include_doubtful and known.any()
+    ):  # without any confidence, as of a baseline, there is nothing to doubt
         for at in np.flatnonzero(~(collection.confidence >= DOUBT)):
             reasons[at] = "doubtful"
     if not include_incomplete:
@@ -95,7 +97,8 @@ def statistics_members(
     reasons[[collection.index(name) for name in exclude]] = "excluded"
     left_out = {collection.names[at]: str(reasons[at]) for at in np.flatnonzero(reasons != "")}
     counted = [
-        replace(one, names=tuple(name for name in one.names if name not in left_out)) for one in collection.copies
+        replace(one, names=tuple(name for name in one.names if name not in left_out))
+        for one in collection.copies
     ]
     return Members(
         chosen=np.flatnonzero(reasons == ""),

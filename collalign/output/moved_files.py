@@ -50,7 +50,9 @@ def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -
     found = [_found(name, file, place) for name, file in zip(names, files, strict=True)]
     if not any(found):
         wanted = [Path(re.split(r"[\\/]", file)[-1]).name for file in files if file] or list(names)
-        raise InputError(f"sources: {place} holds none of the files that were aligned ({listed(wanted)})")
+        raise InputError(
+            f"sources: {place} holds none of the files that were aligned ({listed(wanted)})"
+        )
     known = [one for one in found if one]
     if len(set(known)) < len(known):
         twice = next(one for one in known if known.count(one) > 1)

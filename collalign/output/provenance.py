@@ -39,7 +39,13 @@ def write_tool_record(output: OutputFolder, tool: str, options: Mapping[str, Any
     options : mapping of str to Any
         What decided the files, templates included.
     """
-    record = {"tool": tool, "command": COMMAND.get(), "version": __version__, "date": now(), "options": options}
+    record = {
+        "tool": tool,
+        "command": COMMAND.get(),
+        "version": __version__,
+        "date": now(),
+        "options": options,
+    }
     text = json.dumps(json_types(record), indent=1)
     write_atomic(output.stage(record_name(tool)), text.encode("utf-8", "backslashreplace"))
 
@@ -53,16 +59,22 @@ def shape_words(collection: CollectionData) -> tuple[list[str], list[str]]:
         If no command can be given them: shapes came from memory, are not called like their files or have vanished.
     """
     if collection.own:
-        raise InputError(f"the result was made with {', '.join(collection.own)} of the caller's own")
+        raise InputError(
+            f"the result was made with {', '.join(collection.own)} of the caller's own"
+        )
     files = collection.source_files()
     folder, parts = files[0].parent, any(parts_of(file) for file in files)
     places = [folder] if {file.parent for file in files} == {folder} else [*files]
     listing = list_shapes(folder if places == [folder] else places, parts=parts)
     listed = dict(zip(listing.names, listing.files, strict=True))
     if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
-        raise InputError("the shapes are not called like their files; go on where they are called as they were")
+        raise InputError(
+            "the shapes are not called like their files; go on where they are called as they were"
+        )
     known = {*collection.names, *(composed(Path(item.file).stem) for item in collection.excluded)}
-    return [*map(str, places), *["--parts"] * parts], [name for name in listing.names if name not in known]
+    return [*map(str, places), *["--parts"] * parts], [
+        name for name in listing.names if name not in known
+    ]
 
 
 def option_words(options: Any, default: Any = AlignOptions(), before: str = "--") -> Iterator[str]:  # noqa: B008
@@ -125,12 +137,16 @@ def _alignment(collection: CollectionData) -> list[str]:
     sentences.append(f"{sizes.get(options.scaling, f'Scaling was {options.scaling}')}.")
     reflected = int(collection.reflected.sum())
     if collection.group == "O":
-        sentences.append(f"{reflected} of {num} specimens were reflected to match the side of the others.")
+        sentences.append(
+            f"{reflected} of {num} specimens were reflected to match the side of the others."
+        )
     else:
         sentences.append("No specimen was reflected.")
     num_incomplete = sum(not one.is_stranger for one in collection.incomplete)
     if num_incomplete:
-        sentences.append(f"{num_incomplete} specimens were incomplete and aligned on what is preserved.")
+        sentences.append(
+            f"{num_incomplete} specimens were incomplete and aligned on what is preserved."
+        )
     if collection.excluded:
         sentences.append(f"{len(collection.excluded)} files or pairs were left out.")
     return sentences
@@ -141,10 +157,14 @@ def _confidence(collection: CollectionData) -> list[str]:
     if not known.any():
         return []
     sure, num = int((collection.confidence >= DOUBT).sum()), len(collection)
-    sentences = [f"The estimated confidence was at least {percent(DOUBT)} for {sure} of {num} poses."]
+    sentences = [
+        f"The estimated confidence was at least {percent(DOUBT)} for {sure} of {num} poses."
+    ]
     if collection.by_hand:
         set_by_hand = len(collection.by_hand)
-        sentences.append(f"{set_by_hand} of {num} poses {'was' if set_by_hand == 1 else 'were'} set by hand.")
+        sentences.append(
+            f"{set_by_hand} of {num} poses {'was' if set_by_hand == 1 else 'were'} set by hand."
+        )
     return sentences
 
 

@@ -27,7 +27,9 @@ Made = TypeVar("Made")
 DisplayMesh: TypeAlias = tuple[FloatArray, IntArray, NDArray[np.uint8]]
 
 
-def write_shape(file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatArray | None) -> DisplayMesh:
+def write_shape(
+    file: PosedFile, *, mesh: Path, max_faces: int, colours: FloatArray | None
+) -> DisplayMesh:
     """Read a shape, write its aligned copy and decimate it; runs inside a worker.
 
     Parameters

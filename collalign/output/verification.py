@@ -105,7 +105,9 @@ class Verification:
     @property
     def holds(self) -> bool:
         """Whether no certificate is refused."""
-        return not any(pair.fault for pair in self.pairs) and not (self.collection and self.collection.fault)
+        return not any(pair.fault for pair in self.pairs) and not (
+            self.collection and self.collection.fault
+        )
 
     @property
     def num_proven(self) -> int:
@@ -116,7 +118,11 @@ class Verification:
         """Return the fields for JSON; a number that is not known is null."""
         record = {"holds": self.holds, "num_stated": self.num_stated, "num_proven": self.num_proven}
         found = record | {"pairs": [_known(asdict(pair)) for pair in self.pairs]}
-        return found if self.collection is None else found | {"collection": _known(asdict(self.collection))}
+        return (
+            found
+            if self.collection is None
+            else found | {"collection": _known(asdict(self.collection))}
+        )
 
     def table(self) -> str:
         """Return one line per certificate and what they say together."""
@@ -166,7 +172,9 @@ def check_collection(
         return _check(arrays, num_shapes, problem)
     except (InputError, FloatingPointError, OverflowError, np.linalg.LinAlgError) as error:
         nothing = float("nan")
-        return CheckedCollection(num_shapes=num_shapes, num_pairs=0, proven=nothing, energy=nothing, fault=str(error))
+        return CheckedCollection(
+            num_shapes=num_shapes, num_pairs=0, proven=nothing, energy=nothing, fault=str(error)
+        )
 
 
 def _check(
@@ -186,7 +194,9 @@ def _check(
     if sides == 1 and (np.linalg.det(frames) < 0.0).any():
         raise InputError("frames: a shape is mirrored, which the result's group forbids")
     depths = as_indices(arrays["depths"], "depths", upper=256, shape=(None,))
-    counts = as_indices(arrays["num_cells"], "num_cells", upper=len(depths) + 1, shape=(len(edges), sides))
+    counts = as_indices(
+        arrays["num_cells"], "num_cells", upper=len(depths) + 1, shape=(len(edges), sides)
+    )
     if counts.sum() != len(depths):
         raise InputError("num_cells: they are not as many as depths")
     cells = np.split(depths, np.cumsum(counts.ravel())[:-1])

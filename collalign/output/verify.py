@@ -113,10 +113,15 @@ def verify_result(folder: Path | str) -> Verification:
     result = _read(folder, _load(file, ("coordinates", "invariants")))
     for target, source in files:
         if max(target, source) >= len(result.names):
-            raise InputError(f"{files[target, source]}: the result has only {len(result.names)} shapes")
+            raise InputError(
+                f"{files[target, source]}: the result has only {len(result.names)} shapes"
+            )
     for shape in range(len(result.names)):
         _check_samples(folder, result, shape, file)
-    checked = [_check_pair(result, file, target, source) for (target, source), file in sorted(files.items())]
+    checked = [
+        _check_pair(result, file, target, source)
+        for (target, source), file in sorted(files.items())
+    ]
     num_stated = sum(bound == bound for bound, _ in result.rows.values())
     return Verification(pairs=tuple(checked), num_stated=num_stated, collection=collection)
 
@@ -126,7 +131,9 @@ def _check_collection(folder: Path) -> CheckedCollection | None:
     if PROOF_FILE not in written_files(folder, CERTIFIER):
         return None
     file = folder / PROOF_FILE
-    members, coordinates, invariants, *arrays = _load(file, ("members", "coordinates", "invariants", *PROOF_ARRAYS))
+    members, coordinates, invariants, *arrays = _load(
+        file, ("members", "coordinates", "invariants", *PROOF_ARRAYS)
+    )
     result = _read(folder, [coordinates, invariants], members)
     for shape in range(len(result.names)):
         _check_samples(folder, result, shape, file)
@@ -136,7 +143,9 @@ def _check_collection(folder: Path) -> CheckedCollection | None:
             raise InputError(f"edges: {PAIRS_FILE} has no pair of the shapes {target} and {source}")
         return result.problem(target, source)
 
-    return check_collection(dict(zip(PROOF_ARRAYS, arrays, strict=True)), len(result.names), problem)
+    return check_collection(
+        dict(zip(PROOF_ARRAYS, arrays, strict=True)), len(result.names), problem
+    )
 
 
 def _certificate_files(folder: Path) -> dict[tuple[int, int], Path]:
@@ -158,14 +167,20 @@ def _check_pair(result: _Result, file: Path, target: int, source: int) -> Checke
         problem = result.problem(target, source)
         value = verify_certificate(problem.target, problem.source, certificate, problem=problem)
         if result.exceeds(value, energy, target, source):
-            raise InputError(f"{file}: proves {value:.6g}, above the pair's energy {energy:.6g}: not of this problem")
+            raise InputError(
+                f"{file}: proves {value:.6g}, above the pair's energy {energy:.6g}: not of this problem"
+            )
         kind, proven = certificate.kind, value
     except InputError as error:
         fault = str(error)
-    return CheckedPair(target=ends[0], source=ends[1], kind=kind, proven=proven, stated=bound, fault=fault)
+    return CheckedPair(
+        target=ends[0], source=ends[1], kind=kind, proven=proven, stated=bound, fault=fault
+    )
 
 
-def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] | None = None) -> _Result:
+def _read(
+    folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] | None = None
+) -> _Result:
     """Read what certificates of some shapes, or all, are about; damaged and contradictory files are named.
 
     Parameters
@@ -190,7 +205,11 @@ def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] |
         raise InputError(
             f"{file}: no result of this program: names that occur twice, or a group that is neither SO nor O"
         )
-    chosen = np.arange(len(names)) if members is None else as_indices(members, "members", upper=len(names))
+    chosen = (
+        np.arange(len(names))
+        if members is None
+        else as_indices(members, "members", upper=len(names))
+    )
     if chosen.ndim != 1 or not len(chosen) or len(set(chosen.tolist())) < len(chosen):
         raise InputError("members: not the numbers of some shapes, each once")
     stems = [file_stems(names)[i] for i in chosen]
@@ -198,7 +217,9 @@ def _read(folder: Path, samples: Sequence[NDArray[Any]], members: NDArray[Any] |
     coordinates = as_floats(samples[0], "coordinates", shape=(len(names), None, None))
     num_samples = coordinates.shape[1]
     if coordinates.shape[2] < 3:
-        raise InputError(f"coordinates: {coordinates.shape[2]} of each sample, expected at least those in space")
+        raise InputError(
+            f"coordinates: {coordinates.shape[2]} of each sample, expected at least those in space"
+        )
     (placed,) = _load(folder / CORRESPONDENCES_FILE, ("positions",))
     result = _Result(
         names=names,
@@ -243,17 +264,23 @@ def _check_samples(folder: Path, result: _Result, shape: int, file: Path) -> Non
     try:
         own = (placed - placed.mean(axis=0)) @ np.linalg.inv(linear).T
     except np.linalg.LinAlgError:
-        raise InputError(f"{folder / ALIGNMENT_FILE}: the transform of shape {shape} is singular") from None
+        raise InputError(
+            f"{folder / ALIGNMENT_FILE}: the transform of shape {shape} is singular"
+        ) from None
     size = float(np.linalg.norm(own))
     unit = {"centroid": size, "none": 1.0}.get(
         result.normalisation, size / max(float(np.linalg.norm(matched)), 1e-300)
     )
     if result.normalisation not in ("centroid", "none"):
         mesh = read_shape(folder / MESH_FOLDER / f"{result.stems[shape]}.ply", AS_STORED)
-        length = float(vertex_areas(mesh).sum()) ** 0.5 / abs(float(np.linalg.det(linear))) ** (1 / 3)
+        length = float(vertex_areas(mesh).sum()) ** 0.5 / abs(float(np.linalg.det(linear))) ** (
+            1 / 3
+        )
         unit = unit if abs((unit / length) ** 2 - 1.0) <= _AREA_TOL else float("nan")
     fits = np.abs(matched * unit - own).max() <= _SAMPLE_TOL * size
-    if not (fits and 1.0 / LARGEST_COORDINATE <= size <= LARGEST_COORDINATE):  # what vanishes fits everything
+    if not (
+        fits and 1.0 / LARGEST_COORDINATE <= size <= LARGEST_COORDINATE
+    ):  # what vanishes fits everything
         raise InputError(
             f"{file}: the samples of shape {shape} are not those of "
             f"{CORRESPONDENCES_FILE}, centred and scaled; the certificates are about other shapes"

@@ -55,7 +55,11 @@ def load_vertex_maps(folder: Path | str) -> VertexMaps:
         raise InputError(f"{path}: there is none; align with --deformable to map all vertices")
     try:
         data = load_arrays(read_source(path).content, path.name)
-        names, every, sure = data["names"].tolist(), data["places"], data.get("vertex_confidence", np.empty(0))
+        names, every, sure = (
+            data["names"].tolist(),
+            data["places"],
+            data.get("vertex_confidence", np.empty(0)),
+        )
         starts = as_indices(data["starts"], "starts", upper=len(every) + 1, shape=(len(names) + 1,))
         record = {
             "names": names,
@@ -92,7 +96,9 @@ class PlaceColours:
             return _NOWHERE[None, :num_columns].copy()
         at = self._maps.names.index(name)
         extent = self._high - self._low
-        shares = (self._maps.places[at] @ self._axes - self._low) / np.where(extent > 0, extent, 1.0)
+        shares = (self._maps.places[at] @ self._axes - self._low) / np.where(
+            extent > 0, extent, 1.0
+        )
         colours = 0.08 + 0.84 * np.clip(shares, 0.0, 1.0)
         if num_columns > 3:
             colours = np.column_stack([colours, self._maps.vertex_confidence[at]])

@@ -23,7 +23,9 @@ _AZIMUTH_RAD, _ABOVE_RAD = np.deg2rad([30.0, 20.0])
 UNNAMED = NamedFrame()
 
 
-def camera(surfaces: Iterable[tuple[FloatArray, IntArray]], frame: NamedFrame = UNNAMED) -> FloatArray:
+def camera(
+    surfaces: Iterable[tuple[FloatArray, IntArray]], frame: NamedFrame = UNNAMED
+) -> FloatArray:
     """Return the rotation from the common frame to the screen in three-quarter view.
 
     Parameters
@@ -112,7 +114,9 @@ def faces_per_shape(num_shapes: int) -> int:
     return min(int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST)), max(_MOST_IN_ALL // num, 1))
 
 
-def display_mesh(vertices: FloatArray, faces: IntArray, *, max_faces: int) -> tuple[FloatArray, IntArray]:
+def display_mesh(
+    vertices: FloatArray, faces: IntArray, *, max_faces: int
+) -> tuple[FloatArray, IntArray]:
     """Decimate a mesh by edge collapses, or thin out a point cloud evenly.
 
     Parameters
@@ -170,7 +174,9 @@ def tile_of(shape: Shape, transform: FloatArray, confidence: float) -> Tile:
 
 def write_contact_sheet(path: Path, tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> None:
     """Draw the picture of all tiles and write it as PNG."""
-    contact_sheet(tiles, frame).savefig(path, format="png", metadata={"Software": None}, pil_kwargs=_PNG)
+    contact_sheet(tiles, frame).savefig(
+        path, format="png", metadata={"Software": None}, pil_kwargs=_PNG
+    )
 
 
 def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
@@ -214,7 +220,12 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
 
 
 def seen_panel(
-    vertices: FloatArray, faces: IntArray, corner: FloatArray, colours: FloatArray, *, flipped: bool = False
+    vertices: FloatArray,
+    faces: IntArray,
+    corner: FloatArray,
+    colours: FloatArray,
+    *,
+    flipped: bool = False,
 ) -> Panel:
     """Project a mesh (or point cloud) into the cell of unit size at ``corner``, with Lambert shading.
 

@@ -53,7 +53,14 @@ REPORT_FILE = "report.html"
 #: More shapes than this are drawn as an evenly spaced choice.
 _MAX_TILES = 100
 #: Written by every run; the report can be left out.
-_TABLES = (ALIGNMENT_FILE, CORRESPONDENCES_FILE, PAIRS_FILE, RUN_FILE, CONTACT_SHEET_FILE, EVIDENCE_FILE)
+_TABLES = (
+    ALIGNMENT_FILE,
+    CORRESPONDENCES_FILE,
+    PAIRS_FILE,
+    RUN_FILE,
+    CONTACT_SHEET_FILE,
+    EVIDENCE_FILE,
+)
 
 _PAIR_COLUMNS = (
     "target",
@@ -140,9 +147,16 @@ def save_collection(
         _write_text(output.stage(RUN_FILE), json.dumps(asdict(run), indent=1))
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
-        raise InputError(f"{output.folder}: the results cannot be written ({system_reason(error)})") from error
-    tops = dict.fromkeys(output.folder / path.relative_to(output.folder).parts[0] for path in written)
-    files, folders = (path for path in tops if path.is_file()), (path for path in tops if path.is_dir())
+        raise InputError(
+            f"{output.folder}: the results cannot be written ({system_reason(error)})"
+        ) from error
+    tops = dict.fromkeys(
+        output.folder / path.relative_to(output.folder).parts[0] for path in written
+    )
+    files, folders = (
+        (path for path in tops if path.is_file()),
+        (path for path in tops if path.is_dir()),
+    )
     return (*files, *sorted(folders))
 
 
@@ -179,7 +193,10 @@ def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
     if trust is None or len(trust.symmetries[shape]) < 2:
         return {}
     up_to = float(symmetric_confidence(trust)[shape])
-    return {"confidence_up_to_symmetry": _number(up_to), "symmetry": trust.symmetries[shape][1:].tolist()}
+    return {
+        "confidence_up_to_symmetry": _number(up_to),
+        "symmetry": trust.symmetries[shape][1:].tolist(),
+    }
 
 
 def _incomplete(collection: CollectionData) -> dict[str, Any]:
@@ -198,7 +215,9 @@ def _incomplete(collection: CollectionData) -> dict[str, Any]:
                 "samples_with_labels": int((collection.maps.labels[one.shape] >= 0).sum()),
                 "overlaps": {
                     collection.names[partner]: {"partner": float(theirs), "own": float(own)}
-                    for partner, (theirs, own) in zip(one.partners.tolist(), one.overlaps.tolist(), strict=True)
+                    for partner, (theirs, own) in zip(
+                        one.partners.tolist(), one.overlaps.tolist(), strict=True
+                    )
                 },
             }
             for one in collection.incomplete
@@ -224,7 +243,11 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
             "group": collection.group,
             "own": list(collection.own),
             "maps": are_weighed(collection.pairs),
-            **({"frame": asdict(NamedFrame.of(collection.options))} if collection.options.up else {}),
+            **(
+                {"frame": asdict(NamedFrame.of(collection.options))}
+                if collection.options.up
+                else {}
+            ),
         },
         "shapes": [
             {

@@ -92,7 +92,9 @@ class VertexMaps:
     names: tuple[str, ...]
     reference: str
     places: tuple[Annotated[FloatArray, Holds(shape="_ 3", nan=True)], ...]
-    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)] = field(default_factory=lambda: np.empty(0))
+    confidence: Annotated[FloatArray, Holds(shape="_", nan=True)] = field(
+        default_factory=lambda: np.empty(0)
+    )
     vertex_confidence: tuple[Annotated[FloatArray, Holds(shape="_", nan=True)], ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
 
@@ -110,7 +112,9 @@ class VertexMaps:
     def _trees(self) -> tuple[tuple[cKDTree, IntArray], ...]:
         """Of each shape the tree of its places, and the vertices that have them."""
         known = [np.flatnonzero(np.isfinite(own).all(axis=1)) for own in self.places]
-        return tuple((cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True))
+        return tuple(
+            (cKDTree(own[rows]), rows) for own, rows in zip(self.places, known, strict=True)
+        )
 
     __repr__ = one_line
 

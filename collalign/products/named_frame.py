@@ -74,7 +74,9 @@ def frame_rotation(options: AlignOptions) -> FloatArray:
     front = _direction(options.front) if options.front else np.eye(3)[np.abs(up).argmin()]
     front = front - (front @ up) * up
     if np.linalg.norm(front) < ORTHOGONAL_TOL:
-        raise InputError(f"front: {options.front!r} and up, {options.up!r}, are the same direction; choose another")
+        raise InputError(
+            f"front: {options.front!r} and up, {options.up!r}, are the same direction; choose another"
+        )
     front /= np.linalg.norm(front)
     return read_only(np.stack([front, np.cross(up, front), up]))
 
@@ -96,13 +98,19 @@ def _line(option: str, text: str, marks: Mapping[str, FloatArray]) -> str:
         return text
     start, end = (_landmark(option, label, marks) for label in text.split(":"))
     if not np.linalg.norm(end - start):
-        raise InputError(f"{option}: the landmarks of {text!r} are at the same place; choose others")
+        raise InputError(
+            f"{option}: the landmarks of {text!r} are at the same place; choose others"
+        )
     return _words(end - start)
 
 
 def _landmark(option: str, label: str, marks: Mapping[str, FloatArray]) -> FloatArray:
     if label not in marks:
-        told = f"it has {', '.join(marks)}" if marks else "none are given; give its landmark file with --marks"
+        told = (
+            f"it has {', '.join(marks)}"
+            if marks
+            else "none are given; give its landmark file with --marks"
+        )
         raise InputError(f"{option}: the reference has no landmark {label!r}; {told}")
     return marks[label]
 

@@ -69,7 +69,9 @@ class Own:
         for name in (*GIVEN, "marks"):
             given = getattr(self, name)
             if not isinstance(given, Mapping) and not (name == "invariants" and callable(given)):
-                raise InputError(f"{name}: expected values by the names of shapes, got {type(given).__name__}")
+                raise InputError(
+                    f"{name}: expected values by the names of shapes, got {type(given).__name__}"
+                )
         for name in OF_PAIRS:
             for pair in getattr(self, name):
                 is_pair = isinstance(pair, tuple) and len(pair) == 2 and pair[0] != pair[1]
@@ -78,14 +80,20 @@ class Own:
         for name in (*GIVEN, "marks"):
             given = getattr(self, name)
             if isinstance(given, Mapping):
-                object.__setattr__(self, name, {_composed(names): value for names, value in given.items()})
+                object.__setattr__(
+                    self, name, {_composed(names): value for names, value in given.items()}
+                )
         for pair, weight in self.pair_weights.items():
             check_number(f"pair_weights[{', '.join(pair)}]", weight)
             if pair[::-1] in self.pair_weights:
                 raise InputError(f"pair_weights: {' and '.join(pair)} are there twice")
         for pair, poses in self.candidates.items():
-            if as_rotations(poses, f"candidates[{', '.join(pair)}]", dim=3).ndim > 3 or not np.size(poses):
-                raise InputError(f"candidates[{', '.join(pair)}]: expected shape (3, 3) or (m, 3, 3)")
+            if as_rotations(poses, f"candidates[{', '.join(pair)}]", dim=3).ndim > 3 or not np.size(
+                poses
+            ):
+                raise InputError(
+                    f"candidates[{', '.join(pair)}]: expected shape (3, 3) or (m, 3, 3)"
+                )
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -68,15 +68,21 @@ class Pair:
     rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     maps: Annotated[IntArray, Holds(shape="m _", lower=-1)]
     energies: Annotated[FloatArray, Holds(shape="m")]
-    mismatches: Annotated[FloatArray, Holds(shape="m?", nan=True)] = field(default_factory=_nothing(0))
+    mismatches: Annotated[FloatArray, Holds(shape="m?", nan=True)] = field(
+        default_factory=_nothing(0)
+    )
     log_odds: Annotated[FloatArray, Holds(shape="m?")] = field(default_factory=_nothing(0))
-    evidence: Annotated[FloatArray, Holds(shape="m? _", nan=True)] = field(default_factory=_nothing(0, 0))
+    evidence: Annotated[FloatArray, Holds(shape="m? _", nan=True)] = field(
+        default_factory=_nothing(0, 0)
+    )
     lower_bound: Annotated[float, Holds(nan=True)] = float("nan")
     status: str = ""
     chirality_proven: bool = False
     certificate: Certificate | None = None
     complete_within: Annotated[float, Holds(nan=True)] = float("nan")
-    regions: Annotated[FloatArray, Holds(shape="r _ _", rotations=True)] = field(default_factory=_nothing(0, 3, 3))
+    regions: Annotated[FloatArray, Holds(shape="r _ _", rotations=True)] = field(
+        default_factory=_nothing(0, 3, 3)
+    )
     region_radii_rad: Annotated[FloatArray, Holds(shape="r")] = field(default_factory=_nothing(0))
     weight: float = 1.0
 
@@ -135,7 +141,9 @@ class Pairs(tuple[AlignedPair, ...]):
         """Return the pairs of shapes that have these names."""
         found = cls(pairs)
         found.names = names
-        found._places = {frozenset((names[pair.target], names[pair.source])): at for at, pair in enumerate(pairs)}
+        found._places = {
+            frozenset((names[pair.target], names[pair.source])): at for at, pair in enumerate(pairs)
+        }
         return found
 
     def __getitem__(self, which: Any) -> Any:
@@ -148,7 +156,11 @@ class Pairs(tuple[AlignedPair, ...]):
 
     def __contains__(self, which: object) -> bool:
         """Return whether a pair, or two shapes given by their names, are among them."""
-        return frozenset(which) in self._places if isinstance(which, tuple) else tuple.__contains__(self, which)
+        return (
+            frozenset(which) in self._places
+            if isinstance(which, tuple)
+            else tuple.__contains__(self, which)
+        )
 
     def __reduce__(self) -> Any:
         return Pairs.of, (tuple(self), self.names)

@@ -185,8 +185,12 @@ class Constraints:
             fixed_transforms={at[i]: pose for i, pose in self.fixed_transforms.items() if i in at},
             by_hand=frozenset(at[i] for i in self.by_hand if i in at),
             reference=at.get(self.reference, 0),
-            candidates={(at[i], at[j]): of for (i, j), of in self.candidates.items() if i in at and j in at},
-            weights={(at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at},
+            candidates={
+                (at[i], at[j]): of for (i, j), of in self.candidates.items() if i in at and j in at
+            },
+            weights={
+                (at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at
+            },
             rotation=self.rotation,
             origin=self.origin,
         )

@@ -51,7 +51,9 @@ class ArapSolver:
         weights = csc_array((self._weights, (self._at, self._to)), shape=(num, num))
         self._stiffness = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
 
-    def pull(self, goals: MapGoals, trust: FloatArray, length: float) -> Callable[[FloatArray], FloatArray]:
+    def pull(
+        self, goals: MapGoals, trust: FloatArray, length: float
+    ) -> Callable[[FloatArray], FloatArray]:
         """Return what gives all places (v, 3) by rotated edges (v, 3).
 
         Goals count as far as they are trusted, each vertex by its area at most.

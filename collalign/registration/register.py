@@ -52,7 +52,8 @@ class SmoothField:
     def moved(self, points: FloatArray) -> FloatArray:
         """Return points where the field takes them, shape (q, 3)."""
         blocks = [
-            block + gaussian_kernel(block, self.centres, self.widths, self.amplitudes) @ self.weights
+            block
+            + gaussian_kernel(block, self.centres, self.widths, self.amplitudes) @ self.weights
             for block in _blocks(points)
         ]
         return np.concatenate(blocks) if blocks else np.array(points)
@@ -71,7 +72,10 @@ class SmoothField:
 
 
 def gaussian_kernel(
-    points: FloatArray, centres: FloatArray, widths: tuple[float, ...], amplitudes: tuple[float, ...]
+    points: FloatArray,
+    centres: FloatArray,
+    widths: tuple[float, ...],
+    amplitudes: tuple[float, ...],
 ) -> FloatArray:
     """Return the kernel of points and centres, shape (q, m)."""
     squares = (points**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * points @ centres.T
@@ -127,7 +131,9 @@ class Registration:
 
 
 @one_blas_thread()
-def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[Registration, SmoothField]:
+def register(
+    target: RegistrationSurface, source: RegistrationSurface
+) -> tuple[Registration, SmoothField]:
     """Deform a source onto a target that it is posed on already, and return the field that does it before the pose.
 
     The common poses of a collection fit a pair but roughly, above all in size. So the source is shifted and scaled,
@@ -157,14 +163,18 @@ def register(target: RegistrationSurface, source: RegistrationSurface) -> tuple[
     return best.iterated(TUNED.noise[TUNED.num_compared :]).result(TUNED.noise[-1])
 
 
-def closest_pose(target: RegistrationSurface, source: RegistrationSurface, *, may_rotate: bool) -> FloatArray:
+def closest_pose(
+    target: RegistrationSurface, source: RegistrationSurface, *, may_rotate: bool
+) -> FloatArray:
     """Return the similarity, shape (4, 4), that lays a source onto a target best by what corresponds on both."""
     few = [replace(one, spread=one.spread[: TUNED.num_pose_points]) for one in (target, source)]
     search = _Search(few[0], few[1], tangential=1.0, cutoff=TUNED.pose_cutoff)
     pose, moved = np.eye(4), source.vertices
     for noise in TUNED.pose_noise:
         at, offsets, weights = search.pulls(moved, noise)
-        pose = fitting_similarity(moved[at] + offsets, source.vertices[at], weights, may_rotate=may_rotate)
+        pose = fitting_similarity(
+            moved[at] + offsets, source.vertices[at], weights, may_rotate=may_rotate
+        )
         moved = moved_by(pose, source.vertices)
     return pose
 
@@ -190,7 +200,14 @@ class _Fit:
     ) -> _Fit:
         brought = target.placed(np.asarray(np.linalg.inv(pose)))
         search = _Search(brought, source, tangential=TUNED.tangential, cutoff=TUNED.cutoff)
-        return cls(search=search, solver=solver, pose=pose, radius=brought.radius, field=solver.still, stiffness=1.0)
+        return cls(
+            search=search,
+            solver=solver,
+            pose=pose,
+            radius=brought.radius,
+            field=solver.still,
+            stiffness=1.0,
+        )
 
     def iterated(self, noises: Sequence[float]) -> _Fit:
         """Return the fit after an iteration per noise."""
@@ -205,7 +222,9 @@ class _Fit:
         """Return minus twice the logarithm of the posterior, but for a constant: bending, and what does not fit."""
         _, offsets, weights = self.search.pulls(self.solver.moved(self.field), noise)
         squares = (offsets**2).sum(axis=1) / (noise * self.radius) ** 2
-        return self.field.bending + TUNED.num_independent * float(np.average(squares, weights=weights))
+        return self.field.bending + TUNED.num_independent * float(
+            np.average(squares, weights=weights)
+        )
 
     def result(self, noise: float) -> tuple[Registration, SmoothField]:
         """Bring everything back to the target."""
@@ -225,9 +244,19 @@ class _Search:
     """Finds what corresponds: closest points in positions with normals, which shrink with the iteration's noise."""
 
     def __init__(
-        self, target: RegistrationSurface, source: RegistrationSurface, *, tangential: float, cutoff: float
+        self,
+        target: RegistrationSurface,
+        source: RegistrationSurface,
+        *,
+        tangential: float,
+        cutoff: float,
     ) -> None:
-        self._target, self._source, self._tangential, self._cutoff = target, source, tangential, cutoff
+        self._target, self._source, self._tangential, self._cutoff = (
+            target,
+            source,
+            tangential,
+            cutoff,
+        )
         self._has_normals = target.oriented and source.oriented
         self._target_normals = target.normals(target.vertices)
 
@@ -246,11 +275,15 @@ class _Search:
         weights *= ~np.concatenate([target.on_rim[hit], source.on_rim[struck]])
         kept = weights > 0
         if not kept.any():
-            raise InputError("registration: no point of one surface has a counterpart on the other at these poses")
+            raise InputError(
+                "registration: no point of one surface has a counterpart on the other at these poses"
+            )
         at, to = at[kept], to[kept]
         offsets = target.vertices[to] - moved[at]
         if self._has_normals:
-            along = (offsets * self._target_normals[to]).sum(axis=1, keepdims=True) * self._target_normals[to]
+            along = (offsets * self._target_normals[to]).sum(
+                axis=1, keepdims=True
+            ) * self._target_normals[to]
             offsets = along + self._tangential * (offsets - along)
         return at, offsets, weights[kept]
 
@@ -263,7 +296,9 @@ class _Search:
             self._features(target.vertices, self._target_normals, noise),
         )
         hit = cKDTree(theirs).query(ours)[1]
-        quality = self._trust(moved, normals, np.arange(len(moved)), hit, noise) * ~target.on_rim[hit]
+        quality = (
+            self._trust(moved, normals, np.arange(len(moved)), hit, noise) * ~target.on_rim[hit]
+        )
         return np.asarray(np.linalg.norm(places - moved, axis=1)), np.asarray(quality)
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
@@ -271,7 +306,9 @@ class _Search:
         scale = self._target.radius * noise / TUNED.normal_noise if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 
-    def _trust(self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray, noise: float) -> FloatArray:
+    def _trust(
+        self, moved: FloatArray, normals: FloatArray, at: IntArray, to: IntArray, noise: float
+    ) -> FloatArray:
         """Tukey's biweight of each correspondence's distance, zero where normals disagree.
 
         Where almost everything fits, the noise is the scale: what differs in one place is not an error for that.
@@ -321,7 +358,10 @@ class _FieldSolver:
         while stiffness <= _MAX_STIFFNESS:
             system = data + (stiffness * noise) ** 2 * per_point * self._prior
             field = replace(self.still, weights=cho_solve(cho_factor(system, lower=True), asked))
-            if np.linalg.det(field.jacobian(self._checked, self._slopes)).min() >= MIN_VOLUME_CHANGE:
+            if (
+                np.linalg.det(field.jacobian(self._checked, self._slopes)).min()
+                >= MIN_VOLUME_CHANGE
+            ):
                 return field, stiffness
             stiffness *= _STIFFER
         return self.still, stiffness

@@ -70,7 +70,9 @@ class RegistrationSurface:
     def placed(self, pose: FloatArray) -> RegistrationSurface:
         """Return the surface where a similarity, shape (4, 4), takes it."""
         scale = float(scales_of(pose))
-        return replace(self, vertices=read_only(moved_by(pose, self.vertices)), radius=scale * self.radius)
+        return replace(
+            self, vertices=read_only(moved_by(pose, self.vertices)), radius=scale * self.radius
+        )
 
     @cached_property
     def locator(self) -> SurfaceLocator:

@@ -66,8 +66,14 @@ class RunEstimate:
         return sum(self.stages_s.values())
 
     def __str__(self) -> str:
-        stages = ", ".join(f"{stage} {seconds / _MINUTE_S:.1f}" for stage, seconds in self.stages_s.items())
-        known = "unknown" if math.isnan(self.seconds) else f"{self.seconds / _MINUTE_S:.1f} min ({stages})"
+        stages = ", ".join(
+            f"{stage} {seconds / _MINUTE_S:.1f}" for stage, seconds in self.stages_s.items()
+        )
+        known = (
+            "unknown"
+            if math.isnan(self.seconds)
+            else f"{self.seconds / _MINUTE_S:.1f} min ({stages})"
+        )
         return f"{self.num_shapes} shapes and {self.num_pairs} pairs to compute: time {known}"
 
 
@@ -113,7 +119,9 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
 
 def costs_of(store: Store) -> dict[str, float]:
     """Return what each kind of record that the forecast reckons with cost, by the median."""
-    return {kind: store.median_seconds(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")}
+    return {
+        kind: store.median_seconds(kind) for kind in ("shapes", "pairs", "surfaces", "evidence")
+    }
 
 
 def forecast(
@@ -150,10 +158,15 @@ def forecast(
     new = missing_pairs + pilot * PILOT * min(num, MOST_SHAPES)
     refines = float(options.refine)
     shared = {"shapes": _times(missing_shapes, prepare_s), "pairs": _times(new, match_s)}
-    tasks, records = {"shapes": missing_shapes, "pairs": round(new)}, {"shapes": missing_shapes, "pairs": new}
+    tasks, records = (
+        {"shapes": missing_shapes, "pairs": round(new)},
+        {"shapes": missing_shapes, "pairs": new},
+    )
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
     if missing_pairs and not math.isnan(costs["evidence"]):
-        settled = num * MAX_PARTNERS / 2 if num > MOST_SEARCHED else 0.0  # as if half of the shapes were in doubt
+        settled = (
+            num * MAX_PARTNERS / 2 if num > MOST_SEARCHED else 0.0
+        )  # as if half of the shapes were in doubt
         shared["maps"] = num * costs["surfaces"] + (missing_pairs + settled) * costs["evidence"]
         tasks["maps"] = round(num + missing_pairs + settled)
         records |= {"surfaces": num, "evidence": missing_pairs + settled}
@@ -176,7 +189,9 @@ def forecast(
             for stage in dict.fromkeys([*shared, *alone])
         },
         tasks=tasks,
-        store_bytes=sum(_times(number, (sizes or {}).get(kind, math.nan)) for kind, number in records.items()),
+        store_bytes=sum(
+            _times(number, (sizes or {}).get(kind, math.nan)) for kind, number in records.items()
+        ),
     )
 
 

@@ -39,12 +39,17 @@ def local_evidence(
     mismatch, overlap = unknown.copy(), unknown.copy()
     space = rotations[:, :3, :3]
     are_proper = np.linalg.det(space) > 0
-    for proper, other, flip in ((True, source.local, np.ones(3)), (False, None, np.array([-1.0, 1.0, 1.0]))):
+    for proper, other, flip in (
+        (True, source.local, np.ones(3)),
+        (False, None, np.array([-1.0, 1.0, 1.0])),
+    ):
         chosen = are_proper == proper
         if chosen.any():
             of = source.local.mirrored() if other is None else other
             flipped = space[chosen] * flip
-            shares, costs = closeness(target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points)
+            shares, costs = closeness(
+                target.local, of, flipped, np.zeros((len(flipped), 3)), num_points=num_points
+            )
             mismatch[chosen], overlap[chosen] = costs.mean(axis=1), np.sqrt(shares.prod(axis=1))
     return read_only(mismatch), read_only(overlap)
 
@@ -70,7 +75,9 @@ def rigid_overlap(target: Samples, source: Samples, rotations: FloatArray) -> fl
     return most
 
 
-def proposed_rotations(target: Samples, source: Samples, group: str, known: FloatArray) -> FloatArray:
+def proposed_rotations(
+    target: Samples, source: Samples, group: str, known: FloatArray
+) -> FloatArray:
     """Return rotations (p, 3, 3) on which neighbourhoods agree, apart from those that are known (m, d, d)."""
     if target.local is None or source.local is None:
         return np.empty((0, 3, 3))

@@ -18,7 +18,14 @@ from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.poses.agreement import SAME_POSE_RAD, resolve_pair, solve_again
-from data_tools.arrays import ORTHOGONAL_TOL, FloatArray, as_floats, as_indices, as_rotations, read_only
+from data_tools.arrays import (
+    ORTHOGONAL_TOL,
+    FloatArray,
+    as_floats,
+    as_indices,
+    as_rotations,
+    read_only,
+)
 from data_tools.checks import check_known
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import InputError, OptionsError
@@ -47,7 +54,10 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     for argument in OF_PAIRS:
         check_known(argument, {name for pair in getattr(own, argument) for name in pair}, files)
     if callable(own.invariants):
-        values = {name: own.invariants(read_shape(file, AS_STORED, name=name)) for name, file in files.items()}
+        values = {
+            name: own.invariants(read_shape(file, AS_STORED, name=name))
+            for name, file in files.items()
+        }
     else:
         values = dict(own.invariants)
     rows, chosen = dict[str, FloatArray](), {}
@@ -58,7 +68,9 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     for name in values:
         rows[name] = as_floats(values[name], f"invariants[{name}]", shape=(None, None))
     for name in own.samples:
-        chosen[name] = as_indices(own.samples[name], f"samples[{name}]", upper=MAX_INDEX, shape=(None,))
+        chosen[name] = as_indices(
+            own.samples[name], f"samples[{name}]", upper=MAX_INDEX, shape=(None,)
+        )
         if not MIN_POINTS <= len(chosen[name]) == len(set(chosen[name].tolist())):
             raise InputError(f"samples[{name}]: expected at least {MIN_POINTS} different vertices")
     for argument, sizes in (
@@ -67,9 +79,13 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     ):
         if len(set(sizes.values())) > 1:
             few, many = (pick(sizes, key=lambda name: sizes[name]) for pick in (min, max))
-            raise InputError(f"{argument}: {few} has {sizes[few]} columns or vertices, {many} has {sizes[many]}")
+            raise InputError(
+                f"{argument}: {few} has {sizes[few]} columns or vertices, {many} has {sizes[many]}"
+            )
     return {
-        name: OwnPoints(samples=chosen.get(name), invariants=rows.get(name), weight=own.invariants_weight)
+        name: OwnPoints(
+            samples=chosen.get(name), invariants=rows.get(name), weight=own.invariants_weight
+        )
         for name in (files if rows or chosen else ())
     }
 
@@ -94,8 +110,12 @@ def with_marks(session: AlignSession, own: Own) -> AlignSession:
     options = session.options
     if own.marks and options.reference not in own.marks:
         if options.reference or len(own.marks) > 1:
-            told = f"the reference, {options.reference!r}," if options.reference else "the reference"
-            raise InputError(f"marks: {told} has no landmarks, {', '.join(own.marks)} has; name it as reference")
+            told = (
+                f"the reference, {options.reference!r}," if options.reference else "the reference"
+            )
+            raise InputError(
+                f"marks: {told} has no landmarks, {', '.join(own.marks)} has; name it as reference"
+            )
         options = replace(options, reference=next(iter(own.marks)))
     marks = {
         label: as_floats(point, f"marks[{label}]", shape=(3,))
@@ -132,7 +152,11 @@ def given_constraints(
     OptionsError
         If directions are to turn a frame that poses set by hand fix.
     """
-    for argument, names in (("fixed", {*fixed}), ("kept", {*kept}), ("reference", {options.reference} - {""})):
+    for argument, names in (
+        ("fixed", {*fixed}),
+        ("kept", {*kept}),
+        ("reference", {options.reference} - {""}),
+    ):
         check_known(argument, names, shapes.names)
     by_hand, fixed = {*fixed}, {**kept, **fixed}
     at = {name: i for i, name in enumerate(shapes.names)}
@@ -142,9 +166,13 @@ def given_constraints(
             whole[name] = as_floats(pose, f"fixed[{name}]")
             scale = float(scales_of(whole[name]))
             if not scale or (whole[name][3] != (0.0, 0.0, 0.0, 1.0)).any():
-                raise InputError(f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1")
+                raise InputError(
+                    f"fixed[{name}]: not the transform of a similarity, with a last row 0, 0, 0, 1"
+                )
             if options.scaling == "rigid" and abs(scale - 1.0) > ORTHOGONAL_TOL:
-                raise InputError(f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'")
+                raise InputError(
+                    f"fixed[{name}]: has a scale of {scale:.6g}, but sizes stay with scaling 'rigid'"
+                )
             rotations[name] = whole[name][:3, :3] / scale
     candidates, weights = dict[tuple[int, int], FloatArray](), dict[tuple[int, int], float]()
     group = "SO" if options.group == "SO" else "O"
@@ -152,21 +180,31 @@ def given_constraints(
         (pair, as_rotations(given, f"candidates[{', '.join(pair)}]", group=group).reshape(-1, 3, 3))
         for pair, given in sorted(own.candidates.items())
     ]
-    vertices = cache(lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).file_vertices)
+    vertices = cache(
+        lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).file_vertices
+    )
     for both, rows in sorted(own.correspondences.items()):
         if at.keys() >= {*both}:
             proposed.append((both, _pose_of_matches(both, rows, vertices, group)))
     for (a, b), poses in proposed:
         if a in at and b in at:  # else left out, with its reason
-            pair, poses = _ordered(at[a], at[b]), poses if at[a] < at[b] else poses.transpose(0, 2, 1)
+            pair, poses = (
+                _ordered(at[a], at[b]),
+                poses if at[a] < at[b] else poses.transpose(0, 2, 1),
+            )
             candidates[pair] = np.concatenate([candidates.get(pair, np.empty((0, 3, 3))), poses])
     for (a, b), weight in own.pair_weights.items():
         if a in at and b in at:
             weights[_ordered(at[a], at[b])] = float(weight)
     if options.rotates_frame and by_hand and not kept:
-        raise OptionsError("up: poses set by hand fix the common frame, so it cannot be rotated; name an axis")
+        raise OptionsError(
+            "up: poses set by hand fix the common frame, so it cannot be rotated; name an axis"
+        )
     return Constraints(
-        fixed={at[name]: as_rotations(pose, f"fixed[{name}]", dim=3) for name, pose in rotations.items()},
+        fixed={
+            at[name]: as_rotations(pose, f"fixed[{name}]", dim=3)
+            for name, pose in rotations.items()
+        },
         fixed_transforms={at[name]: transform for name, transform in whole.items()},
         by_hand=frozenset(at[name] for name in by_hand),
         reference=at[options.reference] if options.reference else 0,
@@ -177,14 +215,20 @@ def given_constraints(
     )
 
 
-def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constraints: Constraints) -> list[Pair]:
+def with_own(
+    session: AlignSession, shapes: Shapes, pairs: list[Pair], constraints: Constraints
+) -> list[Pair]:
     """Return the pairs with the caller's weights and candidates.
 
     Each pose goes to the nearest local minimum of the pair's energy, and what the pair has already is not added.
     """
     weights, own = constraints.weights, constraints.candidates
     pairs = [replace(pair, weight=weights.get((pair.target, pair.source), 1.0)) for pair in pairs]
-    asked = [(e, pose) for e, pair in enumerate(pairs) for pose in own.get((pair.target, pair.source), ())]
+    asked = [
+        (e, pose)
+        for e, pair in enumerate(pairs)
+        for pose in own.get((pair.target, pair.source), ())
+    ]
     if not asked:
         return pairs
     starts = np.stack([pose for _, pose in asked])
@@ -198,7 +242,9 @@ def with_own(session: AlignSession, shapes: Shapes, pairs: list[Pair], constrain
                 read_only(np.concatenate([getattr(pair, name), pose[name]])[order])
                 for name in ("rotations", "maps", "energies", "mismatches")
             )
-            pairs[e] = replace(pair, rotations=rotations, maps=maps, energies=energies, mismatches=mismatches)
+            pairs[e] = replace(
+                pair, rotations=rotations, maps=maps, energies=energies, mismatches=mismatches
+            )
     return pairs
 
 
@@ -218,11 +264,16 @@ def own_notes(
         )
         said |= {"num_posed": len(known.candidates), "num_near": near, "near_deg": AGREE_DEG}
     if own.pair_weights:
-        said |= {"num_weights": len(known.weights), "num_zero": list(known.weights.values()).count(0.0)}
+        said |= {
+            "num_weights": len(known.weights),
+            "num_zero": list(known.weights.values()).count(0.0),
+        }
     return (Note("given", values=said),) if said else ()
 
 
-def _pose_of_matches(pair: Names, rows: ArrayLike, vertices: Callable[[str], FloatArray], group: str) -> FloatArray:
+def _pose_of_matches(
+    pair: Names, rows: ArrayLike, vertices: Callable[[str], FloatArray], group: str
+) -> FloatArray:
     """Return the rotation that takes matched vertices of the second shape to those of the first, shape (1, 3, 3).
 
     It mirrors only where the group allows it and the matches, being in no plane, can tell.
@@ -231,14 +282,18 @@ def _pose_of_matches(pair: Names, rows: ArrayLike, vertices: Callable[[str], Flo
     matches = as_indices(rows, called, upper=MAX_INDEX, shape=(None, 2))
     points = []
     for name, chosen in zip(pair, matches.T, strict=True):
-        points.append(vertices(name)[as_indices(chosen, f"{called}, of {name}", upper=len(vertices(name)))])
+        points.append(
+            vertices(name)[as_indices(chosen, f"{called}, of {name}", upper=len(vertices(name)))]
+        )
     matched = np.stack(points)[:, np.isfinite(points).all(axis=(0, 2))]
     centred = matched - matched.mean(axis=1, keepdims=True) if matched.size else matched
     covariance = centred[0].T @ centred[1]
     rank = np.linalg.matrix_rank(covariance, rtol=1e-9)
     if rank < 2:
         raise InputError(f"{called}: expected three or more matches that do not lie on a line")
-    return nearest_orthogonal(covariance, determinant=1 if group == "SO" or rank == 2 else None)[None]
+    return nearest_orthogonal(covariance, determinant=1 if group == "SO" or rank == 2 else None)[
+        None
+    ]
 
 
 def _ordered(i: int, j: int) -> tuple[int, int]:

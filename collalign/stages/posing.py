@@ -53,7 +53,9 @@ def _pose_few_open(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed
     matched, posed = _pose_on_complete(run, missing, None if missing else known)
     whole = found_complete(posed.incomplete)
     if whole:
-        matched, posed = _pose_on_complete(run, {i: why for i, why in missing.items() if i not in whole})
+        matched, posed = _pose_on_complete(
+            run, {i: why for i, why in missing.items() if i not in whole}
+        )
     return matched, posed
 
 
@@ -84,7 +86,9 @@ def _pose_on_complete(
     return matched, posed
 
 
-def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tuple[dict[int, str], _Answer]:
+def _without_found(
+    run: Run, missing: Mapping[int, str], answer: _Answer
+) -> tuple[dict[int, str], _Answer]:
     """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
 
     Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
@@ -95,8 +99,12 @@ def _without_found(run: Run, missing: Mapping[int, str], answer: _Answer) -> tup
         posed = answer[2]
         kept = [i for i in range(len(run.shapes.names)) if i not in missing]
         with run.stage("incomplete shapes"):
-            found = find_incomplete(run.session, run.shapes.some(kept), posed.pairs, posed.transforms)
-        fresh = {kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed}
+            found = find_incomplete(
+                run.session, run.shapes.some(kept), posed.pairs, posed.transforms
+            )
+        fresh = {
+            kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed
+        }
         if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
             break
         missing |= fresh

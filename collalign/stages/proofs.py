@@ -82,7 +82,9 @@ def proofs_note(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int)
         "num_tried": len(proven),
         "num_wanted": num_wanted,
         "num_chirality": sum(bool(pair.chirality_proven) for pair in proven),
-        "num_improved": sum(bool(new.energies[0] < old.energies[0]) for old, new in zip(former, proven, strict=True)),
+        "num_improved": sum(
+            bool(new.energies[0] < old.energies[0]) for old, new in zip(former, proven, strict=True)
+        ),
         "num_complete": len(complete),
         "num_unique": sum(len(pair.regions) == 1 for pair in complete),
     }
@@ -90,11 +92,23 @@ def proofs_note(former: Sequence[Pair], proven: Sequence[Pair], num_wanted: int)
 
 
 def prove_pair(
-    target: Samples, source: Samples, group: str, rotations: FloatArray, gap_tol: float, time_limit_s: float
+    target: Samples,
+    source: Samples,
+    group: str,
+    rotations: FloatArray,
+    gap_tol: float,
+    time_limit_s: float,
 ) -> PairProof:
     """Prove the best pose of one pair and list its rivals, from rotations (m, 3, 3); runs inside a worker."""
     problem = pair_problem(target, source, group)
-    poses = list_poses(problem, rotations, within=LISTED_WITHIN, tol=gap_tol, time_limit_s=time_limit_s, record=True)
+    poses = list_poses(
+        problem,
+        rotations,
+        within=LISTED_WITHIN,
+        tol=gap_tol,
+        time_limit_s=time_limit_s,
+        record=True,
+    )
     return pair_proof(poses, lambda rotations: local_evidence(target, source, rotations)[0])
 
 
@@ -108,7 +122,9 @@ def pair_proof(poses: PoseList, mismatches_at: Callable[[FloatArray], FloatArray
     balls = [region.ball for region in poses.regions] if is_complete else []
     rotations = np.array([one.R_target_source for one in nearly]).reshape(-1, *shape)
     return PairProof(
-        lower_bound=float(min(proof.lower_bound if certificate is None else certificate.bound, pose.energy)),
+        lower_bound=float(
+            min(proof.lower_bound if certificate is None else certificate.bound, pose.energy)
+        ),
         status=proof.status,
         energy=float(pose.energy),
         rotation=pose.R_target_source,
@@ -118,7 +134,9 @@ def pair_proof(poses: PoseList, mismatches_at: Callable[[FloatArray], FloatArray
         certificate=certificate,
         listed_energies=np.array([one.energy for one in nearly], dtype=np.float64),
         listed_rotations=rotations,
-        listed_maps=np.array([one.map_target_source for one in nearly]).reshape(-1, size).astype(np.int32),
+        listed_maps=np.array([one.map_target_source for one in nearly])
+        .reshape(-1, size)
+        .astype(np.int32),
         listed_mismatches=mismatches_at(rotations),
         complete_within=LISTED_WITHIN if is_complete else float("nan"),
         regions=np.array([centre for centre, _ in balls]).reshape(-1, *shape),
@@ -131,7 +149,10 @@ PROVING = Job(kind="proofs", version="proof-6", run=prove_pair, reader=PairProof
 
 
 def certify_pairs(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], solution: SynchronizationResult | None
+    session: AlignSession,
+    shapes: Shapes,
+    pairs: Sequence[Pair],
+    solution: SynchronizationResult | None,
 ) -> tuple[list[Pair], SynchronizationResult | None, Note]:
     """Prove the pairs that matter, the least settled first, within ``options.certify_budget_s``.
 
@@ -160,7 +181,9 @@ def certify_pairs(
     options = session.options
     solution = solution or synchronize_pairs(options, len(shapes.names), pairs)
     wanted = worth_proving(pairs, solution.edge_inlier)
-    affordable = max(1, int(options.certify_budget_s * session.run.num_workers / options.certify_pair_s))
+    affordable = max(
+        1, int(options.certify_budget_s * session.run.num_workers / options.certify_pair_s)
+    )
     found = session.compute(
         PROVING,
         {e: _wanted(shapes, pairs[e], options) for e in wanted[:affordable]},
@@ -186,7 +209,10 @@ def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
     """
     tiny = np.finfo(float).tiny
     rivals = np.array(
-        [pair.energies[1] / max(pair.energies[0], tiny) if len(pair.energies) > 1 else np.inf for pair in pairs]
+        [
+            pair.energies[1] / max(pair.energies[0], tiny) if len(pair.energies) > 1 else np.inf
+            for pair in pairs
+        ]
     )
     order = np.lexsort((rivals, inlier))
     return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
@@ -223,7 +249,9 @@ def with_proof(pair: Pair, proof: PairProof) -> Pair:
     return pair
 
 
-def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArray) -> tuple[Note, ...]:
+def contradictions(
+    names: Sequence[str], pairs: Sequence[Pair], frames: FloatArray
+) -> tuple[Note, ...]:
     """Return the note that names the pairs whose complete lists hold no pose near the common poses, if any.
 
     Parameters
@@ -236,7 +264,10 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
     found = []
     for pair in pairs:
         apart = rotation_angles(pair.regions, frames[pair.target].T @ frames[pair.source])
-        if not np.isnan(pair.complete_within) and (apart - pair.region_radii_rad > CONTRADICTION_RAD).all():
+        if (
+            not np.isnan(pair.complete_within)
+            and (apart - pair.region_radii_rad > CONTRADICTION_RAD).all()
+        ):
             found.append(f"{names[pair.target]} - {names[pair.source]}")
     if not found:
         return ()
@@ -246,7 +277,11 @@ def contradictions(names: Sequence[str], pairs: Sequence[Pair], frames: FloatArr
 
 def _wanted(shapes: Shapes, pair: Pair, options: AlignOptions) -> Wanted:
     ends = shapes.keys[pair.target], shapes.keys[pair.source]
-    settings = {"tol": GAP_TOL, "time_limit_s": options.certify_pair_s, "rotations": pair.rotations.tolist()}
+    settings = {
+        "tol": GAP_TOL,
+        "time_limit_s": options.certify_pair_s,
+        "rotations": pair.rotations.tolist(),
+    }
     return Wanted(
         key=PROVING.key(settings, pair_key(*ends, options)),
         label=shapes.label(pair.target, pair.source),

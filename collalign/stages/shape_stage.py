@@ -60,7 +60,9 @@ def prepare_shapes(
     shapes = _with_enough(shapes, num, strict=session.options.strict)
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
-    shapes = replace(shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said)))
+    shapes = replace(
+        shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said))
+    )
     if len(shapes.names) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
         raise CollectionError(
@@ -106,25 +108,35 @@ def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
     """Leave out the shapes of fewer points than all others are matched at."""
     counts = [len(item.vertex_indices) for item in shapes.samples]
     small = [i for i, count in enumerate(counts) if count < num]
-    reasons = [f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small]
+    reasons = [
+        f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small
+    ]
     if strict and small:
         raise InputError(f"{shapes.files[small[0]]}: {reasons[0]}")
     left_out = tuple(
-        excluded_file(shapes.files[i], shapes.names[i], reason) for i, reason in zip(small, reasons, strict=True)
+        excluded_file(shapes.files[i], shapes.names[i], reason)
+        for i, reason in zip(small, reasons, strict=True)
     )
     kept = shapes.some([i for i in range(len(counts)) if i not in small])
     return replace(kept, excluded=shapes.excluded + left_out)
 
 
 def _prepare(
-    session: AlignSession, listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints]
+    session: AlignSession,
+    listing: FolderListing,
+    options: AlignOptions,
+    own: Mapping[str, OwnPoints],
 ) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
     wanted, excluded = wanted_shapes(listing, options, own)
     session.store.set_note(NUM_FILES, str(len(wanted)))
-    found = session.compute(SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict)
+    found = session.compute(
+        SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict
+    )
     files = {name: one.arguments["file"] for name, one in wanted.items()}
-    excluded += [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
+    excluded += [
+        excluded_file(files[name], name, reason) for name, reason in found.failures.items()
+    ]
     return Shapes(
         names=tuple(found),
         files=tuple(files[name] for name in found),
@@ -139,7 +151,11 @@ def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
     """Return a file, called with as many folders as its shape is, and why it is left out, without its place again."""
     for path in (file.path,) if isinstance(file, Source) else (file.absolute(), file):
         reason = reason.removeprefix(printable(f"{path}: "))
-    shown = file.name if isinstance(file, Source) else "/".join(file.absolute().parts[-1 - name.count("/") :])
+    shown = (
+        file.name
+        if isinstance(file, Source)
+        else "/".join(file.absolute().parts[-1 - name.count("/") :])
+    )
     return Excluded(file=printable(shown), reason=reason)
 
 
@@ -148,7 +164,11 @@ def wanted_shapes(
 ) -> tuple[dict[str, Wanted], list[Excluded]]:
     """Return what is wanted of the file of every name, and the files that cannot even be opened."""
     wanted, excluded = {}, []
-    settings = {"cleaning": options.cleaning, "sampling": options.sampling, "embedding": options.embedding}
+    settings = {
+        "cleaning": options.cleaning,
+        "sampling": options.sampling,
+        "embedding": options.embedding,
+    }
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
             digest = hash_shape(file)
@@ -162,6 +182,7 @@ def wanted_shapes(
         wanted[name] = Wanted(
             key=SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given),
             label=file.name,
-            arguments=settings | {"file": file.absolute(), "name": name, "digest": digest, "own": own.get(name)},
+            arguments=settings
+            | {"file": file.absolute(), "name": name, "digest": digest, "own": own.get(name)},
         )
     return wanted, excluded

@@ -30,7 +30,12 @@ from collalign.stages.pairs.descriptor import describe_shapes
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.frame import fix_frame, with_origin
 from collalign.stages.poses.parts import join_parts, split_shapes
-from collalign.stages.poses.placement import common_positions, in_label_order, labels_at_common_poses, place_and_scale
+from collalign.stages.poses.placement import (
+    common_positions,
+    in_label_order,
+    labels_at_common_poses,
+    place_and_scale,
+)
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
@@ -91,12 +96,19 @@ def match(run: Run) -> tuple[Run, Matched]:
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
         group, notes, side_limits = decide_group(
-            session, shapes, descriptors, edges, former=run.former, any_mirrored=run.constraints.any_mirrored
+            session,
+            shapes,
+            descriptors,
+            edges,
+            former=run.former,
+            any_mirrored=run.constraints.any_mirrored,
         )
         run = with_group(run, group)
         session = run.session
         pairs, failed = match_chosen(session, shapes, edges, run.constraints)
-        pairs, failed, solution = grow_pairs(session, shapes, descriptors, edges, pairs, failed, run.constraints)
+        pairs, failed, solution = grow_pairs(
+            session, shapes, descriptors, edges, pairs, failed, run.constraints
+        )
     matched = Matched(
         group=group,
         pairs=pairs,
@@ -113,7 +125,9 @@ def prove(run: Run, matched: Matched) -> Matched:
     if not run.session.options.certify:
         return matched
     with run.stage("proofs"):
-        pairs, solution, proven = certify_pairs(run.session, run.shapes, matched.pairs, matched.solution)
+        pairs, solution, proven = certify_pairs(
+            run.session, run.shapes, matched.pairs, matched.solution
+        )
     return replace(matched, pairs=pairs, solution=solution, notes=(*matched.notes, proven))
 
 
@@ -162,7 +176,12 @@ class Posed:
 
 def pose(run: Run, matched: Matched) -> Posed:
     """Synchronize, refine, and settle frame, labels and places."""
-    session, options, samples, constraints = run.session, run.session.options, run.shapes.samples, run.constraints
+    session, options, samples, constraints = (
+        run.session,
+        run.session.options,
+        run.shapes.samples,
+        run.constraints,
+    )
     with run.stage("synchronization"):
         with session.alone("synchronization"):
             parts, linked = split_shapes(options, samples, matched.pairs)
@@ -174,7 +193,9 @@ def pose(run: Run, matched: Matched) -> Posed:
             rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
             settled = with_common_match(samples, pairs, solution, rotations)
             labels = labels_at_common_poses(samples, settled, rotations)
-    transforms = place_and_scale(samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms)
+    transforms = place_and_scale(
+        samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms
+    )
     transforms = with_origin(transforms, constraints)
     return Posed(
         pairs=settled,
@@ -195,12 +216,16 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     if session.options.synchronization != "robust":
         return posed
     with run.stage("confidence"):
-        trust = gather_trust(session, samples, posed.matched, posed.rotations, posed.solution.components)
+        trust = gather_trust(
+            session, samples, posed.matched, posed.rotations, posed.solution.components
+        )
         solution = with_trust(posed.solution, trust, run.constraints, posed.side_limits)
         notes = trust_notes(run.shapes.names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, trust=trust)
         strange = resembles_none(trust.evidence)
-        helps = remedies(run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange)
+        helps = remedies(
+            run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange
+        )
     return replace(posed, notes=(*posed.notes, *notes, *helps))
 
 
@@ -209,7 +234,9 @@ def settle(run: Run, matched: Matched, posed: Posed) -> Posed:
     if not are_weighed(matched.pairs) or len(run.shapes.names) <= MOST_SEARCHED:
         return posed
     with run.stage("maps"):
-        pairs = settle_doubtful(run.session, run.shapes, matched.pairs, posed.rotations, posed.solution.confidence)
+        pairs = settle_doubtful(
+            run.session, run.shapes, matched.pairs, posed.rotations, posed.solution.confidence
+        )
     if all(pair is before for pair, before in zip(pairs, matched.pairs, strict=True)):
         return posed
     return state_trust(run, pose(run, replace(matched, pairs=pairs, solution=None)))

@@ -17,17 +17,22 @@ NORMAL_WEIGHT = 0.3
 
 
 def surface_gap(
-    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
+    target: tuple[FloatArray, FloatArray],
+    source: tuple[FloatArray, FloatArray],
+    rotations: FloatArray,
 ) -> FloatArray:
     """Return the mean squared distances of closest points both ways at rotations (m, 3, 3), shape (m,)."""
     each = (
-        0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean()) for gaps in point_gaps(target, source, rotations)
+        0.5 * (gaps.min(axis=0).mean() + gaps.min(axis=1).mean())
+        for gaps in point_gaps(target, source, rotations)
     )
     return np.maximum(np.fromiter(each, dtype=np.float64, count=len(rotations)), 0.0)
 
 
 def point_gaps(
-    target: tuple[FloatArray, FloatArray], source: tuple[FloatArray, FloatArray], rotations: FloatArray
+    target: tuple[FloatArray, FloatArray],
+    source: tuple[FloatArray, FloatArray],
+    rotations: FloatArray,
 ) -> Iterator[FloatArray]:
     """Yield |t|^2 - 2 ts + |s|^2, shape (n, k), of points (n, 3), (k, 3) and normals at each rotation (p, 3, 3).
 
@@ -43,7 +48,9 @@ def point_gaps(
         yield np.matmul(left, right, out=gaps)
 
 
-def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[FloatArray, FloatArray]:
+def surface_points(
+    samples: Samples, *, first: int, every: int = 2
+) -> tuple[FloatArray, FloatArray]:
     """Return every second dense point, in radii about the mean of all, and their normals, both (n, 3).
 
     Without any, each ``every``-th sample of a surface, whose copies share its samples, and all points of a cloud.
@@ -58,4 +65,6 @@ def surface_points(samples: Samples, *, first: int, every: int = 2) -> tuple[Flo
 def _normalised(points: FloatArray) -> FloatArray:
     """Return points of mean zero and root mean square radius 1."""
     centred = points - points.mean(axis=0)
-    return np.asarray(centred / max(float(np.sqrt((centred**2).sum(axis=1).mean())), np.finfo(float).tiny))
+    return np.asarray(
+        centred / max(float(np.sqrt((centred**2).sum(axis=1).mean())), np.finfo(float).tiny)
+    )

@@ -79,7 +79,9 @@ def pair_affinity(graph: PairGraph) -> FloatArray:
             third = third[np.linspace(0, len(third) - 1, MAX_TRIANGLES).astype(np.int64)]
         around = rotation @ table[j, third].reshape(-1, dim, dim)
         apart = ((around.reshape(-1, dim * dim) - table[i, third]) ** 2).sum(axis=1)
-        affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + PRIOR_CLOSED) / (len(third) + 1.0)
+        affinity[i, j] = affinity[j, i] = (np.sum(apart <= CLOSED) + PRIOR_CLOSED) / (
+            len(third) + 1.0
+        )
     if graph.energies is not None:
         lowest = np.where(graph.present, graph.energies, np.inf).min(axis=1)
         least = np.maximum(lowest, np.median(lowest))
@@ -122,7 +124,9 @@ def spectral_clusters(affinity: FloatArray, num_clusters: int | None) -> IntArra
 def _typical_affinity(affinity: FloatArray) -> FloatArray:
     """Return the mean of the largest affinities of each shape, shape (N,)."""
     nearest = np.sort(affinity, axis=1)[:, -NUM_TYPICAL:]
-    return np.maximum(nearest.mean(axis=1), LEAST_TYPICAL * max(float(affinity.max(initial=0.0)), 1e-300))
+    return np.maximum(
+        nearest.mean(axis=1), LEAST_TYPICAL * max(float(affinity.max(initial=0.0)), 1e-300)
+    )
 
 
 def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
@@ -133,7 +137,9 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
     return rows[chosen].copy()
 
 
-def part_rotations(graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]) -> FloatArray:
+def part_rotations(
+    graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]
+) -> FloatArray:
     """Return the rotation of each shape that brings its part where the pairs to the parts before it ask for.
 
     Parameters
@@ -162,7 +168,9 @@ def part_rotations(graph: PairGraph, labels: IntArray, rotations: FloatArray, st
             placed = corrections[i[across]] @ rotations[i[across]]
             asked = placed @ measured[across] @ transposed(rotations[j[across]])
             flat = asked.reshape(len(asked), -1)
-            close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(axis=2) <= CLOSED
+            close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(
+                axis=2
+            ) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
             corrections[inside] = graph.pattern.project(asked[close[:, mode]].sum(axis=0))
         done |= inside

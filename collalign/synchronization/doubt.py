@@ -14,7 +14,9 @@ from data_tools.arrays import BoolArray, FloatArray
 MOST_CONFIDENT = 0.999
 
 
-def assess(state: State, frames: FloatArray, free: BoolArray) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
+def assess(
+    state: State, frames: FloatArray, free: BoolArray
+) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
     """Return the doubts about an answer: of one connected group the confidence of each pose and its alternatives.
 
     Parameters
@@ -54,9 +56,17 @@ def evidence(state: State) -> FloatArray:
     chances = np.exp(model.log_prior)
     if graph.candidates.shape[1] == 1:
         rates = state.alternatives.rates
-        chances = np.concatenate([[max(1.0 - rates.sum(), 0.0)], rates])[None] / max(1.0, rates.sum())
+        chances = np.concatenate([[max(1.0 - rates.sum(), 0.0)], rates])[None] / max(
+            1.0, rates.sum()
+        )
     size = (chances > 0).sum(axis=1)
-    power = float(np.mean(np.where(size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0)))
+    power = float(
+        np.mean(
+            np.where(
+                size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0
+            )
+        )
+    )
     degree = 2.0 * graph.num_edges / graph.num_shapes
     signal = power * explained.mean() ** 2 * max(degree - 1.0, 0.0)
     own = power * np.maximum(degrees(graph, explained) - 1.0, 0.0)
@@ -74,13 +84,19 @@ def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternativ
     """
     found = []
     for shape, beliefs in enumerate(state.beliefs):
-        order = [a for a in np.argsort(-beliefs[1:], kind="stable") + 1 if state.alternatives.offered[shape, a]]
+        order = [
+            a
+            for a in np.argsort(-beliefs[1:], kind="stable") + 1
+            if state.alternatives.offered[shape, a]
+        ]
         rotations = state.alternatives.rotations[shape]
         found.append(
             tuple(
                 Alternative(
                     rotation=(frames[shape] @ rotations[a]).T,
-                    log_odds=float(np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))),
+                    log_odds=float(
+                        np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))
+                    ),
                 )
                 for a in order[:MAX_ALTERNATIVES]
             )

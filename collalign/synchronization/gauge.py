@@ -79,12 +79,17 @@ def principal_axes_gauge(samples: Sequence[FloatArray], rotations: FloatArray) -
         raise InputError(f"samples: {len(samples)} shapes, but {len(frames)} rotations")
     space = min(3, frames.shape[-1])
     cloud = np.concatenate(
-        [as_points(x, f"samples[{i}]") @ g[:space].T for i, (x, g) in enumerate(zip(samples, frames, strict=True))]
+        [
+            as_points(x, f"samples[{i}]") @ g[:space].T
+            for i, (x, g) in enumerate(zip(samples, frames, strict=True))
+        ]
     )
     cloud -= cloud.mean(axis=0)
     _, vectors = np.linalg.eigh(cloud.T @ cloud)
     axes = vectors[:, ::-1].T
-    moments = ((cloud @ axes.T) ** 3).mean(axis=0) / np.maximum((cloud**2).sum(axis=1).mean() ** 1.5, AXIS_TOL)
+    moments = ((cloud @ axes.T) ** 3).mean(axis=0) / np.maximum(
+        (cloud**2).sum(axis=1).mean() ** 1.5, AXIS_TOL
+    )
     largest = axes[np.arange(space), np.argmax(np.abs(axes), axis=1)]
     axes = axes * np.where(np.abs(moments) > AXIS_TOL, np.sign(moments), np.sign(largest))[:, None]
     if np.linalg.det(axes) < 0:

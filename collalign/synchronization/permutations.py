@@ -28,7 +28,9 @@ MAX_ROUNDS = 30
 
 
 @one_blas_thread()
-def synchronize_maps(edges: IntArray, maps: IntArray, weights: FloatArray, positions: FloatArray) -> IntArray:
+def synchronize_maps(
+    edges: IntArray, maps: IntArray, weights: FloatArray, positions: FloatArray
+) -> IntArray:
     """Find consistent labels by projected power iteration (Chen and Candes 2018; Pachauri et al. 2013).
 
     Each round every shape votes: the label of a sample is supported by the labels of the samples matched to it, and
@@ -57,7 +59,9 @@ def synchronize_maps(edges: IntArray, maps: IntArray, weights: FloatArray, posit
     previous = None
     for _ in range(MAX_ROUNDS):
         fresh = _elected(matches, labels, positions)
-        if np.array_equal(fresh, labels) or (previous is not None and np.array_equal(fresh, previous)):
+        if np.array_equal(fresh, labels) or (
+            previous is not None and np.array_equal(fresh, previous)
+        ):
             break
         previous, labels = labels, fresh
     return labels.reshape(num, total)
@@ -77,7 +81,9 @@ def _first_labels(matches: csr_matrix, positions: FloatArray) -> IntArray:
     (num, total, _), clouds = positions.shape, positions.reshape(-1, positions.shape[2])
     owner = np.repeat(np.arange(num), total)
     labels = np.full(num * total, -1, dtype=np.int64)
-    coarse = csr_matrix((np.ones(len(owner)), (owner, np.arange(len(owner)))), shape=(num, len(owner)))
+    coarse = csr_matrix(
+        (np.ones(len(owner)), (owner, np.arange(len(owner)))), shape=(num, len(owner))
+    )
     between = (coarse @ matches @ coarse.T).tocsr()
     strength = np.asarray(between.sum(axis=1)).ravel()
     root = int(np.lexsort((strength,))[-1])
@@ -87,7 +93,9 @@ def _first_labels(matches: csr_matrix, positions: FloatArray) -> IntArray:
         part = slice(shape * total, (shape + 1) * total)
         support = np.asarray(_support(matches[part], labels, total).todense())
         seen = labels >= 0
-        far = ((clouds[part][:, None] - _label_means(clouds[seen], labels[seen], total)) ** 2).sum(axis=2)
+        far = ((clouds[part][:, None] - _label_means(clouds[seen], labels[seen], total)) ** 2).sum(
+            axis=2
+        )
         labels[part] = linear_sum_assignment(far / max(float(far.max()), 1e-300) - support)[1]
     return labels
 
@@ -104,22 +112,32 @@ def _elected(matches: csr_matrix, labels: IntArray, positions: FloatArray) -> In
     for first in range(0, num, at_once):
         rows = slice(first * total, min(first + at_once, num) * total)
         held = np.asarray(support[rows].todense())
-        squared = (clouds[rows] ** 2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * clouds[rows] @ centres.T
+        squared = (
+            (clouds[rows] ** 2).sum(axis=1)[:, None]
+            + (centres**2).sum(axis=1)
+            - 2.0 * clouds[rows] @ centres.T
+        )
         held += most * np.exp(-np.maximum(squared, 0.0) / (2.0 * typical))
-        fresh[rows] = _assigned(held.reshape(-1, total, total), labels[rows].reshape(-1, total)).ravel()
+        fresh[rows] = _assigned(
+            held.reshape(-1, total, total), labels[rows].reshape(-1, total)
+        ).ravel()
     return fresh
 
 
 def _support(matches: csr_matrix, labels: IntArray, total: int) -> csr_matrix:
     """Return the weight with which each sample's matches vote for each label, shape (rows, k)."""
     seen = np.flatnonzero(labels >= 0)
-    return matches @ csr_matrix((np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total))
+    return matches @ csr_matrix(
+        (np.ones(len(seen)), (seen, labels[seen])), shape=(len(labels), total)
+    )
 
 
 def _label_means(clouds: FloatArray, labels: IntArray, total: int) -> FloatArray:
     """Return the mean of the samples of each label, shape (k, d)."""
     count = np.bincount(labels, minlength=total).astype(np.float64)
-    sums = np.stack([np.bincount(labels, weights=column, minlength=total) for column in clouds.T], axis=1)
+    sums = np.stack(
+        [np.bincount(labels, weights=column, minlength=total) for column in clouds.T], axis=1
+    )
     return np.asarray(sums / count[:, None])
 
 

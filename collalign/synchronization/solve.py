@@ -12,7 +12,10 @@ from collalign.synchronization.gauge import fix_gauge
 from collalign.synchronization.problem.checks import angles_rad, check_pattern, relative, transposed
 from collalign.synchronization.problem.graph import GraphArguments, PairGraph
 from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solvers.blockwise import connectivity_warnings, robust_synchronization
+from collalign.synchronization.solvers.blockwise import (
+    connectivity_warnings,
+    robust_synchronization,
+)
 from collalign.synchronization.solvers.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice
@@ -78,7 +81,9 @@ def synchronize(
     graph = PairGraph.from_user(edges, rotations, **keywords)
     if not 0 <= reference < graph.num_shapes:
         raise InputError(f"reference: shape {reference} of {graph.num_shapes}")
-    return synchronize_graph(graph, method=method, fixed=_checked_fixed(fixed, graph), reference=reference)
+    return synchronize_graph(
+        graph, method=method, fixed=_checked_fixed(fixed, graph), reference=reference
+    )
 
 
 @one_blas_thread()
@@ -102,7 +107,9 @@ def synchronize_graph(
     return robust_synchronization(graph, fixed or {}, reference)
 
 
-def _eigenprojection(graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int) -> SynchronizationResult:
+def _eigenprojection(
+    graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int
+) -> SynchronizationResult:
     """Return what the eigenprojection makes of the best candidates, one connected part after the other."""
     frames = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
     components = graph.connected_components()
@@ -111,7 +118,9 @@ def _eigenprojection(graph: PairGraph, fixed: Mapping[int, FloatArray], referenc
         part, kept = graph.subgraph(members)
         if part.num_edges:
             frames[members] = spectral_frames(part, chosen[kept], part.weights)
-    poses = fix_gauge(transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
+    poses = fix_gauge(
+        transposed(frames), components, reference=reference, fixed=fixed, pattern=graph.pattern
+    )
     misfit = angles_rad(transposed(chosen) @ relative(transposed(poses), graph.edges))
     return SynchronizationResult(
         rotations=read_only(poses),
@@ -125,7 +134,9 @@ def _eigenprojection(graph: PairGraph, fixed: Mapping[int, FloatArray], referenc
     )
 
 
-def _checked_fixed(fixed: Mapping[int, ArrayLike] | None, graph: PairGraph) -> dict[int, FloatArray]:
+def _checked_fixed(
+    fixed: Mapping[int, ArrayLike] | None, graph: PairGraph
+) -> dict[int, FloatArray]:
     """Return the fixed poses checked, by shape."""
     checked = {}
     for shape, pose in (fixed or {}).items():

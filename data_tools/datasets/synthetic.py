@@ -70,7 +70,9 @@ def bent(shape: Shape, rng: np.random.Generator, *, angle: float = 0.8) -> Shape
 
 def mirrored(shape: Shape) -> Shape:
     """Return the mirror image in the plane x = 0, its triangles still counterclockwise from outside."""
-    return Shape.from_arrays(shape.vertices * [-1.0, 1.0, 1.0], shape.faces[:, ::-1], name=shape.name)
+    return Shape.from_arrays(
+        shape.vertices * [-1.0, 1.0, 1.0], shape.faces[:, ::-1], name=shape.name
+    )
 
 
 def shuffled(shape: Shape, rng: np.random.Generator) -> tuple[Shape, IntArray]:
@@ -154,7 +156,9 @@ def planted_collection(
     rotations = np.stack([random_rotation(rng, group=group) for _ in members])
     scales = np.exp(rng.uniform(np.log(scale_range[0]), np.log(scale_range[1]), len(members)))
     translations = rng.standard_normal((len(members), 3))
-    for member, rotation, scale, translation in zip(members, rotations, scales, translations, strict=True):
+    for member, rotation, scale, translation in zip(
+        members, rotations, scales, translations, strict=True
+    ):
         mixed, origin = shuffled(member, rng)
         faces = mixed.faces if np.linalg.det(rotation) > 0 else mixed.faces[:, ::-1]
         vertices = scale * (mixed.vertices @ rotation) + translation
@@ -170,12 +174,15 @@ def planted_collection(
 
 
 @one_blas_thread()
-def deformed_family(base: Shape, num: int, rng: np.random.Generator, *, rms: float = 0.05) -> tuple[Shape, ...]:
+def deformed_family(
+    base: Shape, num: int, rng: np.random.Generator, *, rms: float = 0.05
+) -> tuple[Shape, ...]:
     """Return ``num`` bumped copies of one shape in one frame, named after it with a number."""
     width = len(str(num))
     copies = (bumped(base, rng, rms=rms) for _ in range(num))
     return tuple(
-        Shape(name=f"{base.name}{i:0{width}d}", vertices=c.vertices, faces=c.faces) for i, c in enumerate(copies, 1)
+        Shape(name=f"{base.name}{i:0{width}d}", vertices=c.vertices, faces=c.faces)
+        for i, c in enumerate(copies, 1)
     )
 
 
@@ -246,7 +253,12 @@ _STEEPEST_COSINE = 0.15
 
 
 def range_view(
-    shape: Shape, direction: FloatArray, *, pixels: int = 90, noise: float = 0.0, rng: np.random.Generator
+    shape: Shape,
+    direction: FloatArray,
+    *,
+    pixels: int = 90,
+    noise: float = 0.0,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Return the points of a mesh that a depth camera far away sees, in the coordinates of the mesh, shape (n, 3).
 
@@ -282,4 +294,6 @@ def range_view(
     order = np.lexsort((-depth, cells))
     nearest = order[np.unique(cells[order], return_index=True)[1]]
     seen = nearest[normals[nearest] @ sight > _STEEPEST_COSINE]
-    return np.asarray(read_only(points[seen] + noise * radius * rng.standard_normal(len(seen))[:, None] * sight))
+    return np.asarray(
+        read_only(points[seen] + noise * radius * rng.standard_normal(len(seen))[:, None] * sight)
+    )

@@ -55,7 +55,11 @@ def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500) -
         heights = heights + rng.normal(0.0, 0.05, 4)
     polar = 0.75
     cusps = np.column_stack(
-        [np.sin(polar) * np.cos(azimuths), np.sin(polar) * np.sin(azimuths), np.full(4, np.cos(polar))]
+        [
+            np.sin(polar) * np.cos(azimuths),
+            np.sin(polar) * np.sin(azimuths),
+            np.full(4, np.cos(polar)),
+        ]
     )
     squared = ((directions[:, None] - cusps) ** 2).sum(axis=2)
     basin = 0.25 * np.exp(-((1.0 - directions[:, 2]) ** 2) / 0.02)
@@ -63,7 +67,9 @@ def crown(rng: np.random.Generator | None = None, *, num_vertices: int = 1500) -
     return Shape.from_arrays(directions * radii[:, None] * [1.0, 0.75, 0.8], faces, name="crown")
 
 
-def chair(rng: np.random.Generator | None = None, *, resolution: int = 2, name: str = "chair") -> Shape:
+def chair(
+    rng: np.random.Generator | None = None, *, resolution: int = 2, name: str = "chair"
+) -> Shape:
     """Return a chair: seat, back and four legs, with one mirror symmetry; ``rng`` varies its proportions.
 
     All chairs of one resolution have corresponding vertices; about 1000 at resolution 2, four times that at 4.
@@ -77,7 +83,9 @@ def chair(rng: np.random.Generator | None = None, *, resolution: int = 2, name: 
             grid[x, y, :4] = True
     vertices, faces = voxel_surface(grid, resolution=resolution)
     z = vertices[:, 2]
-    vertices[:, 2] = factors[0] * np.minimum(z, 4) + np.clip(z - 4, 0, 2) + factors[1] * np.maximum(z - 6, 0)
+    vertices[:, 2] = (
+        factors[0] * np.minimum(z, 4) + np.clip(z - 4, 0, 2) + factors[1] * np.maximum(z - 6, 0)
+    )
     vertices[:, :2] *= factors[2:]
     return Shape.from_arrays(vertices, faces, name=name)
 
@@ -95,7 +103,9 @@ def figure(*, resolution: int = 2, name: str = "figure") -> Shape:
     return Shape.from_arrays(vertices, faces, name=name)
 
 
-def voxel_surface(grid: BoolArray, *, resolution: int = 2, smoothing: int = 6) -> tuple[FloatArray, IntArray]:
+def voxel_surface(
+    grid: BoolArray, *, resolution: int = 2, smoothing: int = 6
+) -> tuple[FloatArray, IntArray]:
     """Return the smoothed boundary of a set of unit cubes as a closed triangle mesh.
 
     Parameters
@@ -113,7 +123,9 @@ def voxel_surface(grid: BoolArray, *, resolution: int = 2, smoothing: int = 6) -
     quad = index.reshape(-1, 4)
     faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]).astype(np.int64)
     vertices = (corners - 1.0) / resolution
-    sides = np.unique(np.sort(np.concatenate([quad[:, [i, (i + 1) % 4]] for i in range(4)]), axis=1), axis=0)
+    sides = np.unique(
+        np.sort(np.concatenate([quad[:, [i, (i + 1) % 4]] for i in range(4)]), axis=1), axis=0
+    )
     degree = np.bincount(sides.ravel(), minlength=len(vertices))[:, None]
     for _ in range(smoothing):
         total = np.zeros_like(vertices)
@@ -123,7 +135,9 @@ def voxel_surface(grid: BoolArray, *, resolution: int = 2, smoothing: int = 6) -
     return vertices, faces
 
 
-def smooth_field(points: FloatArray, rng: np.random.Generator, *, num_bumps: int, width: float) -> FloatArray:
+def smooth_field(
+    points: FloatArray, rng: np.random.Generator, *, num_bumps: int, width: float
+) -> FloatArray:
     """Return a sum of Gaussian bumps of random heights in [-1, 1] at random ones of the points, shape (v,).
 
     ``width`` is their standard deviation in units of the points.

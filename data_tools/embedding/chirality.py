@@ -116,7 +116,9 @@ def _bulges(points: FloatArray, normals: FloatArray, mass: FloatArray) -> FloatA
     for radius in BULGE_RADII:
         near = tree.query_pairs(radius, output_type="ndarray")
         rows, columns = np.concatenate([near, near[:, ::-1]]).T
-        weights = coo_array((mass[columns], (rows, columns)), shape=(len(points), len(points))).tocsr()
+        weights = coo_array(
+            (mass[columns], (rows, columns)), shape=(len(points), len(points))
+        ).tocsr()
         mean = (weights @ points + mass[:, None] * points) / (weights.sum(axis=1) + mass)[:, None]
         found.append(np.einsum("vd,vd->v", mean - points, normals) / radius)
     return np.column_stack(found)
@@ -154,7 +156,9 @@ def chirality_scores(surfaces: Sequence[SurfaceChirality]) -> FloatArray:
     turning, sizes = (np.stack(each) for each in zip(*sums, strict=True))
     products = sizes @ sizes.T
     own = np.sqrt(np.maximum(np.diag(products), np.finfo(float).tiny))
-    scores[np.ix_(known, known)] = turning @ turning.T / np.maximum(products, LEAST_SHARED * np.outer(own, own))
+    scores[np.ix_(known, known)] = (
+        turning @ turning.T / np.maximum(products, LEAST_SHARED * np.outer(own, own))
+    )
     np.fill_diagonal(scores, np.nan)
     return scores
 
@@ -165,7 +169,9 @@ def _turning_and_size(
     """Return a surface's sum of bivectors, and of their lengths, by random Fourier features of whitened features."""
     corners = ((surface.features - mean) @ whitening)[surface.faces]
     first, second = (corners[:, k] - corners[:, 0] for k in (1, 2))
-    bivectors = 0.5 * (first[:, _ROWS] * second[:, _COLUMNS] - first[:, _COLUMNS] * second[:, _ROWS])
+    bivectors = 0.5 * (
+        first[:, _ROWS] * second[:, _COLUMNS] - first[:, _COLUMNS] * second[:, _ROWS]
+    )
     lengths = np.linalg.norm(bivectors, axis=1)
     damped = np.sqrt(surface.areas / np.maximum(lengths, np.finfo(float).tiny))
     rng = np.random.default_rng(0)

@@ -59,7 +59,9 @@ def shape_signature(shape: Shape) -> FloatArray:
     radii = np.linalg.norm(unit, axis=1)
     skew, spread = (radii[:, None] ** 2 * unit).mean(axis=0), unit.T @ unit / len(unit)
     rotated = np.array([skew, spread @ skew, spread @ spread @ skew])
-    hand = np.linalg.det(rotated / np.maximum(np.linalg.norm(rotated, axis=1, keepdims=True), np.finfo(float).tiny))
+    hand = np.linalg.det(
+        rotated / np.maximum(np.linalg.norm(rotated, axis=1, keepdims=True), np.finfo(float).tiny)
+    )
     return read_only(np.array([*np.quantile(radii, _LEVELS), np.linalg.norm(skew), hand]))
 
 
@@ -96,14 +98,18 @@ def find_copies(
     values = np.column_stack([kept, np.array(signatures).reshape(len(names), -1)])
     near = cKDTree(values[:, :-1]).query_pairs(tol, output_type="ndarray").astype(np.int64)
     hands = values[near, -1]
-    opposite = (hands.prod(axis=1) < 0) & (np.abs(hands).min(axis=1) > tol**2)  # else its own mirror image
+    opposite = (hands.prod(axis=1) < 0) & (
+        np.abs(hands).min(axis=1) > tol**2
+    )  # else its own mirror image
     groups = _groups(np.vstack([pairs, near[~opposite]]), len(names))
     mirrored = near[opposite]
     found = []
     for group in np.flatnonzero(np.bincount(groups, minlength=1) > 1):
         members = [at for at, of in enumerate(groups) if of == group]
         is_one_file = len({digests[at] for at in members}) == 1
-        found.append(Copies(names=_named(names, members), kind="identical" if is_one_file else "moved"))
+        found.append(
+            Copies(names=_named(names, members), kind="identical" if is_one_file else "moved")
+        )
     for left, right in np.unique(np.sort(groups[mirrored], axis=1), axis=0):
         firsts = sorted(groups.tolist().index(group) for group in (left, right))
         found.append(Copies(names=_named(names, firsts), kind="mirrored"))

@@ -96,7 +96,9 @@ class Samples:
     def __post_init__(self) -> None:
         blocks, dim = self.block_sizes, self.coordinates.shape[1]
         if blocks[:1] != (3,) or len(blocks) > 2 or min(blocks) < 1 or sum(blocks) != dim:
-            raise InputError(f"block_sizes: expected (3,) or (3, m) of {dim} coordinates, got {blocks}")
+            raise InputError(
+                f"block_sizes: expected (3,) or (3, m) of {dim} coordinates, got {blocks}"
+            )
 
 
 @one_blas_thread()
@@ -185,7 +187,9 @@ def _local_surface(shape: Shape) -> LocalSurface | None:
     return replace(found, points=read_only((found.points - centre) / radius), cell=CELL)
 
 
-def _choose_samples(surface: WorkingSurface, options: SamplingOptions, *, is_whole: bool) -> IntArray:
+def _choose_samples(
+    surface: WorkingSurface, options: SamplingOptions, *, is_whole: bool
+) -> IntArray:
     """Return the samples as vertices of the working surface; over several parts they are spread by area."""
     metric = options.metric
     if metric == "auto":
@@ -199,19 +203,29 @@ def _distinct(surface: WorkingSurface, chosen: IntArray, shape: Shape) -> IntArr
     again = np.setdiff1d(np.arange(len(chosen)), np.unique(indices, return_index=True)[1])
     if len(again):
         known = np.unique(surface.to_original)
-        _, near = cKDTree(shape.vertices[known]).query(surface.shape.vertices[chosen[again]], k=len(chosen))
+        _, near = cKDTree(shape.vertices[known]).query(
+            surface.shape.vertices[chosen[again]], k=len(chosen)
+        )
         for at, options in zip(again, near, strict=True):
-            free = np.setdiff1d(options[options < len(known)], np.searchsorted(known, indices), assume_unique=True)
+            free = np.setdiff1d(
+                options[options < len(known)], np.searchsorted(known, indices), assume_unique=True
+            )
             if not len(free):
-                raise InputError(f"{shape.file or shape.name}: too few distinct vertices for {len(chosen)} samples")
+                raise InputError(
+                    f"{shape.file or shape.name}: too few distinct vertices for {len(chosen)} samples"
+                )
             indices[at] = known[free[0]]
     return indices
 
 
-def _unit_of_length(centred: FloatArray, surface: WorkingSurface, options: SamplingOptions) -> float:
+def _unit_of_length(
+    centred: FloatArray, surface: WorkingSurface, options: SamplingOptions
+) -> float:
     size = float(np.linalg.norm(centred))
     if not size > 0:
-        raise InputError(f"{surface.shape.file or surface.shape.name}: all samples lie in one point")
+        raise InputError(
+            f"{surface.shape.file or surface.shape.name}: all samples lie in one point"
+        )
     if options.normalisation == "centroid":
         return size
     return surface.area**0.5 if options.normalisation == "area" else 1.0
@@ -220,15 +234,22 @@ def _unit_of_length(centred: FloatArray, surface: WorkingSurface, options: Sampl
 def _spectrum(surface: WorkingSurface, options: EmbeddingOptions) -> Spectrum | None:
     needs_signatures = options.has_invariants and options.hks_weight > 0
     num = max(
-        NUM_SPECTRUM if needs_signatures else 0, options.num_eigenfunctions if options.has_eigenfunctions else 0
+        NUM_SPECTRUM if needs_signatures else 0,
+        options.num_eigenfunctions if options.has_eigenfunctions else 0,
     )
     if options.has_eigenfunctions and options.num_eigenfunctions > len(surface.shape.vertices) - 2:
-        raise InputError(f"{surface.shape.name}: too few vertices for {options.num_eigenfunctions} eigenfunctions")
+        raise InputError(
+            f"{surface.shape.name}: too few vertices for {options.num_eigenfunctions} eigenfunctions"
+        )
     return surface.eigenfunctions(num) if num else None
 
 
 def _coordinates(
-    positions: FloatArray, size: float, eigen: Spectrum | None, chosen: IntArray, options: EmbeddingOptions
+    positions: FloatArray,
+    size: float,
+    eigen: Spectrum | None,
+    chosen: IntArray,
+    options: EmbeddingOptions,
 ) -> tuple[FloatArray, tuple[int, ...]]:
     """Return positions and weighted eigenfunctions / sqrt(lambda) (Rustamov 2007), with the block sizes."""
     if eigen is None or not options.has_eigenfunctions:
@@ -255,7 +276,9 @@ def _descriptors(
     return [(factor * weight, values) for weight, values in found]
 
 
-def _invariants(descriptors: list[tuple[float, FloatArray]], chosen: IntArray, positions: FloatArray) -> FloatArray:
+def _invariants(
+    descriptors: list[tuple[float, FloatArray]], chosen: IntArray, positions: FloatArray
+) -> FloatArray:
     """Return the invariants at the chosen vertices, weighted relative to their positions, shape (k, m)."""
     if not len(chosen):
         return np.empty((0, sum(values.shape[1] for _, values in descriptors)))

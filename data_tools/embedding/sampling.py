@@ -51,7 +51,9 @@ def farthest_points(
     """
     if num > len(shape.vertices):
         what = "vertices" if shape.is_mesh else "points"
-        raise InputError(f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for")
+        raise InputError(
+            f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for"
+        )
     distance_from: Callable[[int], FloatArray]
     if metric == "geodesic":
         distance_from = (solver or GeodesicSolver(shape)).from_vertex
@@ -72,7 +74,9 @@ def central_extreme(points: FloatArray) -> int:
 
 
 def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
-    coordinates = np.ascontiguousarray(points.T)  # sums over long rows are several times as fast as over short ones
+    coordinates = np.ascontiguousarray(
+        points.T
+    )  # sums over long rows are several times as fast as over short ones
 
     def distance_from(index: int) -> FloatArray:
         gaps = coordinates - coordinates[:, index, None]
@@ -81,13 +85,17 @@ def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
     return distance_from
 
 
-def _choose(distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape) -> IntArray:
+def _choose(
+    distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape
+) -> IntArray:
     chosen = np.empty(num, dtype=np.int64)
     nearest = np.full(len(shape.vertices), np.inf)
     for step in range(num):
         index = int(seeds[step]) if step < len(seeds) else int(np.argmax(nearest))
         if nearest[index] <= 0:
-            raise InputError(f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for")
+            raise InputError(
+                f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for"
+            )
         chosen[step] = index
         np.minimum(nearest, distance_from(index), out=nearest)
         nearest[index] = 0.0
@@ -132,12 +140,16 @@ class OwnPoints:
         invariants, samples = self.invariants, self.samples
         if invariants is not None:
             if len(invariants) != (num := shape.file_size or total):
-                raise InputError(f"invariants: {len(invariants)} rows for {num} vertices of the file")
+                raise InputError(
+                    f"invariants: {len(invariants)} rows for {num} vertices of the file"
+                )
             invariants = invariants[file]
         if samples is not None:
             at = np.searchsorted(file, samples)
             lost = samples[(at == total) | (file[np.minimum(at, total - 1)] != samples)]
             if len(lost):
-                raise InputError(f"samples: vertex {lost[0]} is none of the file, or was removed when it was cleaned")
+                raise InputError(
+                    f"samples: vertex {lost[0]} is none of the file, or was removed when it was cleaned"
+                )
             samples = at
         return replace(self, samples=samples, invariants=invariants)

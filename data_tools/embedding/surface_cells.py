@@ -66,7 +66,11 @@ def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
     """
     if not shape.is_mesh:
         spread = float(np.sqrt(shape.vertices.var(axis=0).sum()))
-        points = _cell_means(shape.vertices, None, CLOUD_CELL * spread)[0] if spread > 0 else shape.vertices
+        points = (
+            _cell_means(shape.vertices, None, CLOUD_CELL * spread)[0]
+            if spread > 0
+            else shape.vertices
+        )
         return points.mean(axis=0), float(np.sqrt(points.var(axis=0).sum()))
     start = shape.vertices.mean(axis=0)
     corners = (shape.vertices - start)[shape.faces]
@@ -102,7 +106,9 @@ def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatA
     return points, -normals if inside_out else normals
 
 
-def _cell_means(points: FloatArray, normals: FloatArray | None, cell: float) -> tuple[FloatArray, FloatArray]:
+def _cell_means(
+    points: FloatArray, normals: FloatArray | None, cell: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the mean point and unit normal of every cell of a grid along the principal axes, each (l, 3).
 
     Without normals, zeros. With them, points whose normals point to different sides keep cells of their own.
@@ -129,7 +135,9 @@ def _cell_means(points: FloatArray, normals: FloatArray | None, cell: float) -> 
 
 def _sums(values: FloatArray, which: NDArray[np.int64], num: int) -> FloatArray:
     """Return the sum of the rows of each cell, shape (num, 3)."""
-    return np.stack([np.bincount(which, weights=column, minlength=num) for column in values.T], axis=1)
+    return np.stack(
+        [np.bincount(which, weights=column, minlength=num) for column in values.T], axis=1
+    )
 
 
 def _oriented(points: FloatArray, normals: FloatArray) -> FloatArray:

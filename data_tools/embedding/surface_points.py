@@ -50,14 +50,19 @@ class OrientedPoints:
 def spread_points(shape: Shape, num: int) -> OrientedPoints:
     """Return at most ``num`` Euclidean farthest points of a mesh or point cloud, in its own coordinates."""
     small = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES)).shape
-    chosen = farthest_points(small, min(num, len(np.unique(small.vertices, axis=0))), metric="euclidean")
+    chosen = farthest_points(
+        small, min(num, len(np.unique(small.vertices, axis=0))), metric="euclidean"
+    )
     points = small.vertices[chosen]
     normals = outward_normals(small, max_defects=MAX_DEFECTS)
     oriented = len(normals) > 0
     directions = normals[chosen] if oriented else plane_normals(small.vertices, points)
     on_rim = _mesh_rim(small, points) if small.is_mesh else cloud_rim(points, directions)
     return OrientedPoints(
-        points=read_only(points), normals=read_only(directions), on_rim=read_only(on_rim), oriented=oriented
+        points=read_only(points),
+        normals=read_only(directions),
+        on_rim=read_only(on_rim),
+        oriented=oriented,
     )
 
 

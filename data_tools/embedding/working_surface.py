@@ -13,8 +13,19 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.surface.cleaning import clean, decimate
-from data_tools.surface.geodesics import AGD_SOURCES, GeodesicSolver, agd_maxima, average_geodesic_distance
-from data_tools.surface.laplacian import Spectrum, SurfaceOperators, spectrum, surface_operators, vertex_areas
+from data_tools.surface.geodesics import (
+    AGD_SOURCES,
+    GeodesicSolver,
+    agd_maxima,
+    average_geodesic_distance,
+)
+from data_tools.surface.laplacian import (
+    Spectrum,
+    SurfaceOperators,
+    spectrum,
+    surface_operators,
+    vertex_areas,
+)
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, is_open_surface
 
@@ -107,7 +118,9 @@ class WorkingSurface:
         if key not in self._farthest:
             seeds = self.seeds(num // 2) if seeded else None
             solver = self.geodesics if metric == "geodesic" else None
-            self._farthest[key] = farthest_points(self.shape, num, metric=metric, seeds=seeds, solver=solver)
+            self._farthest[key] = farthest_points(
+                self.shape, num, metric=metric, seeds=seeds, solver=solver
+            )
         return self._farthest[key]
 
     def eigenfunctions(self, num: int) -> Spectrum:
@@ -130,7 +143,11 @@ def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, No
     used = _used(shape)
     if shape.is_mesh and len(used) < len(shape.vertices):
         faces = np.searchsorted(used, shape.faces)
-        return Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file), used, None
+        return (
+            Shape.from_arrays(shape.vertices[used], faces, name=shape.name, file=shape.file),
+            used,
+            None,
+        )
     return shape, np.arange(len(shape.vertices)), None
 
 
@@ -151,9 +168,14 @@ def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, Note]:
     for finer in (1, 2, 4):
         vertices, faces = decimate(shape.vertices, shape.faces, finer * max_faces)
         small = clean(Shape.from_arrays(vertices, faces, name=shape.name, file=shape.file), whole)
-        if face_areas(small.vertices, small.faces).sum() >= 0.99 * face_areas(vertices, faces).sum():
+        if (
+            face_areas(small.vertices, small.faces).sum()
+            >= 0.99 * face_areas(vertices, faces).sum()
+        ):
             break
     used = _used(shape)
-    _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(small.vertices)
+    _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(
+        small.vertices
+    )
     note = Note("decimated", values={"before": len(shape.faces), "after": len(small.faces)})
     return small, used[nearest], note

@@ -19,8 +19,19 @@ from data_tools.io.source import MAX_FILE_BYTES, Source
 POINT_KEYS = ("vertices", "points", "positions", "xyz", "verts", "V")
 #: Likewise of the triangles.
 FACE_KEYS = ("faces", "triangles", "F")
-_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError)
-_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    EOFError,
+    ValueError,
+    NotImplementedError,
+    RuntimeError,
+)
+_HEADER_READERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
@@ -43,11 +54,16 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
         raise InputError(f"{name}: not an NPZ archive, or truncated")
     try:
         with zipfile.ZipFile(stream) as archive:
-            members = {info.filename: info for info in archive.infolist() if info.filename.endswith(".npy")}
+            members = {
+                info.filename: info for info in archive.infolist() if info.filename.endswith(".npy")
+            }
             total = sum(info.file_size for info in members.values())
             if total > MAX_FILE_BYTES:
                 raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_FILE_BYTES}")
-            return {file.removesuffix(".npy"): _array(archive, info, name) for file, info in members.items()}
+            return {
+                file.removesuffix(".npy"): _array(archive, info, name)
+                for file, info in members.items()
+            }
     except InputError:
         raise
     except _DAMAGE as error:
@@ -68,14 +84,22 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArra
     with archive.open(info) as stream:
         version = np.lib.format.read_magic(stream)
         if version not in _HEADER_READERS:
-            raise InputError(f"{name}: {info.filename} is of NPY version {version}, which is not read")
+            raise InputError(
+                f"{name}: {info.filename} is of NPY version {version}, which is not read"
+            )
         shape, fortran, dtype = _HEADER_READERS[version](stream)
         if dtype.hasobject:
-            raise InputError(f"{name}: {info.filename} holds Python objects (a pickle), which are never read")
+            raise InputError(
+                f"{name}: {info.filename} holds Python objects (a pickle), which are never read"
+            )
         left = info.file_size - stream.tell()
         if math.prod(shape) * dtype.itemsize != left:
             raise InputError(
                 f"{name}: {info.filename} promises {math.prod(shape) * dtype.itemsize} bytes, {left} follow"
             )
-        values = np.frombuffer(bytearray(stream.read()), dtype=dtype) if left else np.empty(0, dtype=dtype)
+        values = (
+            np.frombuffer(bytearray(stream.read()), dtype=dtype)
+            if left
+            else np.empty(0, dtype=dtype)
+        )
     return values.reshape(shape, order="F" if fortran else "C")

@@ -46,7 +46,9 @@ def write_atomic(path: Path, content: bytes) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{os.getpid()}-{secrets.token_hex(8)}")  # a long name has no room for more
+    temporary = path.with_name(
+        f".{os.getpid()}-{secrets.token_hex(8)}"
+    )  # a long name has no room for more
     try:
         with temporary.open("xb") as stream:
             stream.write(content)
@@ -115,7 +117,9 @@ def resolved(path: Path) -> Path:
         return found
     except (OSError, RuntimeError) as error:
         reason = (getattr(error, "strerror", None) or "its links lead round in a loop").lower()
-        raise InputError(f"{str(path)[:200]}: cannot be used ({reason}); name another place") from None
+        raise InputError(
+            f"{str(path)[:200]}: cannot be used ({reason}); name another place"
+        ) from None
     return found
 
 
@@ -189,7 +193,9 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f"{path}: not TOML ({error})") from None
     except RecursionError:
-        raise InputError(f"{path}: not a configuration, its lists or tables are nested too deeply") from None
+        raise InputError(
+            f"{path}: not a configuration, its lists or tables are nested too deeply"
+        ) from None
 
 
 def composed(name: str) -> str:
@@ -241,7 +247,9 @@ def file_stem(name: str) -> str:
     if len(stem.encode()) <= _MAX_STEM_BYTES:
         return stem
     digest = hashlib.sha256(stem.encode()).hexdigest()[:_NUM_HASH_DIGITS]
-    return stem.encode()[: _MAX_STEM_BYTES - len(digest) - 1].decode("utf-8", "ignore") + "-" + digest
+    return (
+        stem.encode()[: _MAX_STEM_BYTES - len(digest) - 1].decode("utf-8", "ignore") + "-" + digest
+    )
 
 
 def file_stems(names: Iterable[str]) -> list[str]:

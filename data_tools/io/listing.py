@@ -68,7 +68,9 @@ class FolderListing:
     def some(self, chosen: Iterable[int]) -> FolderListing:
         """Return the listing of some of the shapes alone, by their positions."""
         at = list(chosen)
-        return FolderListing(files=tuple(self.files[i] for i in at), names=tuple(self.names[i] for i in at))
+        return FolderListing(
+            files=tuple(self.files[i] for i in at), names=tuple(self.names[i] for i in at)
+        )
 
     def without(self, names: Sequence[str]) -> FolderListing:
         """Return the listing without some shapes; an unknown name is an ``InputError``."""
@@ -108,11 +110,15 @@ def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
     return FolderListing(
-        files=files, names=distinct_names(files), skipped=tuple(path for path in entries if path not in files)
+        files=files,
+        names=distinct_names(files),
+        skipped=tuple(path for path in entries if path not in files),
     )
 
 
-def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def files_at(
+    place: Path | str, *, recursive: bool = False
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Return the shape files of a place, and what else is there.
 
     Parameters
@@ -137,7 +143,9 @@ def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path,
             return tuple(path for path in listing.files if isinstance(path, Path)), listing.skipped
         if not place.exists() and has_magic(text):
             found = [Path(match) for match in glob(text, recursive=True)]
-            found = sorted((path for path in found if path.is_file()), key=lambda path: natural_key(str(path)))
+            found = sorted(
+                (path for path in found if path.is_file()), key=lambda path: natural_key(str(path))
+            )
             files = tuple(path for path in found if _is_shape(path))
             if not files:
                 raise InputError(f"{place}: no shape file matches")
@@ -145,7 +153,9 @@ def files_at(place: Path | str, *, recursive: bool = False) -> tuple[tuple[Path,
         if not place.exists() and place.suffix.lower() not in READERS:
             raise InputError(f"{place}: no such file or folder")
     except (OSError, ValueError) as error:
-        raise InputError(f"{text[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+        raise InputError(
+            f"{text[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        ) from None
     return (place,), ()
 
 
@@ -170,22 +180,34 @@ def _files_of_list(path: Path, *, recursive: bool) -> tuple[tuple[Path, ...], tu
 
 def _entries(folder: Path, *, recursive: bool) -> list[Path]:
     """Return what can be seen in a folder, in natural order; in place of its folders what they hold."""
-    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    entries = sorted(
+        (p for p in folder.iterdir() if not p.name.startswith(".")),
+        key=lambda p: natural_key(p.name),
+    )
     if not recursive:
         return entries
     inside = [
-        _entries(path, recursive=True) if path.is_dir() and not path.is_symlink() else [path] for path in entries
+        _entries(path, recursive=True) if path.is_dir() and not path.is_symlink() else [path]
+        for path in entries
     ]
     return [path for paths in inside for path in paths]
 
 
 def _elsewhere(folder: Path) -> str:
     """Say which folders of a folder without shape files have some."""
-    below = [path.relative_to(folder) for path in _entries(folder, recursive=True) if path.suffix.lower() in READERS]
-    counts = list(Counter(readable_name(Path(path.parts[0])) for path in below if len(path.parts) > 1).items())
+    below = [
+        path.relative_to(folder)
+        for path in _entries(folder, recursive=True)
+        if path.suffix.lower() in READERS
+    ]
+    counts = list(
+        Counter(readable_name(Path(path.parts[0])) for path in below if len(path.parts) > 1).items()
+    )
     if not counts:
         return f"readable are {', '.join(sorted(READERS))}"
-    some = ", ".join([f"{name} ({count})" for name, count in counts[:10]]) + (", ..." if counts[10:] else "")
+    some = ", ".join([f"{name} ({count})" for name, count in counts[:10]]) + (
+        ", ..." if counts[10:] else ""
+    )
     return (
         f"its folders do: {some}; take them with --recursive, or each as the parts of one specimen with --parts (in "
         "Python recursive=True, parts=True), or name one of them"
@@ -203,7 +225,11 @@ def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
     alike: dict[str, list[Path]] = {}
     for path in files:
         alike.setdefault(_tail(path, 0, whole=False).casefold(), []).append(path)
-    named = {path: name for group in alike.values() for path, name in zip(group, _disambiguated(group), strict=True)}
+    named = {
+        path: name
+        for group in alike.values()
+        for path, name in zip(group, _disambiguated(group), strict=True)
+    }
     names = tuple(named[path] for path in files)
     return names if len(set(names)) == len(names) else tuple(_disambiguated(files, kinds=(True,)))
 
@@ -220,13 +246,19 @@ def _disambiguated(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, T
                 names = [_tail(path, depth, whole=whole) for path in files]
                 if len({alike(name) for name in names}) == len(names):
                     return names
-    order = sorted(map(str, files))  # files of one folder whose names differ only in how their accents are encoded
+    order = sorted(
+        map(str, files)
+    )  # files of one folder whose names differ only in how their accents are encoded
     return [f"{_tail(path, deepest, whole=True)} ({order.index(str(path)) + 1})" for path in files]
 
 
 def _tail(path: Path, depth: int, *, whole: bool) -> str:
     """Return the name of a file, with its suffix or without, behind so many of its folders."""
-    above = [readable_name(Path(part)) for part in path.absolute().parent.parts[-depth:]] if depth else []
+    above = (
+        [readable_name(Path(part)) for part in path.absolute().parent.parts[-depth:]]
+        if depth
+        else []
+    )
     name = readable_name(path)
     return "/".join([*above, name if whole else name.removesuffix(path.suffix)])
 
@@ -252,11 +284,19 @@ def parts_of(origin: Origin | str) -> dict[str, Path]:
     path = Path(origin)
     folder = path.with_suffix("")
     inside = _entries(folder, recursive=False) if folder.is_dir() else []
-    beside = [file for file in _entries(path.parent, recursive=False) if specimen_at(file, path.parent) == path]
-    named = [(file.stem, file) for file in inside] + [(Path(file.stem).suffix[1:], file) for file in beside]
+    beside = [
+        file
+        for file in _entries(path.parent, recursive=False)
+        if specimen_at(file, path.parent) == path
+    ]
+    named = [(file.stem, file) for file in inside] + [
+        (Path(file.stem).suffix[1:], file) for file in beside
+    ]
     named = [(name, file) for name, file in named if _is_shape(file)]
     if not named or len(dict(named)) < len(named):
-        raise InputError(f"{path}: {'two parts have the same name' if named else 'there are no files of its parts'}")
+        raise InputError(
+            f"{path}: {'two parts have the same name' if named else 'there are no files of its parts'}"
+        )
     return dict(named)
 
 
@@ -269,7 +309,11 @@ def hash_shape(origin: Origin) -> str:
         As :func:`data_tools.io.source.hash_source`.
     """
     parts = parts_of(origin)
-    return joint_digest([(name, hash_source(file)) for name, file in parts.items()]) if parts else hash_source(origin)
+    return (
+        joint_digest([(name, hash_source(file)) for name, file in parts.items()])
+        if parts
+        else hash_source(origin)
+    )
 
 
 def joint_digest(parts: Sequence[tuple[str, str]]) -> str:

@@ -50,7 +50,11 @@ class LockFile:
         """
         while True:
             made = not os.path.lexists(path)
-            flags = os.O_RDWR | PRIVATE | (os.O_CREAT | os.O_EXCL if made else getattr(os, "O_NONBLOCK", 0))
+            flags = (
+                os.O_RDWR
+                | PRIVATE
+                | (os.O_CREAT | os.O_EXCL if made else getattr(os, "O_NONBLOCK", 0))
+            )
             try:
                 if not made and not stat.S_ISREG(path.lstat().st_mode):
                     raise OSError(errno.EINVAL, "it is no regular file")

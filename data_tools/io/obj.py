@@ -52,7 +52,9 @@ def read_obj(source: Source) -> RawShape:
 def _lost(text: str, point: str) -> tuple[Note, ...]:
     """Return the note that names what else the file has; colours stand behind the coordinates of a vertex."""
     words = {"vt": "texture coordinates", "usemtl": "materials"}
-    things = [thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE)]
+    things = [
+        thing for word, thing in words.items() if re.search(rf"^{word}\s", text, re.MULTILINE)
+    ]
     return not_kept(things + ["colours"] * (len(point.split()) >= 6))
 
 
@@ -80,7 +82,12 @@ def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatA
 
 def _triangles(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
     table = parse_table("\n".join(lines), num_rows=len(lines))
-    if table is not None and table.shape[1] == 3 and (table >= 1).all() and (table == np.floor(table)).all():
+    if (
+        table is not None
+        and table.shape[1] == 3
+        and (table >= 1).all()
+        and (table == np.floor(table)).all()
+    ):
         return table.astype(np.int64) - 1
     triangles: list[list[int]] = []
     for position, (line, before) in enumerate(zip(lines, num_before, strict=True), start=1):
@@ -100,7 +107,11 @@ def _corner(path: Path, position: int, word: str, num_before: int) -> int:
     """Return the index, from 0, of a corner ``v``, ``v/vt``, ``v//vn`` or ``v/vt/vn``."""
     digits = word.split("/", 1)[0]
     if not digits.removeprefix("-").isdecimal() or int(digits) == 0:
-        raise InputError(f"{path}: face {position} has a word that is no corner v, v/vt, v//vn or v/vt/vn")
+        raise InputError(
+            f"{path}: face {position} has a word that is no corner v, v/vt, v//vn or v/vt/vn"
+        )
     if num_before + int(digits) < 0:
-        raise InputError(f"{path}: face {position} names vertex {int(digits)}, there are {num_before} before it")
+        raise InputError(
+            f"{path}: face {position} names vertex {int(digits)}, there are {num_before} before it"
+        )
     return int(digits) - 1 if int(digits) > 0 else num_before + int(digits)

@@ -24,7 +24,9 @@ ShapesLike: TypeAlias = str | Path | Iterable[ShapeLike] | Mapping[str, ShapeLik
 _KNOWN = "a file, an array (n, 3), a pair (vertices, faces), or a mesh or point cloud of trimesh or Open3D"
 
 
-def list_shapes(shapes: ShapesLike, *, recursive: bool = False, parts: bool = False) -> FolderListing:
+def list_shapes(
+    shapes: ShapesLike, *, recursive: bool = False, parts: bool = False
+) -> FolderListing:
     """List the shapes of a collection, whatever form they come in; files are not read yet.
 
     Parameters
@@ -47,7 +49,9 @@ def list_shapes(shapes: ShapesLike, *, recursive: bool = False, parts: bool = Fa
     if isinstance(shapes, FolderListing):
         return shapes
     if isinstance(shapes, str | Path):
-        if not parts and (Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes)))):
+        if not parts and (
+            Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes)))
+        ):
             return read_folder(shapes, recursive=recursive)
         shapes = [shapes]
     named, skipped = _named(shapes, recursive=recursive, parts=parts)
@@ -83,26 +87,36 @@ def as_origin(shape: ShapeLike, name: str) -> Origin:
     return Source(Path(name), buffer.getvalue(), suffix=".npz")
 
 
-def _named(shapes: Any, *, recursive: bool, parts: bool) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
+def _named(
+    shapes: Any, *, recursive: bool, parts: bool
+) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
     """Return the shapes by name, and what places hold in addition to shapes."""
     if isinstance(shapes, Mapping):
         if not all(isinstance(name, str) and name for name in shapes):
             raise InputError("shapes: their names must be text that is not empty")
         by_name = {composed(name): shape for name, shape in shapes.items()}
         if len(by_name) < len(shapes):
-            raise InputError("shapes: two of their names differ only in how accents are encoded; rename one")
+            raise InputError(
+                "shapes: two of their names differ only in how accents are encoded; rename one"
+            )
         return by_name, ()
     if isinstance(shapes, np.ndarray) and shapes.ndim != 3:
-        raise InputError(f"shapes: one array of shape {shapes.shape}; a collection is several shapes in a list")
+        raise InputError(
+            f"shapes: one array of shape {shapes.shape}; a collection is several shapes in a list"
+        )
     try:
         given = list(shapes)
     except TypeError:
-        raise InputError(f"shapes: expected a folder, a list or a dict of shapes, got {_kind(shapes)}") from None
+        raise InputError(
+            f"shapes: expected a folder, a list or a dict of shapes, got {_kind(shapes)}"
+        ) from None
     files, skipped, named = dict[Path, None](), dict[Path, None](), list[tuple[str, ShapeLike]]()
     for number, shape in enumerate(given, start=1):
         if isinstance(shape, str | Path):
             found, others = files_at(shape, recursive=recursive or parts)
-            files |= dict.fromkeys(specimen_at(file, Path(shape)) if parts else file for file in found)
+            files |= dict.fromkeys(
+                specimen_at(file, Path(shape)) if parts else file for file in found
+            )
             skipped |= dict.fromkeys(others)
         else:
             named.append((composed(getattr(shape, "name", None) or f"shape{number}"), shape))
@@ -121,7 +135,11 @@ def _arrays(shape: Any, name: str) -> tuple[FloatArray, IntArray]:
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: not arrays of numbers ({error})") from None
     if points.ndim != 2 or points.shape[1] != 3:
-        advice = "; points are rows: give its transpose" if points.ndim == 2 and points.shape[0] == 3 else ""
+        advice = (
+            "; points are rows: give its transpose"
+            if points.ndim == 2 and points.shape[0] == 3
+            else ""
+        )
         raise InputError(f"{name}: expected points of shape (n, 3), got {points.shape}{advice}")
     if triangles.size == 0:
         return points, np.empty((0, 3), dtype=np.int64)

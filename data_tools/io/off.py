@@ -53,8 +53,12 @@ def read_off(source: Source) -> RawShape:
     rows = body[num_vertices : num_vertices + num_faces]
     faces = _triangles(path, rows)
     if faces.size and faces.max() >= num_vertices:
-        raise InputError(f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0")
-    return RawShape(vertices, faces, not_kept(["colours"] if header["colours"] or _has_colour(rows) else []))
+        raise InputError(
+            f"{path}: a face names vertex {faces.max()}, there are {num_vertices}, counted from 0"
+        )
+    return RawShape(
+        vertices, faces, not_kept(["colours"] if header["colours"] or _has_colour(rows) else [])
+    )
 
 
 def _has_colour(rows: list[str]) -> bool:
@@ -71,7 +75,13 @@ def _triangles(path: Path, lines: list[str]) -> IntArray:
     triangles: list[list[int]] = []
     for position, line in enumerate(lines):
         number, *words = line.split()
-        if not number.isdecimal() or len(words) < int(number) or not all(map(str.isdecimal, words[: int(number)])):
-            raise InputError(f"{path}: face {position} is not a count and as many vertices (truncated?)")
+        if (
+            not number.isdecimal()
+            or len(words) < int(number)
+            or not all(map(str.isdecimal, words[: int(number)]))
+        ):
+            raise InputError(
+                f"{path}: face {position} is not a count and as many vertices (truncated?)"
+            )
         triangles.extend(fan([int(word) for word in words[: int(number)]]))
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)

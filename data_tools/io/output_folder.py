@@ -50,7 +50,9 @@ def output_path(folder: Path, *parts: str) -> Path:
     """
     for part in parts:
         if not part or part in (".", "..") or re.search(r"[/\\\x00]", part):
-            raise InputError(f"{folder}: {part!r} cannot be the name of an output, it is not one plain name")
+            raise InputError(
+                f"{folder}: {part!r} cannot be the name of an output, it is not one plain name"
+            )
         try:
             length = len(os.fsencode(part))
         except UnicodeEncodeError:
@@ -58,7 +60,9 @@ def output_path(folder: Path, *parts: str) -> Path:
                 f"{folder}: {part[:60]!r} cannot be the name of an output in this locale; set PYTHONUTF8=1"
             ) from None
         if length > _MAX_NAME_BYTES:
-            raise InputError(f"{folder}: {part[:60]!r}... cannot be the name of an output, it is too long")
+            raise InputError(
+                f"{folder}: {part[:60]!r}... cannot be the name of an output, it is too long"
+            )
     path = folder.joinpath(*parts)
     if not resolved(path.parent).is_relative_to(resolved(folder)):
         raise InputError(f"{path}: leads out of {folder}, through a link; nothing is written there")
@@ -74,7 +78,9 @@ def written_files(folder: Path, writer: str) -> list[str]:
         If the manifest is damaged.
     """
     return sorted(
-        name for name, entry in OutputFolder(folder, writer)._entries().items() if entry["writer"] == writer
+        name
+        for name, entry in OutputFolder(folder, writer)._entries().items()
+        if entry["writer"] == writer
     )
 
 
@@ -97,7 +103,9 @@ class OutputFolder:
 
     @classmethod
     @contextmanager
-    def open(cls, folder: Path | str, *, writer: str, inputs: Iterable[Path] = ()) -> Iterator[OutputFolder]:
+    def open(
+        cls, folder: Path | str, *, writer: str, inputs: Iterable[Path] = ()
+    ) -> Iterator[OutputFolder]:
         """Hold a folder for one run; it is made if it does not exist.
 
         Parameters
@@ -121,7 +129,9 @@ class OutputFolder:
         try:
             output._go_on()
             output._is_moving = False
-            shutil.rmtree(output.staging, ignore_errors=True)  # of a run that was killed: nobody else has the lock
+            shutil.rmtree(
+                output.staging, ignore_errors=True
+            )  # of a run that was killed: nobody else has the lock
             output._make_staging()
             yield output
         finally:
@@ -152,7 +162,11 @@ class OutputFolder:
         entries = self._entries()
         for name in names:
             path = output_path(self.folder, *PurePosixPath(name).parts)
-            above = [p for p in path.parents if self.folder in p.parents and p.exists() and not p.is_dir()]
+            above = [
+                p
+                for p in path.parents
+                if self.folder in p.parents and p.exists() and not p.is_dir()
+            ]
             path = above[0] if above else path  # a file where a folder belongs
             if not os.path.lexists(path):
                 continue
@@ -163,7 +177,9 @@ class OutputFolder:
                 )
             writer = entries[name]["writer"]
             if writer.split(" ")[0] != self._writer.split(" ")[0]:
-                raise InputError(f"{path}: is in the place of a result, and was written by `{writer}`; {_ADVICE}")
+                raise InputError(
+                    f"{path}: is in the place of a result, and was written by `{writer}`; {_ADVICE}"
+                )
 
     def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
         """Move everything staged into place.
@@ -188,18 +204,33 @@ class OutputFolder:
         InputError
             If a file that is not ours is in the way; nothing has been changed then.
         """
-        staged = sorted(p.relative_to(self.staging).as_posix() for p in self.staging.rglob("*") if not p.is_dir())
+        staged = sorted(
+            p.relative_to(self.staging).as_posix()
+            for p in self.staging.rglob("*")
+            if not p.is_dir()
+        )
         self.refuse_foreign(staged)
         entries = self._entries()
         fresh: Entries = {
-            name: {"writer": self._writer, "digests": [_digest(self.staging / name)]} for name in staged
+            name: {"writer": self._writer, "digests": [_digest(self.staging / name)]}
+            for name in staged
         }
-        stale = [n for n, e in entries.items() if complete and e["writer"] == self._writer and n not in fresh]
-        self._write_manifest(_either(entries, fresh), pending={"new": staged, "stale": stale, "last": last})
+        stale = [
+            n
+            for n, e in entries.items()
+            if complete and e["writer"] == self._writer and n not in fresh
+        ]
+        self._write_manifest(
+            _either(entries, fresh), pending={"new": staged, "stale": stale, "last": last}
+        )
         self._move(entries, fresh, stale, last)
-        return tuple(self.folder / name for name in sorted(staged, key=lambda name: (name != last, name)))
+        return tuple(
+            self.folder / name for name in sorted(staged, key=lambda name: (name != last, name))
+        )
 
-    def _move(self, entries: Entries, fresh: Entries, stale: Iterable[str], last: str | None) -> None:
+    def _move(
+        self, entries: Entries, fresh: Entries, stale: Iterable[str], last: str | None
+    ) -> None:
         """Move what is still staged, ``last`` at the end, remove what is stale, and close the books."""
         self._is_moving = True
         if last in fresh and (self.staging / last).exists():
@@ -220,8 +251,12 @@ class OutputFolder:
         # Whoever publishes next reports a damaged manifest and files of others.
         with suppress(InputError, TypeError, KeyError):
             entries, pending = self._entries(), self._read_manifest()["pending"]
-            new, stale = ([name for name in pending[key] if name in entries] for key in ("new", "stale"))
-            fresh = {name: entries[name] | {"digests": entries[name]["digests"][-1:]} for name in new}
+            new, stale = (
+                [name for name in pending[key] if name in entries] for key in ("new", "stale")
+            )
+            fresh = {
+                name: entries[name] | {"digests": entries[name]["digests"][-1:]} for name in new
+            }
             for name, entry in fresh.items():
                 place = output_path(self.staging, *PurePosixPath(name).parts)
                 place = place if place.exists() else self.folder / name
@@ -307,6 +342,10 @@ def _lock(folder: Path) -> LockFile:
             raise InputError(f"{books}: is a link; {_ADVICE}")
         return LockFile.take(books / "lock")
     except BlockingIOError:
-        raise InputError(f"{folder}: another run is writing to it; wait for it, or {_ADVICE}") from None
+        raise InputError(
+            f"{folder}: another run is writing to it; wait for it, or {_ADVICE}"
+        ) from None
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written or locked ({system_reason(error)})") from None
+        raise InputError(
+            f"{folder}: cannot be written or locked ({system_reason(error)})"
+        ) from None

@@ -38,7 +38,9 @@ def coarse_note(vertices: FloatArray) -> tuple[Note, ...]:
     """
     with np.errstate(all="ignore"):  # of what is beyond single precision
         is_single = (vertices.astype(np.float32) == vertices).all(axis=0)
-        steps = np.where(is_single, np.spacing(np.abs(vertices).max(axis=0).astype(np.float32)), 0.0)
+        steps = np.where(
+            is_single, np.spacing(np.abs(vertices).max(axis=0).astype(np.float32)), 0.0
+        )
     step, size = float(steps.max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if not step > 1e-3 * size:
         return ()
@@ -53,6 +55,8 @@ def coarse_coordinates(notes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
     notes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    found = {name: one.values["step"] for name, own in notes.items() for one in own if one.code == COARSE}
+    found = {
+        name: one.values["step"] for name, own in notes.items() for one in own if one.code == COARSE
+    }
     steps = tuple(float(step) for step in found.values() if not isinstance(step, tuple))
     return (Note("coarse-coordinates", tuple(found), {"steps": steps}),) if found else ()

@@ -48,7 +48,10 @@ _BEGINNINGS = {
     rb"PK\x03\x04": (".npz", "it is a ZIP archive; unpack it"),
     rb"\x1f\x8b": ("", "it is compressed with gzip; unpack it"),
     rb"\s*<(?:!doctype )?html": ("", "it is a web page; download the file again"),
-    rb"version https://git-lfs": ("", "it is a pointer of Git LFS; get the file with `git lfs pull`"),
+    rb"version https://git-lfs": (
+        "",
+        "it is a pointer of Git LFS; get the file with `git lfs pull`",
+    ),
 }
 
 
@@ -100,13 +103,19 @@ def read_shape(
 
 
 def shape_from_source(
-    source: Source, cleaning: CleaningOptions | None = None, *, name: str | None = None, digest: str | None = None
+    source: Source,
+    cleaning: CleaningOptions | None = None,
+    *,
+    name: str | None = None,
+    digest: str | None = None,
 ) -> Shape:
     """Return the shape that a file holds; see :func:`read_shape`."""
     path = source.path
     reader = READERS.get(source.suffix)
     if reader is None:
-        raise InputError(f"{path}: unknown suffix {path.suffix!r}; readable are {', '.join(sorted(READERS))}")
+        raise InputError(
+            f"{path}: unknown suffix {path.suffix!r}; readable are {', '.join(sorted(READERS))}"
+        )
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -116,8 +125,12 @@ def shape_from_source(
     except (CollalignError, MemoryError):
         raise
     except ImportError as error:
-        raise UnavailableError(f"{path}: cannot be read without the package {error.name}; install it") from error
-    except Exception as error:  # readers of damaged files fail in every way there is, and quote them
+        raise UnavailableError(
+            f"{path}: cannot be read without the package {error.name}; install it"
+        ) from error
+    except (
+        Exception
+    ) as error:  # readers of damaged files fail in every way there is, and quote them
         kind = source.suffix[1:].upper()
         raise InputError(
             f"{path}: not a readable {kind} file, it is damaged or of another format{_other_content(source)}"
@@ -125,7 +138,11 @@ def shape_from_source(
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shape = clean(_checked(source, raw, name or path.stem), cleaning)
-    return shape if cleaning is not None and not cleaning.largest_component else without_outliers(shape, cleaning)
+    return (
+        shape
+        if cleaning is not None and not cleaning.largest_component
+        else without_outliers(shape, cleaning)
+    )
 
 
 def _other_content(source: Source) -> str:
@@ -138,11 +155,19 @@ def _other_content(source: Source) -> str:
 
 
 def _of_parts(
-    path: Path, parts: dict[str, Path], cleaning: CleaningOptions | None, *, name: str | None, digest: str | None
+    path: Path,
+    parts: dict[str, Path],
+    cleaning: CleaningOptions | None,
+    *,
+    name: str | None,
+    digest: str | None,
 ) -> Shape:
     """Return the parts of a specimen, each cleaned by itself, as one shape."""
     sources = {part: read_source(file) for part, file in parts.items()}
-    if digest is not None and joint_digest([(part, one.digest) for part, one in sources.items()]) != digest:
+    if (
+        digest is not None
+        and joint_digest([(part, one.digest) for part, one in sources.items()]) != digest
+    ):
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shapes = [shape_from_source(source, cleaning, name=part) for part, source in sources.items()]
     return Shape.of_parts(name or path.stem, shapes, file=path)
@@ -168,7 +193,9 @@ def write_mesh(path: Path | str, shape: Shape) -> Path:
         raise InputError(f"{path}: a point cloud can be written as .ply or .obj")
     if suffix == ".ply":
         return write_ply(path, shape.vertices, shape.faces)
-    content = {".obj": _obj, ".off": _off, ".stl": _stl, ".glb": _glb}[suffix](shape.vertices, shape.faces)
+    content = {".obj": _obj, ".off": _off, ".stl": _stl, ".glb": _glb}[suffix](
+        shape.vertices, shape.faces
+    )
     return write_atomic(path, content)
 
 
@@ -207,7 +234,9 @@ def _glb(vertices: FloatArray, faces: IntArray) -> bytes:
     if not fits_single(vertices):
         place[:3, 3] = vertices.mean(axis=0)
     scene = trimesh.Scene()
-    scene.add_geometry(trimesh.Trimesh(vertices - place[:3, 3], faces, process=False), transform=place)
+    scene.add_geometry(
+        trimesh.Trimesh(vertices - place[:3, 3], faces, process=False), transform=place
+    )
     content: bytes = scene.export(file_type="glb")
     return content
 
@@ -225,18 +254,23 @@ def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArr
     """
     columns = dict(zip("xyz", vertices.T, strict=True)) | values
     kinds = {
-        name: ("uchar", "u1") if column.dtype == np.uint8 else ("float", "<f4") for name, column in columns.items()
+        name: ("uchar", "u1") if column.dtype == np.uint8 else ("float", "<f4")
+        for name, column in columns.items()
     }
     if not fits_single(vertices):
         kinds |= dict.fromkeys("xyz", ("double", "<f8"))
-    points = np.rec.fromarrays(list(columns.values()), dtype=[(name, code) for name, (_, code) in kinds.items()])
+    points = np.rec.fromarrays(
+        list(columns.values()), dtype=[(name, code) for name, (_, code) in kinds.items()]
+    )
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property {word} {name}" for name, (word, _) in kinds.items()]
     triangles = np.empty(len(faces), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
     triangles["corners"], triangles["vertices"] = 3, faces
     if len(faces):
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    return write_atomic(path, b"".join(["\n".join([*header, "end_header\n"]).encode(), points.data, triangles.data]))
+    return write_atomic(
+        path, b"".join(["\n".join([*header, "end_header\n"]).encode(), points.data, triangles.data])
+    )
 
 
 def _checked(source: Source, raw: RawShape, name: str) -> Shape:
@@ -254,7 +288,9 @@ def _checked(source: Source, raw: RawShape, name: str) -> Shape:
         ):
             vertices, faces, kept, note = drop_non_finite(name, vertices, faces)
             notes = (*notes, note)
-        shape = Shape.from_arrays(vertices, faces, name=name, file=path if source.is_file else None, notes=notes)
+        shape = Shape.from_arrays(
+            vertices, faces, name=name, file=path if source.is_file else None, notes=notes
+        )
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
     extent = float(np.abs(shape.vertices).max())
@@ -268,4 +304,8 @@ def _checked(source: Source, raw: RawShape, name: str) -> Shape:
             f"{path}: vertex {triangles_of.argmax()}, counted from 0, is a corner of {triangles_of.max()} triangles, "
             f"more than {MAX_TRIANGLES_OF_VERTEX}. Split faces of many corners otherwise than at one corner"
         )
-    return shape if kept is None else replace(shape, source_indices=read_only(kept), file_size=file_size)
+    return (
+        shape
+        if kept is None
+        else replace(shape, source_indices=read_only(kept), file_size=file_size)
+    )

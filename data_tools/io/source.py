@@ -108,7 +108,9 @@ def read_source(path: Origin | str) -> Source:
         return path
     path = existing_file(Path(path))
     content = _read(path)
-    return Source(path, content, companions=_companions(path, content) if _has_companions(path) else {})
+    return Source(
+        path, content, companions=_companions(path, content) if _has_companions(path) else {}
+    )
 
 
 def read_start(path: Origin, num: int) -> bytes:
@@ -153,15 +155,24 @@ def _companions(path: Path, content: bytes) -> dict[str, bytes]:
     """Return the files that a glTF file names as its buffers, all from its own folder; damage is for its reader."""
     try:
         buffers = json.loads(content)["buffers"]
-        names = dict.fromkeys(buffer["uri"] for buffer in buffers if not buffer["uri"].startswith("data:"))
+        names = dict.fromkeys(
+            buffer["uri"] for buffer in buffers if not buffer["uri"].startswith("data:")
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
     found: dict[str, bytes] = {}
     room = MAX_FILE_BYTES - len(content)
     for name in names:
         place = PurePosixPath(unquote(name))
-        if len(name) > 255 or place.is_absolute() or ".." in place.parts or {":", "\\", "\0"} & {*str(place)}:
-            raise InputError(f"{path}: names as its data no file of its own folder; others are not opened")
+        if (
+            len(name) > 255
+            or place.is_absolute()
+            or ".." in place.parts
+            or {":", "\\", "\0"} & {*str(place)}
+        ):
+            raise InputError(
+                f"{path}: names as its data no file of its own folder; others are not opened"
+            )
         found[name] = _read(existing_file(path.parent / place), room)
         room -= len(found[name])
     return found

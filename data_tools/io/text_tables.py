@@ -31,15 +31,22 @@ _COMMENT = re.compile(r"(?:(?<!1\.)#|//).*")
 #: NaN and infinity as programs on Windows spell them.
 _NO_NUMBER = re.compile(r"1\.#\w+|nan\(\w*\)", re.IGNORECASE)
 _BETWEEN_WORDS = re.compile(r"[^\s,][ ]+[^\s,]")
-_BRACKETS = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")  # none inside of others: a heading of brackets takes no time
+_BRACKETS = re.compile(
+    r"[(\[{][^()\[\]{}]*[)\]}]"
+)  # none inside of others: a heading of brackets takes no time
 _UNIT = re.compile(_BRACKETS.pattern + r"|(?:(?<=[xyz])[ _]?(?:mm|cm|m|um|µm|nm|in|inch|px))$")
-_AXIS = re.compile(r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])")
+_AXIS = re.compile(
+    r"(?:(?:pos|position|points?|coords?|coordinates?|vertex|v|p)[ _.:]*)?([xyz012])"
+)
 _ON_A_MAP = {"easting": "x", "northing": "y", "elevation": "z", "height": "z", "altitude": "z"}
 #: A number with a decimal comma, and one whose comma may mark thousands instead.
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 #: Places of missing numbers.
-_EMPTY_CELL = {sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE) for sign in (",", ";", "\t")}
+_EMPTY_CELL = {
+    sign: re.compile(rf"(?:^|(?<={sign}))[ ]*(?={sign}|$)", re.MULTILINE)
+    for sign in (",", ";", "\t")
+}
 _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
 
 
@@ -78,10 +85,15 @@ def read_pts(source: Source) -> RawShape:
     """
     path, lines = source.path, _lines(source.text())
     if lines and _VERSION.match(lines[0]):
-        raise InputError(f"{path}: holds landmarks, no point cloud; move it out of the folder of the shapes")
+        raise InputError(
+            f"{path}: holds landmarks, no point cloud; move it out of the folder of the shapes"
+        )
     starts = [at for at, line in enumerate(lines) if line.isdecimal()]
     bounds = [*starts, len(lines)] if starts[:1] == [0] else [0, len(lines)]
-    scans = [read_points_table("\n".join(lines[start:stop]), str(path)) for start, stop in pairwise(bounds)]
+    scans = [
+        read_points_table("\n".join(lines[start:stop]), str(path))
+        for start, stop in pairwise(bounds)
+    ]
     return RawShape(np.concatenate([scan.vertices for scan in scans]), no_faces(), scans[0].notes)
 
 
@@ -154,7 +166,9 @@ def _counted_lines(lines: list[str], name: str) -> list[str]:
     if not lines or not lines[0].isdecimal():
         return lines
     if lines[0].lstrip("0") != str(len(lines) - 1).lstrip("0"):
-        raise InputError(f"{name}: its first line promises {lines[0][:20]} points, {len(lines) - 1} lines follow")
+        raise InputError(
+            f"{name}: its first line promises {lines[0][:20]} points, {len(lines) - 1} lines follow"
+        )
     return lines[1:]
 
 
@@ -190,7 +204,9 @@ def _with_decimal_points(lines: list[str], delimiter: str) -> list[str]:
         return lines
     cells = [cell.strip("\"' ") for line in lines for cell in line.split(delimiter)]
     numbers = [cell for cell in cells if _COMMA_NUMBER.fullmatch(cell)]
-    if all(map(_THOUSANDS.fullmatch, numbers)) or any("." in cell and is_number(cell) for cell in cells):
+    if all(map(_THOUSANDS.fullmatch, numbers)) or any(
+        "." in cell and is_number(cell) for cell in cells
+    ):
         return lines
     return [re.sub(r",(?=\d)", ".", line) for line in lines]
 
@@ -237,12 +253,18 @@ def _row_by_row(
     for number, row in enumerate(rows, start=1):
         if len(row) != width or width <= max(columns):
             expected = max(width, max(columns) + 1)
-            why = "decimal commas?" if heading is not None and len(row) == 2 * width else "truncated?"
-            raise InputError(f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})")
+            why = (
+                "decimal commas?" if heading is not None and len(row) == 2 * width else "truncated?"
+            )
+            raise InputError(
+                f"{name}: row {number} has {len(row)} columns, expected {expected} ({why})"
+            )
         wanted = [row[c] or "nan" for c in columns]
         if not all(is_number(word) for word in wanted):
             commas = "; save it with decimal points" if any("," in word for word in wanted) else ""
-            raise InputError(f"{name}: row {number} is not numbers in the columns of x, y and z{commas}")
+            raise InputError(
+                f"{name}: row {number} is not numbers in the columns of x, y and z{commas}"
+            )
         points.append([float(word) for word in wanted])
     return np.array(points, dtype=np.float64).reshape(-1, 3)
 
@@ -291,10 +313,16 @@ def _refuse_grid(values: FloatArray, name: str) -> None:
 def _refuse_split_decimals(rows: list[list[str]], name: str) -> None:
     """Refuse whole numbers in an even number of columns, half of which look like the decimals of the others."""
     width = len(rows[0])
-    if width < 6 or width % 2 or not all(re.fullmatch(r"[+-]?\d+", cell) for row in rows for cell in row):
+    if (
+        width < 6
+        or width % 2
+        or not all(re.fullmatch(r"[+-]?\d+", cell) for row in rows for cell in row)
+    ):
         return
     decimals = [cell for row in rows for cell in row[1::2]]
-    if any(re.fullmatch(r"0\d+", cell) for cell in decimals) and not any(cell[0] in "+-" for cell in decimals):
+    if any(re.fullmatch(r"0\d+", cell) for cell in decimals) and not any(
+        cell[0] in "+-" for cell in decimals
+    ):
         raise InputError(
             f"{name}: commas seem to mark both columns and decimals; save it with "
             "semicolons between columns or with decimal points"

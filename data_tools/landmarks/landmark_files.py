@@ -92,7 +92,9 @@ def read_landmarks(path: Path | str) -> Landmarks:
     name = path.name.lower()
     reader = next((r for suffix, r in READERS.items() if name.endswith(suffix)), None)
     if reader is None:
-        raise InputError(f"{path}: unknown format of a list of points; readable are {', '.join(READERS)}")
+        raise InputError(
+            f"{path}: unknown format of a list of points; readable are {', '.join(READERS)}"
+        )
     try:
         landmarks = reader(path)
     except CollalignError:
@@ -106,10 +108,14 @@ def read_landmarks(path: Path | str) -> Landmarks:
         RecursionError,
         SyntaxError,
     ) as error:
-        raise InputError(f"{path}: not a readable landmark file, it is damaged or of another format") from error
+        raise InputError(
+            f"{path}: not a readable landmark file, it is damaged or of another format"
+        ) from error
     every = np.concatenate([landmarks.points, *(one.points for one in landmarks.semilandmarks)])
     if not len(every) or np.isinf(every).any():
-        raise InputError(f"{path}: {'infinite coordinates' if len(every) else 'holds no landmarks'}")
+        raise InputError(
+            f"{path}: {'infinite coordinates' if len(every) else 'holds no landmarks'}"
+        )
     return landmarks
 
 
@@ -130,7 +136,10 @@ def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Sem
     """
     path = Path(path)
     found = read_landmarks(path)
-    sets = [(found.points, found.system), *((one.points, one.system) for one in found.semilandmarks)]
+    sets = [
+        (found.points, found.system),
+        *((one.points, one.system) for one in found.semilandmarks),
+    ]
     sets = [one for one in sets if len(one[0])]
     if len(sets) > 1:
         raise InputError(f"{path}: holds {len(sets)} lists of points, expected one {kind}")
@@ -144,14 +153,18 @@ def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Sem
 def specimen_of(path: Path | str) -> str:
     """Return the name of the specimen that a landmark file belongs to: the file's name without its suffix."""
     name = composed(Path(path).name)
-    suffix = next((suffix for suffix in READERS if name.lower().endswith(suffix)), Path(path).suffix)
+    suffix = next(
+        (suffix for suffix in READERS if name.lower().endswith(suffix)), Path(path).suffix
+    )
     return name[: len(name) - len(suffix)]
 
 
 def _read_slicer_json(path: Path) -> Landmarks:
     content: Any = json.loads(read_any_text(path))
     if not isinstance(content, dict) or "markups" not in content:
-        raise InputError(f"{path}: holds no markups of 3D Slicer; landmarks in other JSON files are not read")
+        raise InputError(
+            f"{path}: holds no markups of 3D Slicer; landmarks in other JSON files are not read"
+        )
     points: list[list[float]] = []
     labels: list[str] = []
     curves: list[Semilandmarks] = []
@@ -159,7 +172,9 @@ def _read_slicer_json(path: Path) -> Landmarks:
     for at, markup in enumerate(content["markups"], start=1):
         controls = markup.get("controlPoints", [])
         system = landmark_system(path, markup.get("coordinateSystem"))
-        own = [composed(str(control.get("label") or index)) for index, control in enumerate(controls)]
+        own = [
+            composed(str(control.get("label") or index)) for index, control in enumerate(controls)
+        ]
         places = [_slicer_place(control) for control in controls]
         if markup.get("type") in _CURVES:
             name = re.sub(r"[-_ ]*\d*$", "", own[0]) if own else ""
@@ -171,7 +186,9 @@ def _read_slicer_json(path: Path) -> Landmarks:
             points += places
             systems.add(system)
     if len(systems) > 1:
-        raise InputError(f"{path}: its lists of points have different coordinate systems; export them anew in one")
+        raise InputError(
+            f"{path}: its lists of points have different coordinate systems; export them anew in one"
+        )
     found = replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
     return replace(found, system=systems.pop() if systems else None)
 
@@ -196,7 +213,9 @@ def landmark_system(path: Path, declared: object) -> CoordinateSystem | None:
         return None
     systems: dict[str, CoordinateSystem] = {"LPS": "LPS", "1": "LPS", "RAS": "RAS", "0": "RAS"}
     if str(declared).upper() not in systems:
-        raise InputError(f"{path}: the coordinate system {declared!r} is none of LPS and RAS; export it anew in one")
+        raise InputError(
+            f"{path}: the coordinate system {declared!r} is none of LPS and RAS; export it anew in one"
+        )
     return systems[str(declared).upper()]
 
 
@@ -227,7 +246,9 @@ def _read_pts(path: Path) -> Landmarks:
     said = re.fullmatch(r"(?i)(?:n_points\s*:\s*)?(\d+)", lines[0]) if lines else None
     found = _of_table(path, "\n".join(lines[1:] if said else lines))
     if said and int(said[1]) != len(found.labels):
-        raise InputError(f"{path}: announces {said[1]} landmarks and holds {len(found.labels)}; is it truncated?")
+        raise InputError(
+            f"{path}: announces {said[1]} landmarks and holds {len(found.labels)}; is it truncated?"
+        )
     return found
 
 
@@ -236,7 +257,9 @@ def _read_picked(path: Path) -> Landmarks:
     points = list(ElementTree.fromstring(read_any_text(path).encode()).iter("point"))
     labels = [composed(point.get("name") or str(at)) for at, point in enumerate(points)]
     rows = [
-        [math.nan] * 3 if point.get("active") == "0" else [number(point.get(axis, "")) for axis in "xyz"]
+        [math.nan] * 3
+        if point.get("active") == "0"
+        else [number(point.get(axis, "")) for axis in "xyz"]
         for point in points
     ]
     return _landmarks(path, labels, rows)
@@ -247,23 +270,33 @@ def _read_amira(path: Path) -> Landmarks:
     head, *blocks = re.split(r"(?m)^@(\d+)[ \t]*$", read_any_text(path))
     places = re.findall(r"Markers\s*\{\s*(?:float|double)\[3\]\s+\w+\s*\}\s*@(\d+)", head)
     if len(places) != 1:
-        raise InputError(f"{path}: holds {len(places)} sets of landmarks in text, expected one; save each on its own")
+        raise InputError(
+            f"{path}: holds {len(places)} sets of landmarks in text, expected one; save each on its own"
+        )
     rows = [
-        list(map(number, line.split())) for line in blocks[blocks.index(places[0]) + 1].splitlines() if line.split()
+        list(map(number, line.split()))
+        for line in blocks[blocks.index(places[0]) + 1].splitlines()
+        if line.split()
     ]
     return _landmarks(path, list(map(str, range(len(rows)))), rows)
 
 
 def _of_table(path: Path, text: str, columns: Sequence[str] = ()) -> Landmarks:
     found = read_point_table(text, str(path), columns=columns)
-    return Landmarks(labels=found.labels, points=found.points, system=landmark_system(path, found.system))
+    return Landmarks(
+        labels=found.labels, points=found.points, system=landmark_system(path, found.system)
+    )
 
 
 def _landmarks(path: Path, labels: list[str], points: list[list[float]]) -> Landmarks:
     wrong = next((i for i, point in enumerate(points) if len(point) != 3), None)
     if wrong is not None:
-        raise InputError(f"{path}: landmark {labels[wrong]} has {len(points[wrong])} coordinates, expected 3")
-    return Landmarks(labels=tuple(labels), points=read_only(np.array(points, dtype=np.float64).reshape(-1, 3)))
+        raise InputError(
+            f"{path}: landmark {labels[wrong]} has {len(points[wrong])} coordinates, expected 3"
+        )
+    return Landmarks(
+        labels=tuple(labels), points=read_only(np.array(points, dtype=np.float64).reshape(-1, 3))
+    )
 
 
 #: Types of markups whose points are a curve.

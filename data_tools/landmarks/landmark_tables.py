@@ -78,7 +78,9 @@ def _read_table(path: Path, text: str) -> list[tuple[str, Landmarks]]:
 
 
 def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:
-    return [_tps_specimen(block) for block in re.split(r"(?im)^(?=\s*LM3?\s*=)", text) if "=" in block]
+    return [
+        _tps_specimen(block) for block in re.split(r"(?im)^(?=\s*LM3?\s*=)", text) if "=" in block
+    ]
 
 
 def _tps_specimen(block: str) -> tuple[str, Landmarks]:
@@ -104,12 +106,18 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
         Semilandmarks(name=f"curve {number}", kind="open curve", points=read_only(curve))
         for number, curve in enumerate(curves, start=1)
     ]
-    return said.get("ID") or image.rpartition(".")[0] or image, replace(marks, semilandmarks=tuple(along))
+    return said.get("ID") or image.rpartition(".")[0] or image, replace(
+        marks, semilandmarks=tuple(along)
+    )
 
 
 def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     """Read ``1 nL p 1 CODE DIM=3``, names of the rows and of the columns where an L says so, and the matrix."""
-    header, *lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(('"', "'"))]
+    header, *lines = [
+        line
+        for line in text.splitlines()
+        if line.strip() and not line.lstrip().startswith(('"', "'"))
+    ]
     kind, rows, columns, has_code, *rest = header.split()
     if kind != "1" or re.search(r"(?i)dim\s*=\s*3", header) is None:
         raise ValueError(header)
@@ -124,7 +132,9 @@ def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     every[every == (float(rest[0]) if has_code == "1" else np.inf)] = np.nan
     if width == 3 * len(labels) and not names:
         return [("", replace(_landmarks(every[0]), labels=labels))]
-    return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
+    return [
+        (name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)
+    ]
 
 
 def _read_text(path: Path, text: str) -> list[tuple[str, Landmarks]]:
@@ -139,9 +149,13 @@ def _read_morphologika(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     if dim != 3:
         raise ValueError(dim)
     names = [line.strip() for line in sections.get("names", "").splitlines() if line.strip()]
-    rows = [line for line in sections["rawpoints"].splitlines() if not line.lstrip().startswith("'")]
+    rows = [
+        line for line in sections["rawpoints"].splitlines() if not line.lstrip().startswith("'")
+    ]
     every = _specimens(" ".join(rows).split(), num, size)
-    return [(name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)]
+    return [
+        (name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)
+    ]
 
 
 def _specimens(words: list[str], num: int, size: int) -> FloatArray:

@@ -15,7 +15,9 @@ from data_tools.errors import InputError
 from data_tools.io.csv_cells import SEPARATOR_LINE, is_number, plain_cell
 
 #: What tables write where there is no landmark.
-_MISSING = re.compile(r"(?i)[+-]?(nan(\(\w*\))?|1\.#\w+|#?n/?a|#(num|value)!|null|none|missing|undefined|[-.?])?")
+_MISSING = re.compile(
+    r"(?i)[+-]?(nan(\(\w*\))?|1\.#\w+|#?n/?a|#(num|value)!|null|none|missing|undefined|[-.?])?"
+)
 #: Headings of the column that names a landmark, and of the one that names its specimen; the first of them counts.
 _LABEL = ("label", "landmark", "name", "point", "id", "no", "nr", "number", "index", "")
 _SPECIMEN = ("specimen", "shape", "file", "filename")
@@ -106,8 +108,13 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
         return _of_wide(heading, rows, landmarks, name)
     found = _by_heading(heading, name) if heading else _by_content(rows, name)
     specimens = [_cell(row, found.specimen) for row in rows]
-    labels = [_cell(row, found.label) or str(at) for row, at in zip(rows, _numbers(specimens), strict=True)]
-    points = np.array([_place(row, found, label, name) for row, label in zip(rows, labels, strict=True)])
+    labels = [
+        _cell(row, found.label) or str(at)
+        for row, at in zip(rows, _numbers(specimens), strict=True)
+    ]
+    points = np.array(
+        [_place(row, found, label, name) for row, label in zip(rows, labels, strict=True)]
+    )
     points[np.isnan(points).any(axis=1)] = np.nan
     declared = _SYSTEM.search(text)
     return PointTable(
@@ -153,7 +160,9 @@ def _is_heading(row: list[str]) -> bool:
     return sum(not _MISSING.fullmatch(cell) for cell in row) >= 3 and not any(map(_is_number, row))
 
 
-def _as_wide_as_heading(heading: list[str], rows: list[list[str]], name: str) -> tuple[list[list[str]], list[str]]:
+def _as_wide_as_heading(
+    heading: list[str], rows: list[list[str]], name: str
+) -> tuple[list[list[str]], list[str]]:
     """Return rows without empty cells beyond the heading, which gets a first cell where R wrote none."""
     if all(len(row) == len(heading) + 1 and row[-1] for row in rows):
         heading = ["", *heading]
@@ -176,7 +185,9 @@ def _in_columns(heading: list[str]) -> dict[str, tuple[int, int, int]]:
         if found := _COORDINATE.fullmatch(word):
             label, axis = found["label"] or found["number"], found["axis"] or found["first"]
             places.setdefault(label, {})[axis.lower()] = at
-    every = {label: tuple(own[axis] for axis in "xyz" if axis in own) for label, own in places.items()}
+    every = {
+        label: tuple(own[axis] for axis in "xyz" if axis in own) for label, own in places.items()
+    }
     return {label: (own[0], own[1], own[2]) for label, own in every.items() if len(own) == 3}
 
 
@@ -185,18 +196,26 @@ def _of_wide(
 ) -> PointTable:
     """Return the table of rows that hold all landmarks of a specimen each."""
     taken = {at for axes in landmarks.values() for at in axes}
-    others = {word.lower(): at for at, word in reversed([*enumerate(_words(heading))]) if at not in taken}
+    others = {
+        word.lower(): at for at, word in reversed([*enumerate(_words(heading))]) if at not in taken
+    }
     specimen = next((others[word] for word in (*_SPECIMEN, *_LABEL) if word in others), None)
     if specimen is None and len(rows) > 1:
         raise InputError(f"{name}: no column says which specimen each row is; call one 'specimen'")
-    places = [_place(row, _Columns(axes, None), label, name) for row in rows for label, axes in landmarks.items()]
+    places = [
+        _place(row, _Columns(axes, None), label, name)
+        for row in rows
+        for label, axes in landmarks.items()
+    ]
     points = np.array(places)
     points[np.isnan(points).any(axis=1)] = np.nan
     return PointTable(
         labels=tuple(landmarks) * len(rows),
         points=read_only(points),
         system=None,
-        specimens=() if specimen is None else tuple(_cell(row, specimen) for row in rows for _ in landmarks),
+        specimens=()
+        if specimen is None
+        else tuple(_cell(row, specimen) for row in rows for _ in landmarks),
     )
 
 
@@ -223,11 +242,20 @@ def _by_heading(heading: list[str], name: str) -> _Columns:
     others = {word: at for at, word in reversed([*enumerate(words)]) if at not in axes}
     before = (at for at in range(min(axes)) if words[at] not in _SPECIMEN)
     label = next((others[word] for word in _LABEL if word in others), next(before, None))
-    specimen = next((others[word] for word in _SPECIMEN if word in others and others[word] != label), None)
+    specimen = next(
+        (others[word] for word in _SPECIMEN if word in others and others[word] != label), None
+    )
     if specimen is None and "landmark" in others and label == others["landmark"]:
         specimen = others.get("name")
     state = next((word for word in _DEFINED if word in others), "")
-    return _Columns((axes[0], axes[1], axes[2]), label, specimen, others.get(state), _DEFINED.get(state, ()), system)
+    return _Columns(
+        (axes[0], axes[1], axes[2]),
+        label,
+        specimen,
+        others.get(state),
+        _DEFINED.get(state, ()),
+        system,
+    )
 
 
 def _axes(words: list[str]) -> tuple[tuple[int, ...] | None, str | None]:
@@ -235,7 +263,9 @@ def _axes(words: list[str]) -> tuple[tuple[int, ...] | None, str | None]:
     letters = [found[1] if (found := _AXIS.fullmatch(word)) else word for word in words]
     for axes, system in (("xyz", None), ("ras", "RAS"), ("lps", "LPS")):
         if {*axes} <= {*letters}:
-            return tuple(at for axis in axes for at, letter in enumerate(letters) if letter == axis), system
+            return tuple(
+                at for axis in axes for at, letter in enumerate(letters) if letter == axis
+            ), system
     return None, None
 
 
@@ -248,12 +278,19 @@ def _by_content(rows: list[list[str]], name: str) -> _Columns:
     if width < 3:
         raise InputError(f"{name}: landmark {rows[0][0]} has {width} coordinates, expected 3")
     columns = [[row[at] for row in rows] for at in range(width)]
-    texts = [at for at, cells in enumerate(columns) if any(cells) and not all(map(_is_number_or_missing, cells))]
+    texts = [
+        at
+        for at, cells in enumerate(columns)
+        if any(cells) and not all(map(_is_number_or_missing, cells))
+    ]
     places = [at for at, cells in enumerate(columns) if any(cells) and at not in texts]
     if len(places) == 4 and width == 4:
         label = 3 if _counts(columns[3]) and not _counts(columns[0]) else 0
         texts, places = [label], [at for at in places if at != label]
-    elif len(places) != 3 and width in (3, 4):  # a landmark that is missing on all rows, or what is no number
+    elif len(places) != 3 and width in (
+        3,
+        4,
+    ):  # a landmark that is missing on all rows, or what is no number
         texts, places = [0] * (width == 4), [*range(width - 3, width)]
     if len(places) != 3:
         raise InputError(

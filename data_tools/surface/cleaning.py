@@ -51,8 +51,12 @@ def decimate(vertices: FloatArray, faces: IntArray, max_faces: int) -> tuple[Flo
     # The thresholds of the library are lengths: without a common unit, millimetres and metres would differ.
     centre, unit = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     scaled = (vertices - centre) / unit
-    small, triangles = fast_simplification.simplify(scaled, faces.astype(np.int32), target_count=max_faces)
-    return unit * np.asarray(small, dtype=np.float64) + centre, np.asarray(triangles, dtype=np.int64)
+    small, triangles = fast_simplification.simplify(
+        scaled, faces.astype(np.int32), target_count=max_faces
+    )
+    return unit * np.asarray(small, dtype=np.float64) + centre, np.asarray(
+        triangles, dtype=np.int64
+    )
 
 
 def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -65,11 +69,15 @@ def _clustered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     corners = np.ascontiguousarray(faces.T)
     of = cell[corners]
     sides = ((corners[[i, i - 1]], of[i] == of[i - 1]) for i in range(3))
-    num, cluster = vertex_components(len(vertices), (ends.compress(inside, axis=1).T for ends, inside in sides))
+    num, cluster = vertex_components(
+        len(vertices), (ends.compress(inside, axis=1).T for ends, inside in sides)
+    )
     if num > _MOST_KEYED:
         return vertices, faces
     counts = np.bincount(cluster, minlength=num)
-    means = np.column_stack([np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T])
+    means = np.column_stack(
+        [np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T]
+    )
     a, b, c = corners = cluster[corners]
     triangles = corners.T[(a != b) & (b != c) & (c != a)]
     a, b, c = np.sort(triangles, axis=1).T
@@ -89,7 +97,9 @@ NEAR_TIE = 0.8
 #: The code of the note of a mesh of several components.
 COMPONENTS_KEPT = "components-kept"
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
-_HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+_HASH_FACTORS = np.array(
+    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
+)
 #: Largest share of vertices without finite coordinates that counts as a flaw of a mesh and not as damage. The seven
 #: of 62 mouse skulls of Zhang et al. (2022) that have any have one or two of 69 000 to 90 000.
 MAX_NON_FINITE_SHARE = 0.05
@@ -177,7 +187,9 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
         faces=read_only(np.ascontiguousarray(faces)),
         file=shape.file,
         notes=shape.notes + tuple(notes),
-        source_indices=read_only(source) if len(source) < len(shape.vertices) else shape.source_indices,
+        source_indices=read_only(source)
+        if len(source) < len(shape.vertices)
+        else shape.source_indices,
         file_size=shape.file_size or len(shape.vertices),
     )
 
@@ -212,21 +224,29 @@ def _places(vertices: FloatArray) -> tuple[IntArray, IntArray]:
     place[order] = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
     if (vertices == vertices[first[place]]).all():
         return first, place
-    _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)  # hashes collide
+    _, first, place = np.unique(
+        vertices, axis=0, return_index=True, return_inverse=True
+    )  # hashes collide
     return first, place.ravel()
 
 
 def _hashes(vertices: FloatArray) -> NDArray[np.uint64]:
     """Return an integer of 64 bits for each row."""
     bits = np.ascontiguousarray(vertices).view(np.uint64)
-    bits = bits ^ (bits >> np.uint64(32))  # the lower bits of what a file holds in single precision are all zero
+    bits = bits ^ (
+        bits >> np.uint64(32)
+    )  # the lower bits of what a file holds in single precision are all zero
     return np.asarray((bits * _HASH_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
-def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[Note]) -> tuple[IntArray, FloatArray]:
+def _drop_degenerate(
+    vertices: FloatArray, faces: IntArray, notes: list[Note]
+) -> tuple[IntArray, FloatArray]:
     """Return the triangles that are left and their areas."""
     areas = face_areas(vertices, faces)
-    good: BoolArray = np.asarray(2.0 * areas > DEGENERATE_TOL * float((np.ptp(vertices, axis=0) ** 2).sum()))
+    good: BoolArray = np.asarray(
+        2.0 * areas > DEGENERATE_TOL * float((np.ptp(vertices, axis=0) ** 2).sum())
+    )
     doubtful = np.flatnonzero(~good)  # no side is longer than the diagonal
     sides = vertices[faces[doubtful]] - vertices[faces[doubtful][:, [2, 0, 1]]]
     longest_squared = np.einsum("fkd,fkd->fk", sides, sides).max(axis=1, initial=0.0)
@@ -236,7 +256,9 @@ def _drop_degenerate(vertices: FloatArray, faces: IntArray, notes: list[Note]) -
     return faces[good], areas[good]
 
 
-def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]) -> IntArray:
+def _largest_components(
+    num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]
+) -> IntArray:
     """Return the triangles of the largest component, and of those nearly as large."""
     corners = np.ascontiguousarray(faces.T)
     _, labels = vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
@@ -246,7 +268,11 @@ def _largest_components(num_vertices: int, faces: IntArray, face_area: FloatArra
     good = kept[of_face]
     if kept.sum() > 1 or not good.all():
         share = float(100.0 * areas[kept].sum() / areas.sum())
-        numbers = {"kept": int(kept.sum()), "total": int((areas > 0).sum()), "dropped": int((~good).sum())}
+        numbers = {
+            "kept": int(kept.sum()),
+            "total": int((areas > 0).sum()),
+            "dropped": int((~good).sum()),
+        }
         notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share}))
     return faces[good]
 

@@ -56,7 +56,9 @@ class SurfaceLocator:
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
         self.vertices = vertices
-        self.faces = faces if len(faces) else np.repeat(np.arange(len(vertices))[:, None], 3, axis=1)
+        self.faces = (
+            faces if len(faces) else np.repeat(np.arange(len(vertices))[:, None], 3, axis=1)
+        )
 
     @cached_property
     def _sizes(self) -> list[tuple[IntArray, cKDTree, float]]:
@@ -79,11 +81,19 @@ class SurfaceLocator:
         every = np.arange(len(points))
         for group, centroids, reach in self._sizes:
             num = min(_NUM_FIRST, len(group))
-            far, nearest = (found.reshape(len(points), num) for found in centroids.query(points, k=num))
+            far, nearest = (
+                found.reshape(len(points), num) for found in centroids.query(points, k=num)
+            )
             self._compare(points, np.repeat(every, num), group[nearest].ravel(), best)
-            left = np.flatnonzero(far[:, -1] < best.distances + reach) if num < len(group) else every[:0]
+            left = (
+                np.flatnonzero(far[:, -1] < best.distances + reach)
+                if num < len(group)
+                else every[:0]
+            )
             for rows in np.array_split(left, len(left) // _BLOCK + 1):
-                listed = centroids.query_ball_point(points[rows], best.distances[rows] + reach, return_sorted=True)
+                listed = centroids.query_ball_point(
+                    points[rows], best.distances[rows] + reach, return_sorted=True
+                )
                 counts = np.array([len(one) for one in listed], dtype=np.int64)
                 flat = np.concatenate([np.asarray(one, dtype=np.int64) for one in [*listed, []]])
                 self._compare(points, np.repeat(rows, counts), group[flat], best)
@@ -105,13 +115,19 @@ class _Best:
         self.weights = np.zeros((num, 3))
         self.distances = np.full(num, np.inf)
 
-    def update(self, rows: IntArray, faces: IntArray, weights: FloatArray, distances: FloatArray) -> None:
+    def update(
+        self, rows: IntArray, faces: IntArray, weights: FloatArray, distances: FloatArray
+    ) -> None:
         """Keep what is nearer; of equals the triangle that comes first."""
         order = np.lexsort((faces, distances, rows))
         first = order[np.unique(rows[order], return_index=True)[1]]
         nearer = first[distances[first] < self.distances[rows[first]]]
         at = rows[nearer]
-        self.faces[at], self.weights[at], self.distances[at] = faces[nearer], weights[nearer], distances[nearer]
+        self.faces[at], self.weights[at], self.distances[at] = (
+            faces[nearer],
+            weights[nearer],
+            distances[nearer],
+        )
 
 
 def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
@@ -145,7 +161,9 @@ def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     along_bc = _ratio(d4 - d3, (d4 - d3) + (d5 - d6))
     area = on_ab + on_ac + on_bc
     zero, one = np.zeros_like(area), np.ones_like(area)
-    second = np.select(regions, [zero, one, zero, along_ab, zero, 1 - along_bc], _ratio(on_ac, area))
+    second = np.select(
+        regions, [zero, one, zero, along_ab, zero, 1 - along_bc], _ratio(on_ac, area)
+    )
     third = np.select(regions, [zero, zero, one, zero, along_ac, along_bc], _ratio(on_ab, area))
     weights = np.clip(np.stack([1 - second - third, second, third], axis=-1), 0.0, 1.0)
     return np.asarray(weights / weights.sum(axis=-1, keepdims=True))

@@ -87,7 +87,9 @@ def edge_graph(vertices: FloatArray, edges: IntArray) -> csr_array:
     return coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(num, num)).tocsr()
 
 
-def average_geodesic_distance(shape: Shape, solver: GeodesicSolver, sources: IntArray) -> FloatArray:
+def average_geodesic_distance(
+    shape: Shape, solver: GeodesicSolver, sources: IntArray
+) -> FloatArray:
     """Return AGD(x) = (1 / A) int g(x, y) dy / sqrt(A) at every vertex, shape (v,); dimensionless.
 
     The integral is a sum over ``sources``, each weighted by the area of the vertices nearest to it, so that the
@@ -143,7 +145,9 @@ def agd_maxima(agd: FloatArray, solver: GeodesicSolver, *, num: int, radius: flo
     return np.array(chosen, dtype=np.int64)
 
 
-def _heat_solver(shape: Shape, edges: IntArray, graph: csr_array) -> potpourri3d.MeshHeatMethodDistanceSolver | None:
+def _heat_solver(
+    shape: Shape, edges: IntArray, graph: csr_array
+) -> potpourri3d.MeshHeatMethodDistanceSolver | None:
     """Return the heat method's solver, or None where the mesh is not one it can work on.
 
     It needs one component without stray vertices; its tufted operators take meshes that are not manifold. Its answer

@@ -111,7 +111,9 @@ def surface_operators(shape: Shape) -> SurfaceOperators:
     else:
         operators = _tufted_operators(shape)
     if not (np.isfinite(operators.stiffness.data).all() and (operators.mass > 0).all()):
-        raise InputError(f"{shape.name}: its {operators.kind} Laplacian is not finite, the surface is too poor")
+        raise InputError(
+            f"{shape.name}: its {operators.kind} Laplacian is not finite, the surface is too poor"
+        )
     return operators
 
 
@@ -150,9 +152,13 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
     scaling = diags_array(1.0 / roots)
     matrix = csc_array(scaling @ operators.stiffness @ scaling)
     try:
-        values, functions = eigsh(matrix, k=num + 1, sigma=SHIFT, v0=start, tol=1e-9, OPinv=_shifted_inverse(matrix))
+        values, functions = eigsh(
+            matrix, k=num + 1, sigma=SHIFT, v0=start, tol=1e-9, OPinv=_shifted_inverse(matrix)
+        )
     except (ArpackError, RuntimeError) as error:
-        raise InputError(f"{name}: the eigenfunctions of its surface could not be computed ({error})") from error
+        raise InputError(
+            f"{name}: the eigenfunctions of its surface could not be computed ({error})"
+        ) from error
     order = np.argsort(values)[1:]
     functions = functions[:, order] / roots[:, None]
     signs = np.where(mass @ (functions * functions**2) < 0, -1.0, 1.0)
@@ -197,8 +203,12 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
         if shape.is_mesh:
             stiffness, mass = robust_laplacian.mesh_laplacian(shape.vertices, shape.faces)
         else:
-            centred = shape.vertices - shape.vertices.mean(axis=0)  # its triangles depend on where the origin is
-            stiffness, mass = robust_laplacian.point_cloud_laplacian(centred, n_neighbors=NUM_NEIGHBOURS)
+            centred = shape.vertices - shape.vertices.mean(
+                axis=0
+            )  # its triangles depend on where the origin is
+            stiffness, mass = robust_laplacian.point_cloud_laplacian(
+                centred, n_neighbors=NUM_NEIGHBOURS
+            )
     except RuntimeError:  # its message names lines of C++, not what is wrong with the shape
         raise InputError(
             f"{shape.name}: no {kind} Laplacian can be built, because its points are not on a surface. "

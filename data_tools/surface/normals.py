@@ -9,7 +9,9 @@ from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_crosses
 
 
-def outward_normals(shape: Shape, *, at: IntArray | None = None, max_defects: float = 0.0) -> FloatArray:
+def outward_normals(
+    shape: Shape, *, at: IntArray | None = None, max_defects: float = 0.0
+) -> FloatArray:
     """Return unit vertex normals, area-weighted over the triangles, shape (v, 3) or (k, 3).
 
     They point away from the inside: all are turned round where the signed volume over the centroid is negative, as in
@@ -42,7 +44,9 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     Triangles count by their area.
     """
     at, each = faces.T.ravel(), np.tile(face_crosses(vertices, faces), 3)
-    normals = np.stack([np.bincount(at, weights=axis, minlength=len(vertices)) for axis in each], axis=1)
+    normals = np.stack(
+        [np.bincount(at, weights=axis, minlength=len(vertices)) for axis in each], axis=1
+    )
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
 

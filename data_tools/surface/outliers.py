@@ -64,7 +64,9 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
     if num := int(far.sum()):
         times = float(_from_middle(shape.vertices)[far].max() / radius)
         points = "vertices" if shape.is_mesh else "points"
-        notes.append(Note("far-points-left-out", values={"num": num, "points": points, "times": times}))
+        notes.append(
+            Note("far-points-left-out", values={"num": num, "points": points, "times": times})
+        )
     if num := int(strays.sum()):
         notes.append(Note("stray-points-left-out", values={"num": num}))
     rest = Shape(
@@ -105,7 +107,9 @@ def _last_after_gap(vertices: FloatArray) -> tuple[BoolArray, float]:
     return distances > radius, radius
 
 
-def _out_of_place(vertices: FloatArray, faces: IntArray, far: BoolArray, radius: float) -> tuple[BoolArray, IntArray]:
+def _out_of_place(
+    vertices: FloatArray, faces: IntArray, far: BoolArray, radius: float
+) -> tuple[BoolArray, IntArray]:
     """Return which far vertices of a mesh are no structure of it, and the vertex that each of these collapses to.
 
     More than two of them that are connected stay, as do those whose neighbours are spread over the shape: a bar may
@@ -117,12 +121,18 @@ def _out_of_place(vertices: FloatArray, faces: IntArray, far: BoolArray, radius:
     across = np.where(far[across[:, :1]], across, across[:, ::-1])  # from far to near
     of, near = group[across[:, 0]], across[:, 1]
     counts = np.bincount(of, minlength=num)
-    sums = np.stack([np.bincount(of, weights=axis, minlength=num) for axis in vertices[near].T], axis=1)
+    sums = np.stack(
+        [np.bincount(of, weights=axis, minlength=num) for axis in vertices[near].T], axis=1
+    )
     from_mean = np.linalg.norm(vertices[near] - (sums / np.maximum(counts, 1)[:, None])[of], axis=1)
     spread, target = np.zeros(num), np.zeros(num, dtype=np.int64)
     np.maximum.at(spread, of, from_mean)
     target[of] = near
-    goes = (counts > 0) & (np.bincount(group) <= MAX_FAR_CONNECTED) & (spread <= MAX_RING_SHARE * radius)
+    goes = (
+        (counts > 0)
+        & (np.bincount(group) <= MAX_FAR_CONNECTED)
+        & (spread <= MAX_RING_SHARE * radius)
+    )
     far = far & goes[group]
     return far, np.where(far, target[group], np.arange(len(vertices)))
 

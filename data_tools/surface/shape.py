@@ -70,18 +70,31 @@ class Shape:
         triangles = np.empty((0, 3), dtype=np.int64)
         if faces is not None and np.size(faces):
             triangles = as_faces(faces, f"{name}: faces", num_vertices=len(points))
-        return cls(name=name, vertices=read_only(points), faces=read_only(triangles), file=file, notes=notes)
+        return cls(
+            name=name,
+            vertices=read_only(points),
+            faces=read_only(triangles),
+            file=file,
+            notes=notes,
+        )
 
     @classmethod
     def of_parts(cls, name: str, parts: Sequence[Shape], *, file: Path | None = None) -> Shape:
         """Return several meshes, or clouds, that move as one."""
         sizes = [len(part.vertices) for part in parts]
         starts = np.cumsum([0, *sizes[:-1]])
-        faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
+        faces = np.concatenate(
+            [part.faces + start for part, start in zip(parts, starts, strict=True)]
+        )
         made = Note("made-of-parts", values={"parts": tuple(part.name for part in parts)})
         return replace(
-            cls.from_arrays(np.concatenate([part.vertices for part in parts]), faces, name=name, file=file),
-            notes=(made, *(replace(note, shapes=(part.name,)) for part in parts for note in part.notes)),
+            cls.from_arrays(
+                np.concatenate([part.vertices for part in parts]), faces, name=name, file=file
+            ),
+            notes=(
+                made,
+                *(replace(note, shapes=(part.name,)) for part in parts for note in part.notes),
+            ),
             parts=tuple((part.name, size) for part, size in zip(parts, sizes, strict=True)),
         )
 
@@ -89,7 +102,9 @@ class Shape:
         """Return the parts by name; nothing where there is only one."""
         found, start = dict[str, Shape](), 0
         for name, size in self.parts:
-            faces = self.faces[(self.faces[:, 0] >= start) & (self.faces[:, 0] < start + size)] - start
+            faces = (
+                self.faces[(self.faces[:, 0] >= start) & (self.faces[:, 0] < start + size)] - start
+            )
             found[name] = Shape.from_arrays(self.vertices[start : start + size], faces, name=name)
             start += size
         return found
@@ -125,4 +140,6 @@ class Shape:
         """
         faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else self.faces
         vertices = moved_by(transform, self.vertices)
-        return replace(self, vertices=read_only(vertices), faces=read_only(np.ascontiguousarray(faces)))
+        return replace(
+            self, vertices=read_only(vertices), faces=read_only(np.ascontiguousarray(faces))
+        )

@@ -30,7 +30,9 @@ def counted_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
     # One integer per edge: sorting these is a hundred times as fast as rows.
     keys = np.sort(np.minimum(first, second) * num_vertices + np.maximum(first, second))
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
-    return np.stack(np.divmod(keys[starts], num_vertices), axis=1), np.diff(starts, append=len(keys))
+    return np.stack(np.divmod(keys[starts], num_vertices), axis=1), np.diff(
+        starts, append=len(keys)
+    )
 
 
 def face_crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -75,4 +77,6 @@ def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
         return False
     size = float(np.sqrt(face_areas(vertices, faces).sum()))
     one, other = boundary_edges(faces).T
-    return float(np.linalg.norm(vertices[one] - vertices[other], axis=1).sum()) > OPEN_BOUNDARY * size
+    return (
+        float(np.linalg.norm(vertices[one] - vertices[other], axis=1).sum()) > OPEN_BOUNDARY * size
+    )

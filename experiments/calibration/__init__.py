@@ -40,7 +40,9 @@ CALIBRATIONS = {
 }
 
 
-def calibrate(name: str, data: Path, collections: Sequence[str] = (), *, quick: bool = False) -> Table:
+def calibrate(
+    name: str, data: Path, collections: Sequence[str] = (), *, quick: bool = False
+) -> Table:
     """Return the constants of an estimator as the code has them and as they are measured now.
 
     Parameters
@@ -60,7 +62,9 @@ def calibrate(name: str, data: Path, collections: Sequence[str] = (), *, quick: 
         If there is no such calibration.
     """
     if name not in CALIBRATIONS:
-        raise OptionsError(f"no calibration is called {name!r}; there are {', '.join(CALIBRATIONS)}")
+        raise OptionsError(
+            f"no calibration is called {name!r}; there are {', '.join(CALIBRATIONS)}"
+        )
     found = CALIBRATIONS[name]
     used = tuple(collections) or found.collections
     measured = found.measure(data, used, quick)

@@ -24,7 +24,10 @@ NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Fit the logistic model to evidence and truth of the shapes of random sub-collections."""
     shared = {"seed": SEED, "runs": NUM_QUICK if quick else NUM_RUNS}
-    records = {kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared})) for kind in collections}
+    records = {
+        kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared}))
+        for kind in collections
+    }
     seen, right, kind = training_rows(records)
     weights, constant = fit_weights(seen, right, kind)
     code = [getattr(model, name) for name in NAMES[:-1]], model.CONSTANT
@@ -32,13 +35,19 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     stated.append(left_out(seen, right, kind))
     now, best, without = (float(right[chance >= DOUBT].mean()) for chance in stated)
     values = dict(zip(NAMES, [*weights.tolist(), constant], strict=True))
-    return {name: Finding(value=value, now=now, best=best, left_out=without) for name, value in values.items()}
+    return {
+        name: Finding(value=value, now=now, best=best, left_out=without)
+        for name, value in values.items()
+    }
 
 
 CALIBRATION = Calibration(
     module=model.__name__,
     constants=constants_of(model, *NAMES),
     measure=measure_weights,
-    collections=(*COLLECTIONS, *(name for name, family in FAMILIES.items() if not family.symmetric)),
+    collections=(
+        *COLLECTIONS,
+        *(name for name, family in FAMILIES.items() if not family.symmetric),
+    ),
     score=f"share of the shapes at {DOUBT} or more that are right, all weights together",
 )

@@ -43,7 +43,9 @@ def weighed_pairs(data: Path, collection: str, quick: bool) -> list[WeighedPair]
         matched(data, collection, NUM_QUICK if quick else NUM_SHAPES, options) as all_pairs,
     ):
         at = [all_pairs.posed.names.index(name) for name in all_pairs.shapes.names]
-        for pair in weigh.weigh_pairs(all_pairs.session, all_pairs.shapes, all_pairs.pairs, searched=False):
+        for pair in weigh.weigh_pairs(
+            all_pairs.session, all_pairs.shapes, all_pairs.pairs, searched=False
+        ):
             able = np.isfinite(pair.log_odds)
             truth = all_pairs.posed.relative[at[pair.target], at[pair.source]]
             right = np.asarray(rotation_angle_deg(pair.rotations[able, :3, :3], truth)) <= RIGHT_DEG
@@ -62,7 +64,8 @@ def fit_logit(drawn: Sequence[Sequence[WeighedPair]]) -> FloatArray:
                 every, right = logsumexp(scores), logsumexp(scores[pair.right])
                 total += PAIRS_A_CLASS / len(pairs) * float(every - right)
                 change = (
-                    np.exp(scores[pair.right] - right) @ pair.logs[pair.right] - np.exp(scores - every) @ pair.logs
+                    np.exp(scores[pair.right] - right) @ pair.logs[pair.right]
+                    - np.exp(scores - every) @ pair.logs
                 )
                 slope = slope + PAIRS_A_CLASS / len(pairs) * change
         return total, slope
@@ -87,9 +90,14 @@ def measure_odds(data: Path, collections: Sequence[str], quick: bool) -> dict[st
         share_right(pairs, fit_logit([found for other, found in drawn.items() if other != one]))
         for one, pairs in drawn.items()
     ]
-    shares = [float(np.mean([share_right(pairs, some) for pairs in drawn.values()])) for some in (code, weights)]
+    shares = [
+        float(np.mean([share_right(pairs, some) for pairs in drawn.values()]))
+        for some in (code, weights)
+    ]
     return {
-        kind: Finding(value=float(weight), now=shares[0], best=shares[1], left_out=float(np.mean(without)))
+        kind: Finding(
+            value=float(weight), now=shares[0], best=shares[1], left_out=float(np.mean(without))
+        )
         for kind, weight in zip(odds.WEIGHTS, weights, strict=True)
     }
 

@@ -45,11 +45,18 @@ def broken(shape: Shape, axis: FloatArray, left: float, rng: np.random.Generator
     first /= np.linalg.norm(first)
     across = np.stack([arms @ first, arms @ np.cross(axis, first)])
     around = np.arctan2(across[1], across[0])
-    waves = sum(rng.standard_normal() / k * np.cos(k * around + rng.uniform(0.0, 2.0 * np.pi)) for k in (1, 2, 3, 5))
-    heights = arms @ axis + 0.2 * rng.uniform(0.3, 1.0) * np.sqrt((across**2).sum(axis=0).mean()) * waves
+    waves = sum(
+        rng.standard_normal() / k * np.cos(k * around + rng.uniform(0.0, 2.0 * np.pi))
+        for k in (1, 2, 3, 5)
+    )
+    heights = (
+        arms @ axis + 0.2 * rng.uniform(0.3, 1.0) * np.sqrt((across**2).sum(axis=0).mean()) * waves
+    )
     kept: BoolArray = heights <= np.quantile(heights, left)
     faces = shape.faces[kept[shape.faces].all(axis=1)]
-    links = coo_array((np.ones(2 * len(faces)), faces[:, [0, 1, 1, 2]].reshape(-1, 2).T), shape=(len(kept),) * 2)
+    links = coo_array(
+        (np.ones(2 * len(faces)), faces[:, [0, 1, 1, 2]].reshape(-1, 2).T), shape=(len(kept),) * 2
+    )
     piece = connected_components(links, directed=False)[1][faces[:, 0]]
     used, renumbered = np.unique(faces[piece == np.bincount(piece).argmax()], return_inverse=True)
     return Shape.from_arrays(shape.vertices[used], renumbered.reshape(-1, 3), name=shape.name)
@@ -57,9 +64,13 @@ def broken(shape: Shape, axis: FloatArray, left: float, rng: np.random.Generator
 
 def broken_bone(shape: Shape, rng: np.random.Generator) -> Shape:
     """Return one end of a bone, broken across the shaft; of some both ends are lost."""
-    end = np.array([0.15 * rng.standard_normal(), 0.15 * rng.standard_normal(), rng.choice([-1.0, 1.0])])
+    end = np.array(
+        [0.15 * rng.standard_normal(), 0.15 * rng.standard_normal(), rng.choice([-1.0, 1.0])]
+    )
     if rng.random() < 0.15:
-        return broken(broken(shape, end, rng.uniform(0.55, 0.75), rng), -end, rng.uniform(0.3, 0.6), rng)
+        return broken(
+            broken(shape, end, rng.uniform(0.55, 0.75), rng), -end, rng.uniform(0.3, 0.6), rng
+        )
     return broken(shape, end, rng.uniform(0.1, 0.8), rng)
 
 
@@ -79,7 +90,11 @@ def complete_shapes(
         shapes = [bone(directions, faces, rng, f"bone{i:02d}") for i in range(NUM_SHAPES)]
         return shapes, [np.eye(4)] * NUM_SHAPES, broken_bone
     dataset = read_dataset(collection, data)
-    eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
+    eligible = (
+        np.arange(len(dataset))
+        if dataset.chirality is None
+        else np.flatnonzero(dataset.chirality == 1)
+    )
     chosen = rng.permutation(eligible)[:NUM_SHAPES].tolist()
     shapes = [dataset.shape(i) for i in chosen]
     points = [spread_points(shape, MOST_POINTS) for shape in shapes]
@@ -87,15 +102,21 @@ def complete_shapes(
     for i, one in zip(chosen, points, strict=True):
         surface, rotation = posed_points(one), dataset.rotation(chosen[0], i)
         pose = Similarity(
-            rotation=rotation, scale=1.0 / surface.radius, shift=-rotation @ surface.centre / surface.radius
+            rotation=rotation,
+            scale=1.0 / surface.radius,
+            shift=-rotation @ surface.centre / surface.radius,
         )
         transforms.append(pose.transform)
     still = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
     for _ in range(2):
-        posed = [posed_points(one, transform) for one, transform in zip(points, transforms, strict=True)]
+        posed = [
+            posed_points(one, transform) for one, transform in zip(points, transforms, strict=True)
+        ]
         for i, surface in enumerate(posed):
             others = [other for j, other in enumerate(posed) if j != i][:NUM_PARTNERS]
-            moved = refine(others, surface, still, (0.3,) * 8, scale_range=(0.7, 1.4), hold_rotations=True)
+            moved = refine(
+                others, surface, still, (0.3,) * 8, scale_range=(0.7, 1.4), hold_rotations=True
+            )
             transforms[i] = moved.transform[0] @ transforms[i]
     return shapes, transforms, cut_or_broken
 
@@ -119,13 +140,20 @@ def pieces(data: Path, collection: str, num: int) -> list[tuple[FloatArray, Bool
             estimate_scale=True,
         )
         true = Similarity.of_transforms(transforms[i][None]).rotation[0] @ rotation.T
-        found.append((record["evidence"], rotation_angle_deg(record["rotations"], true) <= NEAR_DEG))
+        found.append(
+            (record["evidence"], rotation_angle_deg(record["rotations"], true) <= NEAR_DEG)
+        )
     return found
 
 
 def fit_ranking(collections: Sequence[Sequence[tuple[FloatArray, BoolArray]]]) -> FloatArray:
     """Return the weights (2,) of a conditional logit that gives right poses the most; collections weigh the same."""
-    used = [(e, right, 1.0 / len(one)) for one in collections for e, right in one if right.any() and not right.all()]
+    used = [
+        (e, right, 1.0 / len(one))
+        for one in collections
+        for e, right in one
+        if right.any() and not right.all()
+    ]
     size = np.concatenate([evidence for evidence, _, _ in used], axis=1).std(axis=1)
 
     def loss(weights: FloatArray) -> float:
@@ -144,11 +172,21 @@ def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict
     found = {one: pieces(data, one, NUM_QUICK if quick else NUM_PIECES) for one in collections}
 
     def right(collection: str, weights: FloatArray) -> float:
-        return float(np.mean([is_right[np.argmin(weights @ evidence)] for evidence, is_right in found[collection]]))
+        return float(
+            np.mean(
+                [
+                    is_right[np.argmin(weights @ evidence)]
+                    for evidence, is_right in found[collection]
+                ]
+            )
+        )
 
     now = np.array(incomplete_model.WEIGHTS)
     fitted = fit_ranking([*found.values()])
-    without = {one: fit_ranking([found[c] for c in found if c != one]) if len(found) > 1 else fitted for one in found}
+    without = {
+        one: fit_ranking([found[c] for c in found if c != one]) if len(found) > 1 else fitted
+        for one in found
+    }
     return {
         "WEIGHTS": Finding(
             value=tuple(fitted.tolist()),

@@ -45,7 +45,11 @@ def spoil(data: Path, collection: str, folder: Path, quick: bool) -> Spoiled:
     """Cut a part off some shapes, turn all at random, and align them; the shapes are those at even positions."""
     rng = np.random.default_rng(0)
     dataset = read_dataset(collection, data)
-    eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
+    eligible = (
+        np.arange(len(dataset))
+        if dataset.chirality is None
+        else np.flatnonzero(dataset.chirality == 1)
+    )
     chosen = rng.permutation(eligible[::2])[: NUM_QUICK if quick else NUM_SHAPES].tolist()
     cut = {dataset.names[which] for which in chosen[: round(CUT * len(chosen))]}
     for which in chosen:
@@ -53,26 +57,33 @@ def spoil(data: Path, collection: str, folder: Path, quick: bool) -> Spoiled:
         if shape.name in cut:
             shape = without_share(shape, rng.standard_normal(3), SHARE)
         write_mesh(
-            folder / f"{shape.name}.ply", Shape.from_arrays(shape.vertices @ rotation.T, shape.faces, name=shape.name)
+            folder / f"{shape.name}.ply",
+            Shape.from_arrays(shape.vertices @ rotation.T, shape.faces, name=shape.name),
         )
     options = AlignOptions(group="SO", incomplete="never")
     aligned = align_collection(folder, options=options, run=RunOptions(jobs=1), progress=False)
     with Session.open(options, RunOptions(jobs=1), None) as session:
         shapes = prepare_shapes(session, list_shapes(folder))
-    return Spoiled(shapes=shapes, aligned=aligned, cut=np.array([name in cut for name in aligned.names]))
+    return Spoiled(
+        shapes=shapes, aligned=aligned, cut=np.array([name in cut for name in aligned.names])
+    )
 
 
 def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Look for the cut shapes with other thresholds."""
     with ExitStack() as stack:
-        folders = {one: Path(stack.enter_context(tempfile.TemporaryDirectory())) for one in collections}
+        folders = {
+            one: Path(stack.enter_context(tempfile.TemporaryDirectory())) for one in collections
+        }
         spoiled = {one: spoil(data, one, folder, quick) for one, folder in folders.items()}
 
         def score(collection: str, changed: Mapping[str, Constant]) -> float:
             tried = spoiled[collection]
             alone = Session.open(AlignOptions(group="SO"), RunOptions(jobs=1))
             with patched(detect, changed), alone as session:
-                found = detect.find_incomplete(session, tried.shapes, tried.aligned.pairs, tried.aligned.transforms)
+                found = detect.find_incomplete(
+                    session, tried.shapes, tried.aligned.pairs, tried.aligned.transforms
+                )
             return float((np.isin(np.arange(len(tried.cut)), list(found)) == tried.cut).mean())
 
         return scan(CALIBRATION.constants, collections, score, quick=quick)

@@ -71,7 +71,9 @@ class ScoredPair:
 def scored_pairs(data: Path, name: str, quick: bool) -> list[ScoredPair]:
     """Match some pairs of a set of maps and compare their candidates, at dense samples, with the truth."""
     maps = map_set(data, name)
-    order = np.random.default_rng(SEED).permutation(len(maps.pairs))[: NUM_QUICK if quick else NUM_PAIRS]
+    order = np.random.default_rng(SEED).permutation(len(maps.pairs))[
+        : NUM_QUICK if quick else NUM_PAIRS
+    ]
     scored = []
     for target, source in (maps.pairs[number] for number in order):
         settings: dict[str, Any] = {"set": name, "surface": QUICK_SURFACE if quick else {}}
@@ -87,14 +89,18 @@ def scored_pairs(data: Path, name: str, quick: bool) -> list[ScoredPair]:
         errors_of = error_measure(maps, settings, None)
         whole = match.vertex_maps(to.spectral, of.spectral, found[0])[0]
         errors = [errors_of(whole).direct, *(errors_of(images(one)).direct for one in found[1:])]
-        at = of.spectral.nearest_dense[of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]]
+        at = of.spectral.nearest_dense[
+            of.spectral.to_working[evaluated_points(maps, source, NUM_EVALUATED)]
+        ]
         numbers = range(len(found))
         scored.append(
             ScoredPair(
                 target=to.spectral,
                 found=found,
                 terms=np.stack([map_terms(to.spectral, found, number) for number in numbers]),
-                points=np.stack([point_terms(to.spectral, of.spectral, found, number)[at] for number in numbers]),
+                points=np.stack(
+                    [point_terms(to.spectral, of.spectral, found, number)[at] for number in numbers]
+                ),
                 in_place=np.stack(errors) <= map_model.NEAR,
             )
         )
@@ -105,7 +111,9 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     """Fit the weights to all candidates, judge them on the chosen ones; scan the margin of the choice."""
     drawn = {collection: scored_pairs(data, collection, quick) for collection in collections}
     pairs = [(number, pair) for number, some in enumerate(drawn.values()) for pair in some]
-    terms, right = (np.concatenate([getattr(pair, one) for _, pair in pairs]) for one in ("terms", "right"))
+    terms, right = (
+        np.concatenate([getattr(pair, one) for _, pair in pairs]) for one in ("terms", "right")
+    )
     kind = np.concatenate([np.full(len(pair.found), number) for number, pair in pairs])
     chosen = np.concatenate([np.arange(len(pair.found)) == 0 for _, pair in pairs])
     found = _fitted("MAP", terms, right, kind, chosen)
@@ -114,7 +122,9 @@ def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[st
     at_points = np.concatenate([pair.points.reshape(-1, 2) for _, pair in pairs])
     in_place = np.concatenate([pair.in_place.ravel() for _, pair in pairs])
     spread = [np.repeat(values, sizes) for values in (odds, kind, chosen)]
-    found |= _fitted("POINT", np.column_stack([at_points, spread[0]]), in_place, spread[1], spread[2])
+    found |= _fitted(
+        "POINT", np.column_stack([at_points, spread[0]]), in_place, spread[1], spread[2]
+    )
 
     def share(collection: str, changed: Mapping[str, Constant]) -> float:
         with patched(match, changed):
@@ -129,7 +139,9 @@ def _fitted(
     """Fit the weights of one of the two models."""
     weights, constant = _fit(terms, right, kind, chosen)
     code = getattr(map_model, f"{name}_WEIGHTS"), getattr(map_model, f"{name}_CONSTANT")
-    stated = [1.0 / (1.0 + np.exp(-(terms @ some + one))) for some, one in (code, (weights, constant))]
+    stated = [
+        1.0 / (1.0 + np.exp(-(terms @ some + one))) for some, one in (code, (weights, constant))
+    ]
     kinds = np.unique(kind)
     if len(kinds) > 1:
         stated.append(np.empty(len(right)))
@@ -139,11 +151,19 @@ def _fitted(
             stated[-1][out] = 1.0 / (1.0 + np.exp(-(terms[out] @ some + shift)))
     scores = [1.0 - reliability(one[chosen], right[chosen]).expected_error for one in stated]
     now, best, without = [*scores, float("nan")][:3]
-    values: dict[str, Constant] = {f"{name}_WEIGHTS": tuple(weights.tolist()), f"{name}_CONSTANT": constant}
-    return {key: Finding(value=value, now=now, best=best, left_out=without) for key, value in values.items()}
+    values: dict[str, Constant] = {
+        f"{name}_WEIGHTS": tuple(weights.tolist()),
+        f"{name}_CONSTANT": constant,
+    }
+    return {
+        key: Finding(value=value, now=now, best=best, left_out=without)
+        for key, value in values.items()
+    }
 
 
-def _fit(terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArray) -> tuple[FloatArray, float]:
+def _fit(
+    terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArray
+) -> tuple[FloatArray, float]:
     """Fit weights to all candidates, the constant to the chosen: more of them are right than of others like them."""
     weights, _ = fit_weights(terms, right, kind)
     odds = terms[chosen] @ weights
@@ -158,7 +178,9 @@ def _fit(terms: FloatArray, right: BoolArray, kind: FloatArray, chosen: BoolArra
 
 CALIBRATION = Calibration(
     module=map_model.__name__,
-    constants=constants_of(map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT")
+    constants=constants_of(
+        map_model, "MAP_WEIGHTS", "MAP_CONSTANT", "POINT_WEIGHTS", "POINT_CONSTANT"
+    )
     | constants_of(match, "ORIENTATION_WEIGHT"),
     measure=measure_maps,
     collections=("scape", "tosca", *SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS),

@@ -26,7 +26,11 @@ NUM_PAIRS, NUM_QUICK, SEED, SHARE = 16, 2, 23, 0.25
 def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, FloatArray, bool]]:
     """Return each pair's rotations, the logarithms of their energies, and whether the best one is right."""
     dataset, rng = read_dataset(collection, data), np.random.default_rng(SEED)
-    eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
+    eligible = (
+        np.arange(len(dataset))
+        if dataset.chirality is None
+        else np.flatnonzero(dataset.chirality == 1)
+    )
     pairs = list(itertools.combinations(eligible[::2].tolist(), 2))
     found = []
     for number in rng.permutation(len(pairs))[:num]:
@@ -44,7 +48,9 @@ def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, F
 def surface_of(shape: Shape) -> PartialSurface:
     """Return what is matched of a shape."""
     points = spread_points(shape, MOST_POINTS)
-    return PartialSurface.from_user(points.points, points.normals, points.on_rim, oriented=points.oriented)
+    return PartialSurface.from_user(
+        points.points, points.normals, points.on_rim, oriented=points.oriented
+    )
 
 
 def measure_margins(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
@@ -57,7 +63,9 @@ def measure_margins(data: Path, collections: Sequence[str], quick: bool) -> dict
             (incomplete_model.share_of_best(rotations, -weight * logs), right)
             for rotations, logs, right in pairs[collection]
         ]
-        return float(np.mean([np.log(chance if right else 1.0 - chance) for chance, right in chances]))
+        return float(
+            np.mean([np.log(chance if right else 1.0 - chance) for chance, right in chances])
+        )
 
     return scan(CALIBRATION.constants, collections, score, quick=quick)
 

@@ -36,21 +36,29 @@ SCANNED = ("_SPREAD_WEIGHT", "_DISTANCE_POWER", "_RESIDUAL_POWER")
 
 def measure_radii(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Carry landmarks to specimens that are no templates, with other values; registrations are made once."""
-    num, num_templates = (NUM_QUICK_SHAPES, NUM_QUICK_TEMPLATES) if quick else (NUM_SHAPES, NUM_TEMPLATES)
+    num, num_templates = (
+        (NUM_QUICK_SHAPES, NUM_QUICK_TEMPLATES) if quick else (NUM_SHAPES, NUM_TEMPLATES)
+    )
     with ExitStack() as stack:
-        folders = {one: Path(stack.enter_context(tempfile.TemporaryDirectory())) for one in collections}
+        folders = {
+            one: Path(stack.enter_context(tempfile.TemporaryDirectory())) for one in collections
+        }
         posed = {}
         for collection, folder in folders.items():
             (folder / "shapes").mkdir()
             cell = Cell(data=data, settings={"dataset": collection, "num": num, "seed": SEED})
             posed[collection] = write_posed(cell, folder / "shapes")
-            aligned = collalign.align_collection(folder / "shapes", run=_run(folder), progress=False)
+            aligned = collalign.align_collection(
+                folder / "shapes", run=_run(folder), progress=False
+            )
             aligned.save(folder / "out", report=False)
 
         def score(collection: str, changed: Mapping[str, Constant]) -> float:
             folder = folders[collection]
             with patched(radii, changed):
-                errors, said = carried_errors(folder / "out", posed[collection], range(num_templates), _run(folder))
+                errors, said = carried_errors(
+                    folder / "out", posed[collection], range(num_templates), _run(folder)
+                )
             known = np.isfinite(errors) & np.isfinite(said)
             return float(spearmanr(said[known], errors[known]).statistic)
 
@@ -60,7 +68,9 @@ def measure_radii(data: Path, collections: Sequence[str], quick: bool) -> dict[s
         return scan(tried, collections, score, quick=quick) | fit_few(seen)
 
 
-def few_carried(folder: Path, posed: LandmarkedFolder, num_sets: int) -> list[tuple[FloatArray, FloatArray]]:
+def few_carried(
+    folder: Path, posed: LandmarkedFolder, num_sets: int
+) -> list[tuple[FloatArray, FloatArray]]:
     """Return what one, two and three templates show at each carried landmark, and its error.
 
     Returns
@@ -74,9 +84,13 @@ def few_carried(folder: Path, posed: LandmarkedFolder, num_sets: int) -> list[tu
     for num in range(1, radii.MIN_TEMPLATES):
         sets = [rng.permutation(len(posed.names))[:num].tolist() for _ in range(num_sets)]
         alone, errors = [], np.empty(0)
-        for powers in np.vstack([np.zeros(4), np.eye(4)]).tolist():  # radii that show one number alone
+        for powers in np.vstack(
+            [np.zeros(4), np.eye(4)]
+        ).tolist():  # radii that show one number alone
             with patched(radii, {"OF_FEW": 3 * ((1.0, *powers),)}):
-                carried = [carried_errors(folder / "out", posed, chosen, _run(folder)) for chosen in sets]
+                carried = [
+                    carried_errors(folder / "out", posed, chosen, _run(folder)) for chosen in sets
+                ]
             errors = np.concatenate([errors.ravel() for errors, _ in carried])
             alone.append(np.concatenate([said.ravel() for _, said in carried]))
         units, shown = alone[0], np.array(alone[1:]).T / alone[0][:, None]
@@ -96,18 +110,27 @@ def fit_few(seen: Sequence[Sequence[tuple[FloatArray, FloatArray]]]) -> dict[str
     powers, code = _powers(seen), [row[1:] for row in radii.OF_FEW]
     others = [[*seen[:at], *seen[at + 1 :]] for at in range(len(seen))]
     held = [
-        _ranks(one, _powers(rest)) if rest else [np.nan] * len(one) for one, rest in zip(seen, others, strict=True)
+        _ranks(one, _powers(rest)) if rest else [np.nan] * len(one)
+        for one, rest in zip(seen, others, strict=True)
     ]
     scores = [
         np.mean(ranks, axis=0)
-        for ranks in ([_ranks(one, code) for one in seen], [_ranks(one, powers) for one in seen], held)
+        for ranks in (
+            [_ranks(one, code) for one in seen],
+            [_ranks(one, powers) for one in seen],
+            held,
+        )
     ]
     found = {}
     for number, name in enumerate(FEW):
-        ratios = [errors / _said(shown, powers[number]) for shown, errors in (one[number] for one in seen)]
+        ratios = [
+            errors / _said(shown, powers[number]) for shown, errors in (one[number] for one in seen)
+        ]
         factor = max(float(np.quantile(one, radii.COVERAGE)) for one in ratios)
         now, best, left_out = (float(score[number]) for score in scores)
-        found[name] = Finding(value=(factor, *powers[number]), now=now, best=best, left_out=left_out)
+        found[name] = Finding(
+            value=(factor, *powers[number]), now=now, best=best, left_out=left_out
+        )
     return found
 
 
@@ -124,14 +147,18 @@ def _powers(seen: Sequence[Sequence[tuple[FloatArray, FloatArray]]]) -> list[tup
         return -float(np.min([_ranks(one, split(numbers)) for one in seen], axis=0).mean())
 
     start = np.array([*radii.OF_FEW[0][1:4], *(row[4] for row in radii.OF_FEW[1:])])
-    return split(minimize(loss, start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 1e-4}).x)
+    return split(
+        minimize(loss, start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 1e-4}).x
+    )
 
 
 def _said(shown: FloatArray, powers: Sequence[float]) -> FloatArray:
     return np.asarray(np.prod(np.maximum(shown, radii._LEAST_DISTANCE) ** np.array(powers), axis=1))
 
 
-def _ranks(one: Sequence[tuple[FloatArray, FloatArray]], powers: Sequence[Sequence[float]]) -> list[float]:
+def _ranks(
+    one: Sequence[tuple[FloatArray, FloatArray]], powers: Sequence[Sequence[float]]
+) -> list[float]:
     """Return the rank correlation of radius and error for each number of templates."""
     pairs = zip(one, powers, strict=True)
     return [float(spearmanr(_said(shown, own), errors).statistic) for (shown, errors), own in pairs]

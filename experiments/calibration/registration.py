@@ -22,7 +22,15 @@ from experiments.collections.landmarked import read_dataset
 #: Specimens of each collection, drawn at random; each is registered to the next.
 NUM_SHAPES, NUM_QUICK = 4, 2
 SEED = 5
-_CONSTANTS = ("widths", "amplitudes", "noise", "normal_noise", "tangential", "cutoff", "num_independent")
+_CONSTANTS = (
+    "widths",
+    "amplitudes",
+    "noise",
+    "normal_noise",
+    "tangential",
+    "cutoff",
+    "num_independent",
+)
 _OF_POSE = ("pose_noise", "pose_cutoff")
 
 
@@ -39,15 +47,26 @@ class LandmarkedPair:
         """Return the mean distance of carried landmarks from their goals, in the target's radii."""
         places = SurfaceLocator(self.source.vertices, self.source.faces).closest(self.landmarks)
         found, _ = register.register(self.target, self.source)
-        return float(np.linalg.norm(places.on(found.vertices) - self.goals, axis=1).mean() / self.target.radius)
+        return float(
+            np.linalg.norm(places.on(found.vertices) - self.goals, axis=1).mean()
+            / self.target.radius
+        )
 
 
 def draw_pairs(data: Path, collection: str, quick: bool) -> list[LandmarkedPair]:
     """Pose each of some specimens on the next one by their landmarks."""
     dataset = read_dataset(collection, data)
     assert dataset.landmarks is not None  # the collections here have some
-    eligible = np.arange(len(dataset)) if dataset.chirality is None else np.flatnonzero(dataset.chirality == 1)
-    chosen = np.random.default_rng(SEED).permutation(eligible)[: NUM_QUICK if quick else NUM_SHAPES].tolist()
+    eligible = (
+        np.arange(len(dataset))
+        if dataset.chirality is None
+        else np.flatnonzero(dataset.chirality == 1)
+    )
+    chosen = (
+        np.random.default_rng(SEED)
+        .permutation(eligible)[: NUM_QUICK if quick else NUM_SHAPES]
+        .tolist()
+    )
     surfaces = [RegistrationSurface.from_shape(dataset.shape(which)) for which in chosen]
     pairs = []
     for at, (target, source) in enumerate(itertools.pairwise(surfaces)):
@@ -56,7 +75,12 @@ def draw_pairs(data: Path, collection: str, quick: bool) -> list[LandmarkedPair]
         goals, marks = goals[known], marks[known]
         pose = fitting_similarity(goals, marks, np.ones(len(goals)))
         pairs.append(
-            LandmarkedPair(target=target, source=source.placed(pose), landmarks=moved_by(pose, marks), goals=goals)
+            LandmarkedPair(
+                target=target,
+                source=source.placed(pose),
+                landmarks=moved_by(pose, marks),
+                goals=goals,
+            )
         )
     return pairs
 

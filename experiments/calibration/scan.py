@@ -72,7 +72,11 @@ class Calibration:
 
 
 def scan(
-    constants: Mapping[str, Constant], collections: Sequence[str], score: Score, *, quick: bool = False
+    constants: Mapping[str, Constant],
+    collections: Sequence[str],
+    score: Score,
+    *,
+    quick: bool = False,
 ) -> dict[str, Finding]:
     """Try other values of each constant while the others stay.
 
@@ -87,14 +91,18 @@ def scan(
     now = [score(collection, {}) for collection in collections]
     found = {}
     for name, value in constants.items():
-        tried = [[score(c, {name: scaled(value, factor)}) for c in collections] for factor in factors[1:]]
+        tried = [
+            [score(c, {name: scaled(value, factor)}) for c in collections] for factor in factors[1:]
+        ]
         scores = np.array([now, *tried])
         best = int(scores.mean(axis=1).argmax())
         found[name] = Finding(
             value=scaled(value, factors[best]),
             now=float(scores[0].mean()),
             best=float(scores[best].mean()),
-            left_out=float(np.mean([scores[_best_without(scores, c), c] for c in range(len(collections))])),
+            left_out=float(
+                np.mean([scores[_best_without(scores, c), c] for c in range(len(collections))])
+            ),
         )
     return found
 

@@ -47,11 +47,15 @@ class Subset:
         """
         num = len(self.mirrored)
 
-        def energies_of(edges: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
+        def energies_of(
+            edges: IntArray, num_poses: int, max_steps: int
+        ) -> tuple[list[tuple[int, int]], FloatArray]:
             of_pairs = self.energies[num_poses, max_steps]
             return [(int(i), int(j)) for i, j in edges], of_pairs[edges[:, 0], edges[:, 1]]
 
-        found, compared, energies = pilot.staged_sides(all_pairs(num), self.descriptors, energies_of)
+        found, compared, energies = pilot.staged_sides(
+            all_pairs(num), self.descriptors, energies_of
+        )
         by_surfaces = sides.surface_sides(self.scores, found.mirrored)
         alone = sides.surface_sides(self.scores)
         are_both = self.mirrored.any() and not self.mirrored.all()
@@ -70,16 +74,23 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     num = NUM_QUICK_SHAPES if quick else NUM_SHAPES
     with matched(data, collection, num, AlignOptions(group="O")) as found:
         samples, num = found.shapes.samples, len(found.shapes.names)
-        descriptors, scores = describe_shapes(found.shapes), surface_scores(found.session, found.shapes)
+        descriptors, scores = (
+            describe_shapes(found.shapes),
+            surface_scores(found.session, found.shapes),
+        )
         energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
         for look, of_pairs in energies.items():
             for pair in found.pairs:
                 i, j = pair.target, pair.source
-                of_pairs[i, j] = of_pairs[j, i] = pilot.chirality_energies(pair, samples[i], samples[j], *look)
+                of_pairs[i, j] = of_pairs[j, i] = pilot.chirality_energies(
+                    pair, samples[i], samples[j], *look
+                )
         dataset = read_dataset(collection, data)
         mirrored = np.zeros(num, dtype=bool)
         if dataset.chirality is not None:
-            mirrored = np.array([dataset.chirality[dataset.index(name)] < 0 for name in found.shapes.names])
+            mirrored = np.array(
+                [dataset.chirality[dataset.index(name)] < 0 for name in found.shapes.names]
+            )
     rng = np.random.default_rng(1)
     subsets = []
     for _ in range(NUM_QUICK_SUBSETS if quick else NUM_SUBSETS):
@@ -88,9 +99,16 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
         for wanted in _wanted(mirrored[some], rng) if mirrored.any() else [mirrored[some]]:
             swapped = wanted != mirrored[some]
             between = (swapped[:, None] != swapped)[..., None]
-            rotated = {look: np.where(between, of_pairs[..., ::-1], of_pairs) for look, of_pairs in part.items()}
+            rotated = {
+                look: np.where(between, of_pairs[..., ::-1], of_pairs)
+                for look, of_pairs in part.items()
+            }
             seen = np.where(between[..., 0], -1.0, 1.0) * scores[np.ix_(some, some)]
-            subsets.append(Subset(descriptors=descriptors[some], energies=rotated, scores=seen, mirrored=wanted))
+            subsets.append(
+                Subset(
+                    descriptors=descriptors[some], energies=rotated, scores=seen, mirrored=wanted
+                )
+            )
     return subsets
 
 

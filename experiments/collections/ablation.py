@@ -70,7 +70,9 @@ SURE, USABLE = 0.95, 0.9
 VERSION = "2"
 
 LONG_BONES = Family(
-    members=lambda num, rng: tuple(bone(*sphere_mesh(NUM_VERTICES), rng, f"bone{i:02d}") for i in range(num))
+    members=lambda num, rng: tuple(
+        bone(*sphere_mesh(NUM_VERTICES), rng, f"bone{i:02d}") for i in range(num)
+    )
 )
 
 _ABOUT = f"""
@@ -125,7 +127,9 @@ def measure_collection(cell: Cell) -> Record:
             if applies(switch.where, stores.complete):
                 with switched_off(switch):
                     found, processor_s = stores.run(switch.since)
-                record[name] = facts(found, posed) | {"saved_s": stores.complete_s[switch.since] - processor_s}
+                record[name] = facts(found, posed) | {
+                    "saved_s": stores.complete_s[switch.since] - processor_s
+                }
         return record
 
 
@@ -167,7 +171,10 @@ class Stores:
         return self._align(options, Path(shutil.copy(self._path(before), self._path(kind))))
 
     def _align(self, options: AlignOptions, store: Path) -> tuple[Collection, float]:
-        run, start_s = RunOptions(jobs=1, store=store), time.process_time() + self._remembered.saved_s
+        run, start_s = (
+            RunOptions(jobs=1, store=store),
+            time.process_time() + self._remembered.saved_s,
+        )
         found = align_collection(self._root / "shapes", options=options, run=run, progress=False)
         return found, time.process_time() + self._remembered.saved_s - start_s
 
@@ -184,7 +191,9 @@ def applies(where: str, complete: Collection) -> bool:
 def facts(found: Collection, posed: PosedCollection) -> Record:
     """Return the errors of pairs and shapes in degrees, 180 where mirrored, and the confidences."""
     return {
-        "pairs": np.nan_to_num(posed.pair_errors_deg(found.rotations, found.names), nan=MIRRORED_DEG),
+        "pairs": np.nan_to_num(
+            posed.pair_errors_deg(found.rotations, found.names), nan=MIRRORED_DEG
+        ),
         "shapes": posed.shape_errors_deg(found.rotations, found.names),
         "confidence": np.array(found.confidence),
     }
@@ -199,7 +208,9 @@ def posed_set(settings: dict[str, Any], data: Path, folder: Path) -> PosedCollec
         posed = pose_family(family, num, folder, rng)
     else:
         dataset = (
-            read_canonical_class(data / CAPOD_FOLDER / source) if source in CAPOD else read_dataset(source, data)
+            read_canonical_class(data / CAPOD_FOLDER / source)
+            if source in CAPOD
+            else read_dataset(source, data)
         )
         posed = pose_collection(dataset, rng.permutation(len(dataset))[:num], folder, rng)
     for name in posed.names[: settings.get("cut", 0)]:
@@ -215,7 +226,8 @@ def with_copies(posed: PosedCollection, num: int, rng: np.random.Generator) -> P
     names = tuple(f"copy{i}" for i in range(num))
     for name, rotation in zip(names, rotations, strict=True):
         write_mesh(
-            posed.folder / f"{name}.ply", Shape.from_arrays(first.vertices @ rotation.T, first.faces, name=name)
+            posed.folder / f"{name}.ply",
+            Shape.from_arrays(first.vertices @ rotation.T, first.faces, name=name),
         )
     to_first = np.stack([*posed.relative[0], *(rotation.T for rotation in rotations)])  # R_first_i
     relative = np.swapaxes(to_first, 1, 2)[:, None] @ to_first
@@ -275,7 +287,8 @@ def measure(bench: Bench) -> Outcome:
     records = bench.measure(measure_collection, cells, version=VERSION)
     rows = tuple(row_of(name, list(records.values())) for name in ("", *SWITCHES))
     sets_rows = tuple(
-        {"set": name, **row_of("", [records[f"{name}, draw {seed}"] for seed in draws])} for name in sets
+        {"set": name, **row_of("", [records[f"{name}, draw {seed}"] for seed in draws])}
+        for name in sets
     )
     moved = tuple(
         {"set": label, **row_of(switch, [record]), "off": switch}
@@ -288,7 +301,12 @@ def measure(bench: Bench) -> Outcome:
         tables=(
             Table(columns=COLUMNS, rows=rows),
             Table(name="sets", columns=of_set, rows=sets_rows, caption="The complete runs."),
-            Table(name="moved", columns=of_set, rows=moved, caption="Runs in which a mechanism moves a shape."),
+            Table(
+                name="moved",
+                columns=of_set,
+                rows=moved,
+                caption="Runs in which a mechanism moves a shape.",
+            ),
         ),
         text="" if bench.quick else _TEXT,
     )
@@ -297,7 +315,9 @@ def measure(bench: Bench) -> Outcome:
 def moves(own: Record, complete: Record) -> bool:
     """Whether a switch turns a shape right or wrong, or makes it sure or usable or not so."""
     limits = (("shapes", RIGHT_DEG), ("confidence", SURE), ("confidence", USABLE))
-    return any(not np.array_equal(own[kind] >= limit, complete[kind] >= limit) for kind, limit in limits)
+    return any(
+        not np.array_equal(own[kind] >= limit, complete[kind] >= limit) for kind, limit in limits
+    )
 
 
 EXPERIMENT = Experiment(

@@ -46,7 +46,9 @@ def pose_some(settings: dict[str, Any], data: Path, folder: Path) -> tuple[Posed
     """
     dataset = read_dataset(settings["collection"], data)
     rng = np.random.default_rng(settings["seed"])
-    posed = pose_collection(dataset, rng.permutation(len(dataset))[: settings["shapes"]], folder, rng)
+    posed = pose_collection(
+        dataset, rng.permutation(len(dataset))[: settings["shapes"]], folder, rng
+    )
     return posed, "SO" if dataset.chirality is None else "O"
 
 
@@ -77,7 +79,11 @@ def measure_alignment(cell: Cell) -> Record:
         folder = Path(name) / "shapes"
         folder.mkdir()
         posed, group = pose_some(settings, cell.data, folder)
-        options = toolkit_options(settings) if settings["way"] == "toolkit" else published_options(settings, group)
+        options = (
+            toolkit_options(settings)
+            if settings["way"] == "toolkit"
+            else published_options(settings, group)
+        )
         run = RunOptions(jobs=1, store=Path(name) / "store.sqlite", pair_time_limit_s=3600)
         with stopwatch() as elapsed:
             aligned = align_collection(folder, options=options, run=run)
@@ -109,7 +115,9 @@ def candidate_errors_deg(aligned: Collection, posed: PosedCollection) -> FloatAr
     errors = np.full((len(aligned.pairs), 2), np.nan)
     for row, pair in enumerate(aligned.pairs):
         true = posed.relative[index[pair.target], index[pair.source]]
-        found = rotation_angle_deg(pair.rotations[:, :3, :3], np.tile(true, (len(pair.rotations), 1, 1)))
+        found = rotation_angle_deg(
+            pair.rotations[:, :3, :3], np.tile(true, (len(pair.rotations), 1, 1))
+        )
         errors[row] = found[0], np.nan if np.isnan(found).all() else np.nanmin(found)
     return errors
 
@@ -130,7 +138,9 @@ def align_subsets(
             for which in chosen:
                 shutil.copy(files[posed.names[which]], folder)
             aligned = align_collection(folder, options=options, run=run)
-        shares.append(float((posed.shape_errors_deg(aligned.rotations, aligned.names) <= RIGHT_DEG).mean()))
+        shares.append(
+            float((posed.shape_errors_deg(aligned.rotations, aligned.names) <= RIGHT_DEG).mean())
+        )
     return shares
 
 

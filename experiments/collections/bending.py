@@ -70,7 +70,9 @@ def measure_bending(cell: Cell) -> Record:
         folder = Path(name)
         posed, _ = pose_some(cell.settings, cell.data, folder)
         with stopwatch() as elapsed:
-            found = align_collection(folder, run=RunOptions(jobs=1), options=AlignOptions(), progress=False)
+            found = align_collection(
+                folder, run=RunOptions(jobs=1), options=AlignOptions(), progress=False
+            )
         return {
             "errors": _complete(posed.pair_errors_deg(found.rotations, found.names)),
             "possible": _complete(posed.pair_errors_deg(best_possible(posed), posed.names)),
@@ -84,7 +86,9 @@ def best_possible(posed: PosedCollection) -> FloatArray:
     """Return the poses that all true relative rotations together ask for, shape (N, 3, 3)."""
     edges = list(itertools.combinations(range(len(posed.names)), 2))
     group = "O" if (np.linalg.det(posed.relative) < 0).any() else "SO"
-    return synchronize(edges, np.stack([posed.relative[edge] for edge in edges]), group=group).rotations
+    return synchronize(
+        edges, np.stack([posed.relative[edge] for edge in edges]), group=group
+    ).rotations
 
 
 def _complete(errors: FloatArray) -> FloatArray:
@@ -104,8 +108,11 @@ def row_of(name: str, records: list[Record]) -> Row:
         "gross": float(np.mean(gross)),
         "worst": max(gross),
         "median": float(np.median(np.concatenate(errors))),
-        "possible_gross": 100.0 * float(np.mean([(record["possible"] > GROSS_DEG).mean() for record in records])),
-        "possible_median": float(np.median(np.concatenate([record["possible"] for record in records]))),
+        "possible_gross": 100.0
+        * float(np.mean([(record["possible"] > GROSS_DEG).mean() for record in records])),
+        "possible_median": float(
+            np.median(np.concatenate([record["possible"] for record in records]))
+        ),
         "wrong": int(wrong.sum()),
         "right": 100.0 * float((~wrong).mean()),
         "unnoticed": int((wrong & ~doubted).sum()),
@@ -141,7 +148,9 @@ def measure(bench: Bench) -> Outcome:
         return Outcome(tables=(_table(bench, COLUMNS, {"centaur": SETS["centaur"]}, 1),))
     small = dict.fromkeys(SMALL_SETS, FEW)
     whole = _table(bench, COLUMNS, SETS, NUM_DRAWS)
-    few = _table(bench, SMALL_COLUMNS, small, NUM_SMALL_DRAWS, name="few", caption=f"{FEW} shapes each.")
+    few = _table(
+        bench, SMALL_COLUMNS, small, NUM_SMALL_DRAWS, name="few", caption=f"{FEW} shapes each."
+    )
     return Outcome(tables=(whole, few))
 
 
@@ -160,9 +169,12 @@ def _table(
     rows = []
     for collection, num in sets.items():
         cells = {
-            f"{collection} {num} {seed}": {"collection": collection, "shapes": num, "seed": seed} for seed in seeds
+            f"{collection} {num} {seed}": {"collection": collection, "shapes": num, "seed": seed}
+            for seed in seeds
         }
-        row = row_of(collection, list(bench.measure(measure_bending, cells, version=VERSION).values()))
+        row = row_of(
+            collection, list(bench.measure(measure_bending, cells, version=VERSION).values())
+        )
         rows.append({column.key: row[column.key] for column in columns})
     return Table(name=name, columns=columns, rows=tuple(rows), caption=caption)
 

@@ -102,7 +102,10 @@ def measure_carrying(cell: Cell) -> Record:
         with stopwatch() as elapsed:
             collalign.dense_correspondence(out, run=run, progress=False)
         collection = collalign.load(out)
-        found: dict[str, Any] = {"names": list(collection.names), "transforms": np.array(collection.transforms)}
+        found: dict[str, Any] = {
+            "names": list(collection.names),
+            "transforms": np.array(collection.transforms),
+        }
         found["register_s"] = elapsed.processor_s / (2 * len(posed.names))
         rng = np.random.default_rng([settings["seed"], 1])
         for k, sets in settings["sets"]:
@@ -112,8 +115,13 @@ def measure_carrying(cell: Cell) -> Record:
             found[f"radii {k}"] = np.concatenate([radii for _, radii in carried])
             closest = [_closest(posed, found["transforms"], one) for one in chosen]
             found[f"closest {k}"] = np.concatenate(closest)
-        singles = {j: carried_errors(out, posed, [j], run)[0] for j in sorted({j for _, j in settings["pairs"]})}
-        found["pairs"] = np.array([singles[j][_others(posed, [j]).index(i)] for i, j in settings["pairs"]])
+        singles = {
+            j: carried_errors(out, posed, [j], run)[0]
+            for j in sorted({j for _, j in settings["pairs"]})
+        }
+        found["pairs"] = np.array(
+            [singles[j][_others(posed, [j]).index(i)] for i, j in settings["pairs"]]
+        )
         return found
 
 
@@ -122,7 +130,9 @@ def carried_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Return errors and radii of all specimens that are no templates, in the collection's unit."""
     labels = tuple(str(number) for number in range(posed.landmarks.shape[1]))
-    given = {posed.names[at]: Landmarks(labels=labels, points=posed.landmarks[at]) for at in templates}
+    given = {
+        posed.names[at]: Landmarks(labels=labels, points=posed.landmarks[at]) for at in templates
+    }
     found = collalign.transfer_landmarks(out, given, run=run, progress=False)
     if found.names != posed.names:
         raise InputError("a shape was left out: errors would be those of a choice")
@@ -131,14 +141,18 @@ def carried_errors(
     return errors[others], (found.radii / posed.units[:, None])[others]
 
 
-def _closest(posed: LandmarkedFolder, transforms: FloatArray, templates: Sequence[int]) -> FloatArray:
+def _closest(
+    posed: LandmarkedFolder, transforms: FloatArray, templates: Sequence[int]
+) -> FloatArray:
     """Return the errors of the points closest to the mean of the templates' landmarks at the poses."""
     mean = np.mean([moved(transforms[at], posed.landmarks[at]) for at in templates], axis=0)
     errors = []
     for at in _others(posed, templates):
         points = on_shape(posed.shape(at).transformed(transforms[at]), mean)
         truth = moved(transforms[at], posed.landmarks[at])
-        errors.append(np.linalg.norm(points - truth, axis=1) / (posed.units[at] * scale_of(transforms[at])))
+        errors.append(
+            np.linalg.norm(points - truth, axis=1) / (posed.units[at] * scale_of(transforms[at]))
+        )
     return np.array(errors)
 
 

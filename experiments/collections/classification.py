@@ -72,24 +72,33 @@ alone. Farthest points are even, so weights by area would change little.
 
 def measure(bench: Bench) -> Outcome:
     """Measure all distances and classify."""
-    marks = bench.measure(measure_landmarks, {f"{num} landmarks": {"landmarks": num} for num in (NUM_LANDMARKS, 16)})
+    marks = bench.measure(
+        measure_landmarks, {f"{num} landmarks": {"landmarks": num} for num in (NUM_LANDMARKS, 16)}
+    )
     known = marks[f"{NUM_LANDMARKS} landmarks"]
     distances = {f"{label}": np.array(record["distances"]) for label, record in marks.items()}
     text = ""
     if bench.quick:
         few = {"rows": [0, _QUICK_TEETH], "points": 20, "signs": [1] * _QUICK_TEETH, "coarse": 12}
         bench.measure(measure_pairs, {"pairs": few})
-        bench.measure(measure_at_poses, {"poses": {"poses": [np.eye(3).tolist()] * _QUICK_TEETH, "near": 2}})
+        bench.measure(
+            measure_at_poses, {"poses": {"poses": [np.eye(3).tolist()] * _QUICK_TEETH, "near": 2}}
+        )
     else:
         found, text = measure_distances(bench, len(known["names"]))
         distances |= found
     labels = {level: counted_labels(known["labels"][level]) for level in LEVELS}
-    results = {way: classify_all(matrix, labels, known["names"]) for way, matrix in distances.items()}
+    results = {
+        way: classify_all(matrix, labels, known["names"]) for way, matrix in distances.items()
+    }
     best = list(results)[-1]
     return Outcome(
         tables=(_accuracy_table(results), _taxa_table(known["labels"], labels)),
         plots=(
-            Plot(draw=lambda figure: _draw_bars(figure, results), title="Share of teeth classified right"),
+            Plot(
+                draw=lambda figure: _draw_bars(figure, results),
+                title="Share of teeth classified right",
+            ),
             Plot(
                 draw=lambda figure: _draw_map(figure, distances[best], known["labels"]["order"]),
                 title=f"Teeth by distance ({best}), classical multidimensional scaling, coloured by order",
@@ -138,7 +147,10 @@ def classify_all(
     distances: FloatArray, labels: Mapping[str, Sequence[str]], names: Sequence[str]
 ) -> dict[str, Classification]:
     """Classify by every level."""
-    return {level: classify_leave_one_out(distances, values, names=names) for level, values in labels.items()}
+    return {
+        level: classify_leave_one_out(distances, values, names=names)
+        for level, values in labels.items()
+    }
 
 
 def _accuracy_table(results: Mapping[str, dict[str, Classification]]) -> Table:
@@ -153,7 +165,10 @@ def _accuracy_table(results: Mapping[str, dict[str, Classification]]) -> Table:
     for way, found in results.items():
         row: dict[str, Any] = {"way": way}
         for level, result in found.items():
-            row |= {level: 100 * result.accuracy, f"{level}_correct": f"{result.num_correct} / {result.num_scored}"}
+            row |= {
+                level: 100 * result.accuracy,
+                f"{level}_correct": f"{result.num_correct} / {result.num_scored}",
+            }
         reached = [level for level in LEVELS if 100 * found[level].accuracy >= GOAL[level]]
         row["met"] = "all" if len(reached) == len(LEVELS) else ", ".join(reached) or "none"
         rows.append(row)
@@ -188,7 +203,9 @@ def _taxa_table(raw: Mapping[str, Sequence[str]], counted: Mapping[str, Sequence
 
 
 def _poses_text(poses: Record, pairs: Mapping[str, Record]) -> str:
-    errors = np.concatenate([record["error_deg"][record["closest"] > 0] for record in pairs.values()])
+    errors = np.concatenate(
+        [record["error_deg"][record["closest"] > 0] for record in pairs.values()]
+    )
     return (
         f"Poses against the landmarks: the collection's have {poses['mirrored']} of {len(errors)} pairs of wrong "
         f"chirality, {poses['gross']} beyond 30 degrees and a median error of {poses['median_deg']:.1f} degrees; of "
@@ -209,14 +226,22 @@ def _mistakes(found: Mapping[str, Classification], way: str) -> str:
 
 def _draw_bars(figure: Figure, results: Mapping[str, dict[str, Classification]]) -> None:
     axes = figure.subplots()
-    shares = {way: [100 * found[level].accuracy for level in LEVELS] for way, found in results.items()}
+    shares = {
+        way: [100 * found[level].accuracy for level in LEVELS] for way, found in results.items()
+    }
     shares["the paper"] = [PAPER[level] for level in LEVELS]
     width = 0.8 / len(shares)
     for place, (way, values) in enumerate(shares.items()):
         at = np.arange(len(LEVELS)) + (place - (len(shares) - 1) / 2) * width
         axes.bar(at, values, 0.9 * width, label=way, color="0.6" if way == "the paper" else None)
     for place, level in enumerate(LEVELS):
-        axes.plot([place - 0.42, place + 0.42], [GOAL[level]] * 2, "k--", lw=1, label=None if place else "to reach")
+        axes.plot(
+            [place - 0.42, place + 0.42],
+            [GOAL[level]] * 2,
+            "k--",
+            lw=1,
+            label=None if place else "to reach",
+        )
     axes.set_xticks(range(len(LEVELS)), LEVELS)
     axes.set_ylim(min(80.0, *(min(values) for values in shares.values())), 100)
     axes.set_ylabel("classified right, %")

@@ -63,7 +63,9 @@ def make_family(kind: str, seed: int, num: int, data: Path, folder: Path) -> Pos
     planted = planted_collection(deformed_family(base, num, rng, rms=rms), rng)
     write_collection(folder, planted)
     relative = np.array([[planted.relative_rotation(a, b) for b in range(num)] for a in range(num)])
-    return PosedCollection(folder=folder, names=tuple(shape.name for shape in planted.shapes), relative=relative)
+    return PosedCollection(
+        folder=folder, names=tuple(shape.name for shape in planted.shapes), relative=relative
+    )
 
 
 def _drawn_tooth(data: Path, rng: np.random.Generator) -> Shape:
@@ -72,7 +74,9 @@ def _drawn_tooth(data: Path, rng: np.random.Generator) -> Shape:
 
 
 def _posed_family(cell: Cell, folder: Path) -> PosedCollection:
-    return make_family(cell.settings["kind"], cell.settings["seed"], cell.settings["num"], cell.data, folder)
+    return make_family(
+        cell.settings["kind"], cell.settings["seed"], cell.settings["num"], cell.data, folder
+    )
 
 
 def measure_toolkit(cell: Cell) -> Record:
@@ -80,11 +84,15 @@ def measure_toolkit(cell: Cell) -> Record:
     with tempfile.TemporaryDirectory() as name:
         posed = _posed_family(cell, Path(name))
         with stopwatch() as elapsed:
-            found = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=cell.settings["jobs"]))
+            found = align_collection(
+                name, options=AlignOptions(), run=RunOptions(jobs=cell.settings["jobs"])
+            )
         record = posed.figures(found.rotations, found.names)
         if cell.settings["twice"]:
             again = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=1))
-            record["same_bytes"] = json.dumps(alignment_record(found)) == json.dumps(alignment_record(again))
+            record["same_bytes"] = json.dumps(alignment_record(found)) == json.dumps(
+                alignment_record(again)
+            )
     return record | {
         "confidence": float(np.min(found.confidence)),
         "wall_s": elapsed.wall_s,
@@ -108,23 +116,33 @@ def measure(bench: Bench) -> Outcome:
     """Run all families, then the other tools on the same."""
     kinds = ("chair",) if bench.quick else ("tooth", "chair")
     seeds = range(1 if bench.quick else NUM_SEEDS)
-    size: dict[str, Any] = {"num": 3, "jobs": 1} if bench.quick else {"num": NUM_SHAPES, "jobs": os.cpu_count() or 1}
+    size: dict[str, Any] = (
+        {"num": 3, "jobs": 1} if bench.quick else {"num": NUM_SHAPES, "jobs": os.cpu_count() or 1}
+    )
     peers = [name for name in PEERS if not TOOLS[name].lacks()]
     bench.seeds.update(seeds)
     found: dict[tuple[str, str], list[Record]] = {}
     for kind in kinds:
-        cells = {f"{kind} {seed}": size | {"kind": kind, "seed": seed, "twice": seed == 0} for seed in seeds}
+        cells = {
+            f"{kind} {seed}": size | {"kind": kind, "seed": seed, "twice": seed == 0}
+            for seed in seeds
+        }
         found[kind, "collalign"] = list(bench.measure(measure_toolkit, cells, apart=True).values())
     for kind in kinds:
         for peer in peers:
-            others = {f"{peer}, {kind} {seed}": size | {"kind": kind, "seed": seed, "tool": peer} for seed in seeds}
+            others = {
+                f"{peer}, {kind} {seed}": size | {"kind": kind, "seed": seed, "tool": peer}
+                for seed in seeds
+            }
             for answers in bench.measure(measure_peer, others, apart=True).values():
                 for name, record in answers.items():
                     found.setdefault((kind, name), []).append(record)
     found = {key: found[key] for kind in kinds for key in found if key[0] == kind}
     rows = tuple(_row(kind, tool, records) for (kind, tool), records in found.items())
     return Outcome(
-        tables=(_table(rows), _families_table(found)), plots=(_plot(found),), text=_text(rows, found, peers)
+        tables=(_table(rows), _families_table(found)),
+        plots=(_plot(found),),
+        text=_text(rows, found, peers),
     )
 
 
@@ -181,7 +199,12 @@ def _families_table(found: dict[tuple[str, str], list[Record]]) -> Table:
         Column(key="confidence", title="lowest confidence", format=".2f"),
     ]
     rows: tuple[dict[str, Any], ...] = tuple(
-        {"kind": kind, "seed": seed, "median_deg": record["median_deg"], "confidence": record["confidence"]}
+        {
+            "kind": kind,
+            "seed": seed,
+            "median_deg": record["median_deg"],
+            "confidence": record["confidence"],
+        }
         | {tool: _wrong(found[kind, tool][seed]) for tool in tools}
         for (kind, own), records in found.items()
         if own == "collalign"
@@ -195,8 +218,12 @@ def _plot(found: dict[tuple[str, str], list[Record]]) -> Plot:
 
     def draw(figure: Figure) -> None:
         for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
-            for tool, records in ((tool, some) for (some_kind, tool), some in found.items() if some_kind == kind):
-                axes.plot(range(1, len(records) + 1), sorted(map(_wrong, records)), ".-", label=tool)
+            for tool, records in (
+                (tool, some) for (some_kind, tool), some in found.items() if some_kind == kind
+            ):
+                axes.plot(
+                    range(1, len(records) + 1), sorted(map(_wrong, records)), ".-", label=tool
+                )
             axes.set_title(kind)
             axes.xaxis.get_major_locator().set_params(integer=True)
             axes.set_xlabel("families, fewest gross pairs first")
@@ -206,9 +233,15 @@ def _plot(found: dict[tuple[str, str], list[Record]]) -> Plot:
     return Plot(draw=draw, title="Gross pairs of each family", size=(4.5 * len(kinds), 3.5))
 
 
-def _text(rows: tuple[dict[str, Any], ...], found: dict[tuple[str, str], list[Record]], peers: list[str]) -> str:
+def _text(
+    rows: tuple[dict[str, Any], ...], found: dict[tuple[str, str], list[Record]], peers: list[str]
+) -> str:
     ours = [row for row in rows if row["tool"] == "collalign"]
-    short = [f"{row['kind']}: {row['clean']} of {row['families']}" for row in ours if row["clean"] < row["to_reach"]]
+    short = [
+        f"{row['kind']}: {row['clean']} of {row['families']}"
+        for row in ours
+        if row["clean"] < row["to_reach"]
+    ]
     short += [f"{row['kind']}: two runs differ" for row in ours if row["same_bytes"] == "no"]
     wrong = [
         f"{kind}, seed {seed} ({_wrong(record)} gross pairs, lowest confidence {record['confidence']:.2f})"

@@ -36,7 +36,9 @@ def _read_object(name: str, data: Path) -> Dataset:
 _READERS: dict[str, Callable[[Path], Dataset]] = {
     "teeth": lambda data: read_teeth(data / TEETH_FOLDER),
     "mouse skulls": lambda data: read_landmarked_folder(data / "mouse_skulls62"),
-    "mouse landmarks": lambda data: read_landmark_archive(data / "mouse_skull_landmarks126" / "mouse_landmarks.npz"),
+    "mouse landmarks": lambda data: read_landmark_archive(
+        data / "mouse_skull_landmarks126" / "mouse_landmarks.npz"
+    ),
     "scape": lambda data: read_registered_archive(data / "scape71"),
     "centaur": lambda data: read_registered_folder(data / "tosca_centaur6"),
     **{name: partial(_read_object, name) for name in OBJECTS},

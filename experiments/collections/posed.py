@@ -57,9 +57,14 @@ class PosedCollection:
         pairs = list(itertools.combinations(range(len(names)), 2))
         if self.axes is not None:
             common = np.einsum("nij,nj->ni", rotations, self.axes[index])
-            return np.array([np.degrees(np.arccos(np.clip(common[a] @ common[b], -1.0, 1.0))) for a, b in pairs])
+            return np.array(
+                [np.degrees(np.arccos(np.clip(common[a] @ common[b], -1.0, 1.0))) for a, b in pairs]
+            )
         return np.array(
-            [rotation_angle_deg(rotations[a].T @ rotations[b], self.relative[index[a], index[b]]) for a, b in pairs]
+            [
+                rotation_angle_deg(rotations[a].T @ rotations[b], self.relative[index[a], index[b]])
+                for a, b in pairs
+            ]
         )
 
     def figures(self, rotations: FloatArray, names: Sequence[str]) -> Record:
@@ -142,11 +147,18 @@ def pose_collection(
         write_mesh(folder / f"{shape.name}.ply", posed)
     relative = np.empty((len(chosen), len(chosen), 3, 3))
     for a, b in itertools.product(range(len(chosen)), repeat=2):
-        true = np.eye(3) if a == b else dataset.rotation(int(chosen[a]), int(chosen[b]), group=group)
+        true = (
+            np.eye(3) if a == b else dataset.rotation(int(chosen[a]), int(chosen[b]), group=group)
+        )
         relative[a, b] = rotations[a] @ true @ rotations[b].T
     axes = None
     if axis is not None and dataset.rotations is not None:
         axes = np.array(
-            [rotation @ dataset.rotations[i].T @ axis for rotation, i in zip(rotations, chosen, strict=True)]
+            [
+                rotation @ dataset.rotations[i].T @ axis
+                for rotation, i in zip(rotations, chosen, strict=True)
+            ]
         )
-    return PosedCollection(folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative, axes=axes)
+    return PosedCollection(
+        folder=folder, names=tuple(dataset.names[i] for i in chosen), relative=relative, axes=axes
+    )

@@ -145,7 +145,9 @@ SWITCHES: dict[str, Switch] = {
     "rotations that neighbourhoods propose": Switch(
         patches={
             "collalign.stages.pairs.match.CONVINCING": 0.0,
-            "collalign.stages.pairs.match.MATCHING": replace(MATCHING, version="pair without proposals"),
+            "collalign.stages.pairs.match.MATCHING": replace(
+                MATCHING, version="pair without proposals"
+            ),
         },
         since=SHAPES,
     ),
@@ -154,24 +156,39 @@ SWITCHES: dict[str, Switch] = {
     "growing the graph of pairs": Switch(patches={"collalign.stages.pairs.choose.MAX_ROUNDS": 0}),
     # maps
     "maps": Switch(patches={f"{_STEPS}.wants_maps": _always(False)}, where=BENT, since=PAIRS),
-    "searching every pair of few shapes": Switch(patches={f"{_STEPS}.MOST_SEARCHED": 0}, where=BENT, since=PAIRS),
-    "settling doubts by maps": Switch(patches={f"{_STEPS}.settle": _given(2)}, where=BENT, since=PAIRS),
+    "searching every pair of few shapes": Switch(
+        patches={f"{_STEPS}.MOST_SEARCHED": 0}, where=BENT, since=PAIRS
+    ),
+    "settling doubts by maps": Switch(
+        patches={f"{_STEPS}.settle": _given(2)}, where=BENT, since=PAIRS
+    ),
     "averaging over seven ways": Switch(
-        patches={"collalign.stages.poses.refinement.bent_poses": lambda *arguments, fixed: arguments[3].rotations},
+        patches={
+            "collalign.stages.poses.refinement.bent_poses": lambda *arguments, fixed: (
+                arguments[3].rotations
+            )
+        },
         where=BENT,
     ),
     # synchronization
     "turns chosen by beliefs": Switch(patches={f"{_SYNC}.search.propagate_beliefs": _no_rotations}),
-    "turns common to wrong pairs": Switch(patches={f"{_SYNC}.hypotheses.PRIORS": _priors(rare_flip=9.0)}),
+    "turns common to wrong pairs": Switch(
+        patches={f"{_SYNC}.hypotheses.PRIORS": _priors(rare_flip=9.0)}
+    ),
     "blurred noise where turns are chosen": Switch(
         patches={f"{_SYNC}.search.PRIORS": _priors(label_noise_factors=(1.0, 1.0))}
     ),
     # refinement
-    "refinement": Switch(patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}),
+    "refinement": Switch(
+        patches={f"{_STEPS}.refine_poses": lambda *arguments: arguments[3].rotations}
+    ),
     # confidence
     "own turns": Switch(patches={f"{_TRUST}.near_symmetries": _always(np.zeros((0, 3, 3)))}),
     "copies": Switch(
-        patches={f"{_TRUST}.are_copies": _always(False), f"{rivals.__name__}.are_copies": _always(False)}
+        patches={
+            f"{_TRUST}.are_copies": _always(False),
+            f"{rivals.__name__}.are_copies": _always(False),
+        }
     ),
     "ties": Switch(patches={f"{_TRUST}.pose_confidence": _without_ties}),
     "cap of misfits": Switch(patches={f"{_MODEL}.UNCERTAIN": pose_model.MOST_CONFIDENT}),
@@ -185,5 +202,7 @@ SWITCHES: dict[str, Switch] = {
     "broken shapes by their open surface": Switch(
         patches={"collalign.align.open_among_closed": _always({})}, where=OPEN
     ),
-    "trying scans": Switch(patches={"collalign.stages.posing.may_be_scans": _always(False)}, where=OPEN),
+    "trying scans": Switch(
+        patches={"collalign.stages.posing.may_be_scans": _always(False)}, where=OPEN
+    ),
 }

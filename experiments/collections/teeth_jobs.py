@@ -68,7 +68,9 @@ def measure_job(cell: Cell) -> Record:
     with tempfile.TemporaryDirectory() as folder:
         posed = pose_collection(dataset, chosen, Path(folder), rng)
         mixed = not cell.settings["one_side"]
-        (answer,) = TOOLS[cell.settings["tool"]].align(posed.folder, mixed, cell.settings["jobs"]).values()
+        (answer,) = (
+            TOOLS[cell.settings["tool"]].align(posed.folder, mixed, cell.settings["jobs"]).values()
+        )
     return posed.figures(answer.rotations, answer.names) | {
         "landmarks_deg": landmark_noise_deg(dataset, chosen),
         "wall_s": answer.elapsed.wall_s,
@@ -85,7 +87,8 @@ def landmark_noise_deg(dataset: Dataset, chosen: IntArray) -> float:
     points = dataset.landmarks[chosen] * sides
     angles = [
         rotation_angle_deg(
-            landmark_rotation(points[a, 0::2], points[b, 0::2]), landmark_rotation(points[a, 1::2], points[b, 1::2])
+            landmark_rotation(points[a, 0::2], points[b, 0::2]),
+            landmark_rotation(points[a, 1::2], points[b, 1::2]),
         )
         for a, b in itertools.combinations(range(len(points)), 2)
     ]
@@ -109,14 +112,22 @@ def measure(bench: Bench) -> Outcome:
         for (name, tool), some in records.items()
         for draw, record in enumerate(some)
     )
-    summary = tuple({"job": name, "tool": tool} | _summary(some) for (name, tool), some in records.items())
+    summary = tuple(
+        {"job": name, "tool": tool} | _summary(some) for (name, tool), some in records.items()
+    )
     if not bench.quick:
         published = bench.measure(measure_published_rotations, {"auto3dgm": {}})["auto3dgm"]
-        figures = {key: published[key] for key in ("pairs", "gross", "mirrored", "median_deg", "worst_deg")}
-        summary += ({"job": f"{published['shapes']} teeth", "tool": "auto3dgm, published"} | figures,)
+        figures = {
+            key: published[key] for key in ("pairs", "gross", "mirrored", "median_deg", "worst_deg")
+        }
+        summary += (
+            {"job": f"{published['shapes']} teeth", "tool": "auto3dgm, published"} | figures,
+        )
     ours = {name: some for (name, tool), some in records.items() if tool == "collalign"}
     return Outcome(
-        tables=(_summary_table(summary), _draws_table(draws_rows)), plots=(_plot(ours),), text=_text(summary)
+        tables=(_summary_table(summary), _draws_table(draws_rows)),
+        plots=(_plot(ours),),
+        text=_text(summary),
     )
 
 
@@ -151,7 +162,11 @@ def _summary_table(rows: tuple[dict[str, Any], ...]) -> Table:
         Column(key="wall_s", title="s, all cores", format=".0f", clock=True),
         Column(key="processor_s", title="CPU s", format=".0f", clock=True),
     )
-    return Table(columns=columns, rows=rows, caption="All draws of each job; seconds are the median of the draws.")
+    return Table(
+        columns=columns,
+        rows=rows,
+        caption="All draws of each job; seconds are the median of the draws.",
+    )
 
 
 _DRAW_FORMATS = {
@@ -169,7 +184,11 @@ _DRAW_FORMATS = {
 
 
 def _draws_table(rows: tuple[dict[str, Any], ...]) -> Table:
-    columns = [Column(key="job", title="job"), Column(key="tool", title="tool"), Column(key="draw", title="draw")]
+    columns = [
+        Column(key="job", title="job"),
+        Column(key="tool", title="tool"),
+        Column(key="draw", title="draw"),
+    ]
     columns += [
         Column(key=key, title=title, format=form, clock=key.endswith("_s"))
         for key, (title, form) in _DRAW_FORMATS.items()
@@ -188,7 +207,11 @@ def _plot(records: dict[str, list[Record]]) -> Plot:
                 ("landmarks_deg", "landmarks' own", "_"),
             ):
                 axes.plot(
-                    places, [r[key] for r in some], mark, color=_COLOURS[key], label=label if place == 0 else None
+                    places,
+                    [r[key] for r in some],
+                    mark,
+                    color=_COLOURS[key],
+                    label=label if place == 0 else None,
                 )
         axes.axhline(MEDIAN_DEG, color="0.6", linewidth=1, linestyle="--")
         axes.axhline(30.0, color="0.6", linewidth=1, linestyle=":")
@@ -217,7 +240,10 @@ def _text(rows: tuple[dict[str, Any], ...]) -> str:
             (f"{row['gross']} gross pairs", row["gross"] > 0),
             (f"{row['mirrored']} pairs of wrong chirality", row["mirrored"] > 0),
             (f"median {row['median_deg']:.2f} degrees", row["median_deg"] > MEDIAN_DEG),
-            (f"{row['wall_s']:.0f} seconds on the wall", _is_all(row) and row["wall_s"] > SECONDS_116),
+            (
+                f"{row['wall_s']:.0f} seconds on the wall",
+                _is_all(row) and row["wall_s"] > SECONDS_116,
+            ),
         )
         if fails
     ]
@@ -228,7 +254,9 @@ def _text(rows: tuple[dict[str, Any], ...]) -> str:
         if row["largest_median_deg"] > MEDIAN_DEG >= row["median_deg"]
     ]
     if above:
-        lines.append(f"Single draws have medians above {MEDIAN_DEG} degrees: " + ", ".join(above) + ".")
+        lines.append(
+            f"Single draws have medians above {MEDIAN_DEG} degrees: " + ", ".join(above) + "."
+        )
     lines += [
         f"{row['tool']}: the rotations of its authors' alignment, for the {row['job']} that have one."
         for row in rows

@@ -105,12 +105,24 @@ def rv_coefficient(first: FloatArray, second: FloatArray) -> float:
 def measure(bench: Bench) -> Outcome:
     """Carry the landmarks of each specimen to all others; with ``--quick`` of four."""
     bench.seeds.add(SEED)
-    settings: dict[str, Any] = {"dataset": DATASET, "num": 4 if bench.quick else NUM_SPECIMENS, "seed": SEED}
-    record = bench.measure(measure_templates, {DATASET: settings}, version=VERSION, apart=True)[DATASET]
+    settings: dict[str, Any] = {
+        "dataset": DATASET,
+        "num": 4 if bench.quick else NUM_SPECIMENS,
+        "seed": SEED,
+    }
+    record = bench.measure(measure_templates, {DATASET: settings}, version=VERSION, apart=True)[
+        DATASET
+    ]
     errors = of_others(np.array(record["errors"]))
     return Outcome(
         tables=(Table(columns=COLUMNS, rows=(row_of(record),)),),
-        plots=(Plot(draw=lambda figure: _draw(figure, errors), title="Mean error by template, mm", size=(6.0, 3.0)),),
+        plots=(
+            Plot(
+                draw=lambda figure: _draw(figure, errors),
+                title="Mean error by template, mm",
+                size=(6.0, 3.0),
+            ),
+        ),
     )
 
 

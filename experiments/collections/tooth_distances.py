@@ -47,9 +47,15 @@ def measure_landmarks(cell: Cell) -> Record:
     dataset = read_teeth(cell.data / FOLDER, num_landmarks=cell.settings["landmarks"])
     if dataset.landmarks is None or dataset.chirality is None:
         raise TypeError("the teeth have landmarks and sides")
-    mirrored = np.where(dataset.chirality[:, None, None] < 0, dataset.landmarks * _FLIP, dataset.landmarks)
+    mirrored = np.where(
+        dataset.chirality[:, None, None] < 0, dataset.landmarks * _FLIP, dataset.landmarks
+    )
     labels = {level: list(values) for level, values in dataset.labels.items()}
-    return {"names": list(dataset.names), "labels": labels, "distances": procrustes_distances(mirrored)}
+    return {
+        "names": list(dataset.names),
+        "labels": labels,
+        "distances": procrustes_distances(mirrored),
+    }
 
 
 def measure_poses(cell: Cell) -> Record:
@@ -57,11 +63,20 @@ def measure_poses(cell: Cell) -> Record:
     dataset = read_teeth(cell.data / FOLDER)
     with stopwatch() as elapsed:
         aligned = align_collection(cell.data / FOLDER / "meshes", run=RunOptions(jobs=1))
-    stems = {shape.name: shape.file.stem for shape in _shapes(cell.data, len(dataset)) if shape.file is not None}
+    stems = {
+        shape.name: shape.file.stem
+        for shape in _shapes(cell.data, len(dataset))
+        if shape.file is not None
+    }
     position = {name: at for at, name in enumerate(aligned.names)}
     rotations = np.stack([aligned.rotations[position[stems[name]]] for name in dataset.names])
     first, second = np.triu_indices(len(dataset), 1)
-    true = np.stack([dataset.rotation(i, j, group="O") for i, j in zip(first.tolist(), second.tolist(), strict=True)])
+    true = np.stack(
+        [
+            dataset.rotation(i, j, group="O")
+            for i, j in zip(first.tolist(), second.tolist(), strict=True)
+        ]
+    )
     errors = rotation_angle_deg(np.swapaxes(rotations[first], 1, 2) @ rotations[second], true)
     return {
         "rotations": rotations,
@@ -81,7 +96,10 @@ def measure_pairs(cell: Cell) -> Record:
     first, last = cell.settings["rows"]
     signs = cell.settings["signs"]
     samples = _samples(cell.data, cell.settings["points"], len(signs))
-    points = [_unit_size(item.dense_positions * sign_flip(sign)) for item, sign in zip(samples, signs, strict=True)]
+    points = [
+        _unit_size(item.dense_positions * sign_flip(sign))
+        for item, sign in zip(samples, signs, strict=True)
+    ]
     clouds = [item.positions * sign_flip(sign) for item, sign in zip(samples, signs, strict=True)]
     rows = np.full((3, last - first, len(samples)), np.nan)
     for i in range(first, last):
@@ -107,16 +125,24 @@ def measure_at_poses(cell: Cell) -> Record:
     """
     poses = np.array(cell.settings["poses"])
     shapes = _shapes(cell.data, len(poses))
-    clouds = [normalised_points(shape, NUM_DENSE) @ pose.T for shape, pose in zip(shapes, poses, strict=True)]
+    clouds = [
+        normalised_points(shape, NUM_DENSE) @ pose.T
+        for shape, pose in zip(shapes, poses, strict=True)
+    ]
     coarse = distances_at_poses(clouds)
     posed = np.full_like(coarse, np.nan)
     for i, j in near_pairs(coarse, cell.settings["near"]):
         posed[i, j] = posed[j, i] = one_to_one_distance(clouds[i], clouds[j])
     groups = np.zeros(len(clouds), dtype=np.int64)
-    return {"posed": posed, "closest": surface_distances(clouds, groups, num_near=cell.settings["near"])}
+    return {
+        "posed": posed,
+        "closest": surface_distances(clouds, groups, num_near=cell.settings["near"]),
+    }
 
 
-def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> tuple[FloatArray, float]:
+def match_alone(
+    target: FloatArray, source: FloatArray, *, num_coarse: int
+) -> tuple[FloatArray, float]:
     """Match farthest points of unit norm one to one.
 
     The first points chosen are farthest points as well, only fewer: distinct poses are searched on ``num_coarse`` of
@@ -130,9 +156,13 @@ def match_alone(target: FloatArray, source: FloatArray, *, num_coarse: int) -> t
         Procrustes distance rho: the energy is ``2 - 2 cos(rho)``.
     """
     few = [points[:num_coarse] - points[:num_coarse].mean(axis=0) for points in (target, source)]
-    options = MatchOptions(strategy="search", max_candidates=NUM_POSES, candidate_factor=POSE_FACTOR)
+    options = MatchOptions(
+        strategy="search", max_candidates=NUM_POSES, candidate_factor=POSE_FACTOR
+    )
     poses = match(few[0], few[1], options=options).candidates
-    best = minimise(Problem.from_user(target, source), np.stack([pose.R_target_source for pose in poses]))
+    best = minimise(
+        Problem.from_user(target, source), np.stack([pose.R_target_source for pose in poses])
+    )
     return best.rotations[0], float(2.0 * np.arcsin(min(1.0, np.sqrt(best.energies[0]) / 2.0)))
 
 
@@ -167,7 +197,9 @@ def _dataset(data: Path) -> Dataset:
 def _samples(data: Path, points: int, num: int) -> tuple[Samples, ...]:
     """Return the samples of the first teeth; kept, since every block of rows needs them."""
     sampling = SamplingOptions(num_points=points, num_dense_points=NUM_DENSE)
-    return tuple(sample_shape(shape, sampling, EmbeddingOptions(kind="xyz")) for shape in _shapes(data, num))
+    return tuple(
+        sample_shape(shape, sampling, EmbeddingOptions(kind="xyz")) for shape in _shapes(data, num)
+    )
 
 
 @functools.cache

@@ -64,12 +64,16 @@ def stated_by_held_out_weights(records: dict[str, dict[str, Any]]) -> dict[str, 
     """
     held_out = {}
     for kind, record in records.items():
-        others = {name: one for name, one in records.items() if name != kind and _scored(one, name).any()}
+        others = {
+            name: one for name, one in records.items() if name != kind and _scored(one, name).any()
+        }
         weights, constant = fit_weights(*training_rows(others))
         chance = 1.0 / (1.0 + np.exp(-(terms(record["evidence"]) @ weights + constant)))
         is_limited = record["stated"] < probability(record["evidence"]) - ROUNDING
         limit = np.where(is_limited, record["stated"], ceiling(record["evidence"]))
-        held_out[kind] = record | {"stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))}
+        held_out[kind] = record | {
+            "stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))
+        }
     return held_out
 
 
@@ -78,7 +82,11 @@ def facts(record: dict[str, Any], kind: str) -> Row:
     scored = _scored(record, kind)
     stated, right = record["stated"][scored], record["right"][scored]
     intruder, named = record["intruder"], record["named"]
-    row: dict[str, Any] = {"kind": kind, "runs": len(np.unique(record["run"])), "shapes": int(scored.sum())}
+    row: dict[str, Any] = {
+        "kind": kind,
+        "runs": len(np.unique(record["run"])),
+        "shapes": int(scored.sum()),
+    }
     if scored.any():
         diagram = reliability(stated, right)
         sure, count = right_above(stated, right, SURE)
@@ -87,7 +95,9 @@ def facts(record: dict[str, Any], kind: str) -> Row:
             "ece": diagram.expected_error,
             "sure": 100 * sure,
             "num_sure": count,
-            "usable": 100 * float((stated[right] >= USABLE).mean()) if right.any() else float("nan"),
+            "usable": 100 * float((stated[right] >= USABLE).mean())
+            if right.any()
+            else float("nan"),
             "auc": auc_within(stated, right, record["run"][scored]),
         }
     wrong = _wrong(record, kind)
@@ -151,12 +161,15 @@ def pooled(records: dict[str, dict[str, Any]]) -> dict[str, float]:
     parts = {kind: _scored(record, kind) for kind, record in records.items()}
     stated = np.concatenate([records[kind]["stated"][part] for kind, part in parts.items()])
     right = np.concatenate([records[kind]["right"][part] for kind, part in parts.items()])
-    run = np.concatenate([records[k]["run"][p] + 1000 * i for i, (k, p) in enumerate(parts.items())])
+    run = np.concatenate(
+        [records[k]["run"][p] + 1000 * i for i, (k, p) in enumerate(parts.items())]
+    )
     rows = {kind: facts(record, kind) for kind, record in records.items()}
     diagram = reliability(stated, right)
     rigid = [_usable(records[kind], parts[kind]) for kind in RIGID if kind in records]
     others = [_usable(records[kind], parts[kind]) for kind in records if kind not in RIGID]
     weights = [float(row["runs"]) for row in rows.values()]  # type: ignore[arg-type]
+    unnoticed = [float(row["unnoticed"]) for row in rows.values()]  # type: ignore[arg-type]
     intruders = [float(row["intruders"]) for row in rows.values() if "intruders" in row]  # type: ignore[arg-type]
     return {
         "sure": 100 * right_above(stated, right, SURE)[0],
@@ -166,7 +179,7 @@ def pooled(records: dict[str, dict[str, Any]]) -> dict[str, float]:
         "usable_rigid": 100 * _mean(rigid),
         "usable": 100 * _mean(others),
         "auc": auc_within(stated, right, run),
-        "unnoticed": float(np.average([float(row["unnoticed"]) for row in rows.values()], weights=weights)),  # type: ignore[arg-type]
+        "unnoticed": float(np.average(unnoticed, weights=weights)),
         "intruders": float(np.mean(intruders)) if intruders else float("nan"),
     }
 
@@ -234,11 +247,23 @@ def measure(bench: Bench) -> Outcome:
     )
     return Outcome(
         tables=(
-            Table(columns=COLUMNS, rows=tuple(facts(record, kind) for kind, record in records.items())),
-            Table(name="sizes", columns=SIZE_COLUMNS, rows=by_size(held_out), caption="By size, left out."),
+            Table(
+                columns=COLUMNS, rows=tuple(facts(record, kind) for kind, record in records.items())
+            ),
+            Table(
+                name="sizes",
+                columns=SIZE_COLUMNS,
+                rows=by_size(held_out),
+                caption="By size, left out.",
+            ),
             Table(name="goals", columns=columns, rows=goals, caption="Figures to reach."),
         ),
-        plots=(Plot(draw=lambda figure: draw(figure, records), title="Stated confidence and share that is right"),),
+        plots=(
+            Plot(
+                draw=lambda figure: draw(figure, records),
+                title="Stated confidence and share that is right",
+            ),
+        ),
         text=less_right_than_wanted(held_out),
     )
 
@@ -275,7 +300,9 @@ def draw(figure: Figure, records: dict[str, dict[str, Any]]) -> None:
     axes.plot(diagram.stated, diagram.right, "o-", color="C0")
     for x, y, count in zip(diagram.stated, diagram.right, diagram.count, strict=True):
         if count:
-            axes.annotate(str(count), (x, y), textcoords="offset points", xytext=(5, -9), fontsize=7)
+            axes.annotate(
+                str(count), (x, y), textcoords="offset points", xytext=(5, -9), fontsize=7
+            )
     axes.set_xlabel("stated confidence")
     axes.set_ylabel("share that is right")
     axes.set_aspect("equal")
@@ -286,5 +313,12 @@ EXPERIMENT = Experiment(
     title="Confidence: what is stated, and what is true",
     about=_ABOUT,
     measure=measure,
-    collections=("teeth_pnas116", "shrec07_dev", "mouse_skulls62", "scape71", "tosca_centaur6", "capod7"),
+    collections=(
+        "teeth_pnas116",
+        "shrec07_dev",
+        "mouse_skulls62",
+        "scape71",
+        "tosca_centaur6",
+        "capod7",
+    ),
 )

@@ -48,11 +48,17 @@ def measure_collection(cell: Cell) -> Record:
         for run in range(settings["runs"]):
             folder = root / f"run{run}"
             folder.mkdir()
-            posed = _generated(settings["kind"], folder, rng) if whole is None else _subset(whole, folder, rng)
+            posed = (
+                _generated(settings["kind"], folder, rng)
+                if whole is None
+                else _subset(whole, folder, rng)
+            )
             aligned = align_collection(
                 folder, options=AlignOptions(), run=RunOptions(jobs=1, store=root / "store.sqlite")
             )
-            facts += [{"run": run, **fact} for fact in shape_facts(aligned, posed, settings["kind"])]
+            facts += [
+                {"run": run, **fact} for fact in shape_facts(aligned, posed, settings["kind"])
+            ]
             shutil.rmtree(folder)
     return {key: np.array([fact[key] for fact in facts]) for key in facts[0]}
 
@@ -64,7 +70,9 @@ def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[
     errors = np.full(len(aligned.names), np.nan)
     if kind not in FAMILIES or FAMILIES[kind].related:
         for part in _parts(aligned, known):
-            errors[part] = posed.shape_errors_deg(aligned.rotations[part], [aligned.names[i] for i in part])
+            errors[part] = posed.shape_errors_deg(
+                aligned.rotations[part], [aligned.names[i] for i in part]
+            )
     noted = {name for note in aligned.notes for name in note.shapes}
     return [
         {

@@ -10,7 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.datasets.synthetic import bent, bumped, deformed_family, planted_collection, point_cloud
+from data_tools.datasets.synthetic import (
+    bent,
+    bumped,
+    deformed_family,
+    planted_collection,
+    point_cloud,
+)
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, sphere_mesh
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
@@ -87,7 +93,8 @@ def numbered(make: Make) -> Members:
     def members(num: int, rng: np.random.Generator) -> tuple[Shape, ...]:
         shapes = (make(rng) for _ in range(num))
         return tuple(
-            Shape(name=f"{s.name}{i:02d}", vertices=s.vertices, faces=s.faces) for i, s in enumerate(shapes, 1)
+            Shape(name=f"{s.name}{i:02d}", vertices=s.vertices, faces=s.faces)
+            for i, s in enumerate(shapes, 1)
         )
 
     return members
@@ -162,14 +169,20 @@ FAMILIES: dict[str, Family] = {
     "crowns, mirrored": Family(members=copies(crown, EASY_RMS), group="O"),
     "chairs": Family(members=numbered(lambda rng: bumped(chair(rng), rng, rms=EASY_RMS))),
     "bent figures": Family(members=numbered(lambda rng: bent(figure(), rng))),
-    "near boxes": Family(members=numbered(lambda rng: bumped(box(np.array([1.0, 0.8, 0.6])), rng, rms=0.01))),
+    "near boxes": Family(
+        members=numbered(lambda rng: bumped(box(np.array([1.0, 0.8, 0.6])), rng, rms=0.01))
+    ),
     "chairs and figures": Family(members=mixture),
-    "unrelated blobs": Family(members=numbered(lambda rng: blob(rng, num_vertices=NUM_VERTICES)), related=False),
+    "unrelated blobs": Family(
+        members=numbered(lambda rng: blob(rng, num_vertices=NUM_VERTICES)), related=False
+    ),
     "noise": Family(members=numbered(noise_cloud), related=False),
     "boxes": Family(members=numbered(lambda _: box(np.array([1.0, 0.8, 0.6]))), symmetric=True),
     "cubes": Family(members=numbered(lambda _: box(np.ones(3))), symmetric=True),
     "cylinders": Family(members=numbered(lambda _: cylinder(1.5)), symmetric=True),
-    "spheres": Family(members=numbered(lambda _: radial(lambda u: np.ones(len(u)), "sphere")), symmetric=True),
+    "spheres": Family(
+        members=numbered(lambda _: radial(lambda u: np.ones(len(u)), "sphere")), symmetric=True
+    ),
     **{
         f"{base}, {change}": Family(members=changed(BASES[base], CHANGES[change]))
         for base, change in itertools.product(BASES, CHANGES)
@@ -177,7 +190,9 @@ FAMILIES: dict[str, Family] = {
 }
 
 
-def pose_family(family: Family, num: int, folder: Path, rng: np.random.Generator) -> PosedCollection:
+def pose_family(
+    family: Family, num: int, folder: Path, rng: np.random.Generator
+) -> PosedCollection:
     """Write a generated collection in random poses.
 
     Parameters
@@ -192,4 +207,6 @@ def pose_family(family: Family, num: int, folder: Path, rng: np.random.Generator
     for shape in planted.shapes:
         write_mesh(folder / f"{shape.name}.ply", shape)
     relative = np.einsum("ica,jcb->ijab", planted.rotations, planted.rotations)
-    return PosedCollection(folder=folder, names=tuple(s.name for s in planted.shapes), relative=relative)
+    return PosedCollection(
+        folder=folder, names=tuple(s.name for s in planted.shapes), relative=relative
+    )

@@ -78,7 +78,9 @@ def left_out(seen: FloatArray, right: BoolArray, kind: FloatArray) -> FloatArray
     return found
 
 
-def training_rows(records: Mapping[str, Mapping[str, Any]]) -> tuple[FloatArray, BoolArray, FloatArray]:
+def training_rows(
+    records: Mapping[str, Mapping[str, Any]],
+) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Return what the model weighs, truth and collection of all shapes that are no intruders and have evidence.
 
     Poses of the wrong chirality are left out: the evidence is about rotations, and sides are judged apart from it.

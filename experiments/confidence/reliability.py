@@ -64,7 +64,9 @@ def reliability(stated: ArrayLike, right: ArrayLike) -> Diagram:
     count = np.bincount(bins, minlength=NUM_BINS)
     with np.errstate(invalid="ignore"):
         return Diagram(
-            stated=np.bincount(bins, p, NUM_BINS) / count, right=np.bincount(bins, y, NUM_BINS) / count, count=count
+            stated=np.bincount(bins, p, NUM_BINS) / count,
+            right=np.bincount(bins, y, NUM_BINS) / count,
+            count=count,
         )
 
 

@@ -113,13 +113,17 @@ def exact_solutions(
     """
     problem = Problem.from_user(target, source, **problem_arguments)
     if not 0 < tol < 1 or max_draws < 1 or patience < 1:
-        raise OptionsError("exact_solutions: expected 0 < tol < 1, max_draws >= 1 and patience >= 1")
+        raise OptionsError(
+            "exact_solutions: expected 0 < tol < 1, max_draws >= 1 and patience >= 1"
+        )
     _check_isolated(problem)
     radius = float(np.sqrt((problem.target**2).sum(axis=1).max(initial=0.0)))
     possible = _equal_norm_matches(problem, tol * radius)
     if not _has_map(possible):
         return _result(problem, [], 0, Status.FAILED)
-    draws = _Draws(replace(problem, allowed=read_only(possible)), tol * radius, np.random.default_rng(seed))
+    draws = _Draws(
+        replace(problem, allowed=read_only(possible)), tol * radius, np.random.default_rng(seed)
+    )
     found: list[Candidate] = []
     fruitless = count = 0
     while count < max_draws and fruitless < patience and not draws.impossible:
@@ -157,7 +161,9 @@ class _Draws:
         direction = self.rng.standard_normal(lifted.num_variables)
         direction *= LINEAR_ENERGY * scale / np.linalg.norm(direction)
         solution = solve_dual(with_linear_energy(self.data, direction), tol=SOLVED_TOL)
-        self.impossible = solution.dual_value > scale * (LINEAR_ENERGY * math.sqrt(self.problem.dim) + IMPOSSIBLE_TOL)
+        self.impossible = solution.dual_value > scale * (
+            LINEAR_ENERGY * math.sqrt(self.problem.dim) + IMPOSSIBLE_TOL
+        )
         entries = lifted.basis @ np.concatenate([[1.0], solution.primal.R])
         return self.verified(self.problem.pattern.project(self.problem.pattern.unpack(entries)))
 
@@ -194,10 +200,14 @@ class _Draws:
 
 def _check_isolated(problem: Problem) -> None:
     if (problem.weights == 0).any():
-        raise InputError("weights: exact solutions need positive weights; leave points of weight zero out")
+        raise InputError(
+            "weights: exact solutions need positive weights; leave points of weight zero out"
+        )
     for component in problem.pattern.components:
         points = problem.source[:, component]
-        rank = int(np.linalg.matrix_rank(points, tol=1e-9 * max(float(np.abs(points).max()), 1e-300)))
+        rank = int(
+            np.linalg.matrix_rank(points, tol=1e-9 * max(float(np.abs(points).max()), 1e-300))
+        )
         if rank < len(component) - 1:
             raise InputError(
                 f"source: coordinates {component.tolist()} span only {rank} dimensions, so exact solutions come in "
@@ -264,11 +274,15 @@ def _is_new(pose: Candidate, found: list[Candidate]) -> bool:
     return not any(_same(pose.R_target_source, other.R_target_source) for other in found)
 
 
-def _result(problem: Problem, found: list[Candidate], num_draws: int, status: Status) -> ExactSolutions:
+def _result(
+    problem: Problem, found: list[Candidate], num_draws: int, status: Status
+) -> ExactSolutions:
     symmetries = np.zeros((len(found), problem.dim, problem.dim))
     for index, pose in enumerate(found):
         symmetries[index] = pose.R_target_source @ found[0].R_target_source.T
-    products = np.einsum("aij,bjk->abik", symmetries, symmetries).reshape(-1, 1, problem.dim, problem.dim)
+    products = np.einsum("aij,bjk->abik", symmetries, symmetries).reshape(
+        -1, 1, problem.dim, problem.dim
+    )
     distances = np.abs(products - symmetries).max(axis=(2, 3)) if found else np.zeros((0, 1))
     return ExactSolutions(
         solutions=tuple(found),

@@ -25,7 +25,11 @@ EMBEDDINGS = ("xyz", "xyz+lb", "xyz+invariants")
 #: Subsets of each class that are aligned on their own, from the same pairs.
 SUBSETS = {"subsets": 12, "subset_size": 6}
 #: Ways with their embeddings.
-WAYS = [("appendix B", "xyz"), ("appendix B", "xyz+lb"), *(("toolkit", kind) for kind in EMBEDDINGS)]
+WAYS = [
+    ("appendix B", "xyz"),
+    ("appendix B", "xyz+lb"),
+    *(("toolkit", kind) for kind in EMBEDDINGS),
+]
 _NAMES = {"xyz": "d = 3", "xyz+lb": "d = 7", "xyz+invariants": "d = 3 + invariants (default)"}
 _COLOURS = {"xyz": "C0", "xyz+lb": "C1", "xyz+invariants": "C2"}
 #: Abscissae of the curves.
@@ -109,7 +113,10 @@ def comparison(rows: list[Row]) -> str:
         lines.append(f"* {name}, {way}: {verdict} ({', '.join(parts)}).")
     wrong = [row for row in rows if row["class"] != "all" and row["within_20"] != row["shapes"]]
     if wrong:
-        short = [f"{r['class']} ({r['way']}, {r['embedding']}): {r['within_20']} of {r['shapes']}" for r in wrong]
+        short = [
+            f"{r['class']} ({r['way']}, {r['embedding']}): {r['within_20']} of {r['shapes']}"
+            for r in wrong
+        ]
         lines += ["", "Not every shape is within 20 degrees: " + "; ".join(short) + "."]
     return "\n".join(lines)
 
@@ -122,13 +129,23 @@ def draw(figure: Figure, records: dict[tuple[str, str, str], Record]) -> None:
         _draw_class(axes, name, records)
     panels[0].set_ylabel("pairs within, %")
     panels[0].set_ylim(0, 101)
-    figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    figure.legend(
+        *panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8
+    )
 
 
 def _draw_class(axes: Axes, name: str, records: dict[tuple[str, str, str], Record]) -> None:
-    for (_, way, kind), record in ((key, record) for key, record in records.items() if key[0] == name):
+    for (_, way, kind), record in (
+        (key, record) for key, record in records.items() if key[0] == name
+    ):
         style = "-" if way == "toolkit" else "--"
-        axes.plot(_ANGLES_DEG, curve(record["pair_deg"]), style, color=_COLOURS[kind], label=f"{way}, {_NAMES[kind]}")
+        axes.plot(
+            _ANGLES_DEG,
+            curve(record["pair_deg"]),
+            style,
+            color=_COLOURS[kind],
+            label=f"{way}, {_NAMES[kind]}",
+        )
     axes.axvline(RIGHT_DEG, color="0.8", zorder=0)
     axes.set_title(name)
     axes.set_xlabel("error of the relative rotation, deg")
@@ -144,10 +161,15 @@ def settings_of(way: str, name: str, kind: str) -> dict[str, Any]:
 def measure(bench: Bench) -> Outcome:
     """Align every class in every way."""
     bench.seeds.add(SEED)
-    cells = {(name, way, kind): settings_of(way, name, kind) for way, kind in WAYS for name in CLASSES}
+    cells = {
+        (name, way, kind): settings_of(way, name, kind) for way, kind in WAYS for name in CLASSES
+    }
     if bench.quick:
         few = {"shapes": 4, "subsets": 2, "subset_size": 3}
-        cells = {("glasses", "toolkit", kind): cells["glasses", "toolkit", kind] | few for kind in ("xyz", "xyz+lb")}
+        cells = {
+            ("glasses", "toolkit", kind): cells["glasses", "toolkit", kind] | few
+            for kind in ("xyz", "xyz+lb")
+        }
     records: dict[tuple[str, str, str], Record] = {}
     for key, settings in cells.items():
         label = " ".join(key)

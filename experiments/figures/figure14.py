@@ -54,9 +54,11 @@ those are given that its text states; they are for Mosek on its authors' machine
 def figure14_problem(settings: dict[str, Any]) -> Problem:
     """Return the problem of one point of a panel."""
     size = settings["size"]
-    num_target, num_source, dim = {"a": (100, 50, size), "b": (size, size // 2, 10), "c": (size, size, 10)}[
-        settings["panel"]
-    ]
+    num_target, num_source, dim = {
+        "a": (100, 50, size),
+        "b": (size, size // 2, 10),
+        "c": (size, size, 10),
+    }[settings["panel"]]
     return planted_problem(
         np.random.default_rng(settings["seed"]),
         num_target,
@@ -71,10 +73,16 @@ def figure14_problem(settings: dict[str, Any]) -> Problem:
 def measure_dual(cell: Cell) -> Record:
     """Time PM-SDP by its dual."""
     problem = figure14_problem(cell.settings)
-    solve_pm_sdp(planted_problem(np.random.default_rng(0), 5, 5, 3))  # imports and the look-up of thread pools
+    solve_pm_sdp(
+        planted_problem(np.random.default_rng(0), 5, 5, 3)
+    )  # imports and the look-up of thread pools
     started = time.process_time()
     result = solve_pm_sdp(problem, row_sums=cell.settings.get("row_sums", False), tol=TOL)
-    return {"seconds": time.process_time() - started, "value": result.value, "status": result.status.name}
+    return {
+        "seconds": time.process_time() - started,
+        "value": result.value,
+        "status": result.status.name,
+    }
 
 
 def measure_full(cell: Cell) -> Record:
@@ -82,7 +90,11 @@ def measure_full(cell: Cell) -> Record:
     problem = figure14_problem(cell.settings)
     started = time.process_time()
     result = solve_full_lifted(problem, time_limit_s=cell.settings["limit_s"])
-    return {"seconds": time.process_time() - started, "value": result.value, "status": result.status.name}
+    return {
+        "seconds": time.process_time() - started,
+        "value": result.value,
+        "status": result.status.name,
+    }
 
 
 def measure_full_sizes(bench: Bench, cells: dict[str, dict[str, Any]]) -> dict[str, Record]:
@@ -96,20 +108,34 @@ def measure_full_sizes(bench: Bench, cells: dict[str, dict[str, Any]]) -> dict[s
 
 
 def rows_of(
-    panel: str, dual: dict[int, Record], full: dict[int, Record], tighter: dict[int, Record] | None = None
+    panel: str,
+    dual: dict[int, Record],
+    full: dict[int, Record],
+    tighter: dict[int, Record] | None = None,
 ) -> list[Row]:
     """Return the rows of one panel; beyond the full relaxation's limit its cells stay empty."""
     rows: list[Row] = []
     for size, record in dual.items():
-        row: dict[str, Any] = {"panel": panel, "varies": PANELS[panel][0], "size": size, "pm_sdp": record["seconds"]}
+        row: dict[str, Any] = {
+            "panel": panel,
+            "varies": PANELS[panel][0],
+            "size": size,
+            "pm_sdp": record["seconds"],
+        }
         row["paper"] = PAPER_MINUTES.get((panel, size))
         if tighter:
             row["tighter"] = tighter[size]["seconds"]
             row["raised"] = tighter[size]["value"] / record["value"]
         if size in full:
             stopped = full[size]["status"] != Status.CONVERGED.name
-            row["full"] = f"stopped at {full[size]['seconds']:.0f}" if stopped else full[size]["seconds"]
-            row["difference"] = None if stopped else abs(full[size]["value"] - record["value"]) / abs(record["value"])
+            row["full"] = (
+                f"stopped at {full[size]['seconds']:.0f}" if stopped else full[size]["seconds"]
+            )
+            row["difference"] = (
+                None
+                if stopped
+                else abs(full[size]["value"] - record["value"]) / abs(record["value"])
+            )
         rows.append(row)
     return rows
 
@@ -129,13 +155,22 @@ _COLUMNS = (
 
 def draw_panel(axes: Axes, panel: str, dual: dict[int, Record], full: dict[int, Record]) -> None:
     """Draw one panel, and of the paper what is known."""
-    axes.semilogy(list(dual), [record["seconds"] for record in dual.values()], "o-", label="PM-SDP, dual solver")
+    axes.semilogy(
+        list(dual),
+        [record["seconds"] for record in dual.values()],
+        "o-",
+        label="PM-SDP, dual solver",
+    )
     if panel == "a":
         axes.semilogy(*np.array(PAPER_SECONDS).T, "x", label="paper, Mosek")
     if panel == "c":
-        done = {size: r["seconds"] for size, r in full.items() if r["status"] == Status.CONVERGED.name}
+        done = {
+            size: r["seconds"] for size, r in full.items() if r["status"] == Status.CONVERGED.name
+        }
         axes.semilogy(list(done), list(done.values()), "s-", label="full lifted relaxation")
-        axes.axvline(PAPER_FULL_LIMIT, linestyle=":", color="0.5", label="paper: full relaxation stops")
+        axes.axvline(
+            PAPER_FULL_LIMIT, linestyle=":", color="0.5", label="paper: full relaxation stops"
+        )
     axes.set(title=f"({panel})", xlabel=_AXIS[panel], ylabel="seconds, one thread")
     axes.legend(fontsize="small")
 
@@ -146,7 +181,9 @@ def findings(dual: dict[str, dict[int, Record]], full: dict[int, Record]) -> str
     size, known = PAPER_SECONDS[0]
     if size in dual["a"]:
         factor = known / dual["a"][size]["seconds"]
-        lines.append(f"At d = {size} in (a) the paper reports 30 to 35 minutes, at least {factor:.0f} times as long.")
+        lines.append(
+            f"At d = {size} in (a) the paper reports 30 to 35 minutes, at least {factor:.0f} times as long."
+        )
     done = [size for size, record in full.items() if record["status"] == Status.CONVERGED.name]
     if done:
         lines.append(
@@ -173,8 +210,15 @@ def measure(bench: Bench) -> Outcome:
             cells = {f"(c) full {s}": {**c, "limit_s": FULL_LIMIT_S} for s, c in settings.items()}
             full = dict(zip(chosen, measure_full_sizes(bench, cells).values(), strict=False))
             cells = {f"(c) row sums {s}": {**c, "row_sums": True} for s, c in settings.items()}
-            tighter = dict(zip(chosen, bench.measure(measure_dual, cells, apart=True).values(), strict=True))
-    rows = [row for panel, records in dual.items() if panel != "c" for row in rows_of(panel, records, {})]
+            tighter = dict(
+                zip(chosen, bench.measure(measure_dual, cells, apart=True).values(), strict=True)
+            )
+    rows = [
+        row
+        for panel, records in dual.items()
+        if panel != "c"
+        for row in rows_of(panel, records, {})
+    ]
     rows += rows_of("c", dual["c"], full, tighter)
 
     def draw(figure: Figure) -> None:
@@ -183,7 +227,13 @@ def measure(bench: Bench) -> Outcome:
 
     return Outcome(
         tables=(Table(columns=_COLUMNS, rows=tuple(rows)),),
-        plots=(Plot(draw=draw, title="Times of PM-SDP and of the full lifted relaxation", size=(12.0, 3.8)),),
+        plots=(
+            Plot(
+                draw=draw,
+                title="Times of PM-SDP and of the full lifted relaxation",
+                size=(12.0, 3.8),
+            ),
+        ),
         text=findings(dual, full),
     )
 

@@ -52,7 +52,9 @@ def measure_pair(cell: Cell) -> Record:
     """Rank the true match of each point of one pair among the target's samples, by both descriptors."""
     settings = cell.settings
     maps = map_set(cell.data, settings["set"])
-    target, source = (_surface(cell.data, settings["set"], settings[role]) for role in ("target", "source"))
+    target, source = (
+        _surface(cell.data, settings["set"], settings[role]) for role in ("target", "source")
+    )
     points, places = true_pairs(maps, settings, source)
     true_samples = nearest_samples(target, target.to_working[places])
     working = source.to_working[points]
@@ -60,7 +62,9 @@ def measure_pair(cell: Cell) -> Record:
     return {kind: true_ranks(gaps[kind], true_samples) for kind in DESCRIPTORS}
 
 
-def true_pairs(maps: MapSet, settings: dict[str, Any], source: SpectralShape) -> tuple[IntArray, IntArray]:
+def true_pairs(
+    maps: MapSet, settings: dict[str, Any], source: SpectralShape
+) -> tuple[IntArray, IntArray]:
     """Return points of the source and their true places on the target, as vertices of the files."""
     if not maps.data.vertices_correspond:
         return maps.landmarks(settings["source"]), maps.landmarks(settings["target"])
@@ -71,7 +75,9 @@ def true_pairs(maps: MapSet, settings: dict[str, Any], source: SpectralShape) ->
 def nearest_samples(target: SpectralShape, places: IntArray) -> IntArray:
     """Return the position among the target's samples of the one nearest along the surface to each place."""
     solver = GeodesicSolver(target.working_shape)
-    return np.array([int(solver.from_vertex(int(place))[target.samples].argmin()) for place in places])
+    return np.array(
+        [int(solver.from_vertex(int(place))[target.samples].argmin()) for place in places]
+    )
 
 
 def true_ranks(gaps: FloatArray, true_samples: IntArray) -> IntArray:
@@ -89,12 +95,16 @@ def true_ranks(gaps: FloatArray, true_samples: IntArray) -> IntArray:
 def shares_kept(records: list[Record], kind: str, num_target: int) -> dict[int, float]:
     """Return the percentage of points whose true match is among the candidates, by the share of candidates."""
     ranks = np.concatenate([record[kind] for record in records])
-    return {share: 100.0 * float((ranks <= round(share * num_target / 100)).mean()) for share in SHARES}
+    return {
+        share: 100.0 * float((ranks <= round(share * num_target / 100)).mean()) for share in SHARES
+    }
 
 
 @functools.lru_cache(maxsize=40)
 def _surface(data: Path, set_name: str, name: str) -> SpectralShape:
-    options = SurfaceOptions(num_functions=NUM_SPECTRUM, num_samples=NUM_TARGET, num_dense=2 * NUM_SPECTRUM)
+    options = SurfaceOptions(
+        num_functions=NUM_SPECTRUM, num_samples=NUM_TARGET, num_dense=2 * NUM_SPECTRUM
+    )
     return prepare_surface(map_set(data, set_name).data.shape(name), options)
 
 
@@ -121,7 +131,13 @@ def row_of(name: str, kind: str, records: list[Record], num_target: int) -> Row:
     kept = shares_kept(records, kind, num_target)
     points = sum(len(record[kind]) for record in records)
     shares = {f"at_{share}": value for share, value in kept.items()}
-    return {"set": name, "descriptor": DESCRIPTORS[kind], "pairs": len(records), "points": points, **shares}
+    return {
+        "set": name,
+        "descriptor": DESCRIPTORS[kind],
+        "pairs": len(records),
+        "points": points,
+        **shares,
+    }
 
 
 _COLUMNS = (
@@ -135,13 +151,17 @@ _COLUMNS = (
 
 def draw_curves(figure: Figure, records: dict[str, list[Record]]) -> None:
     """Draw how many true matches each share keeps."""
-    for axes, (kind, title) in zip(figure.subplots(1, 2, sharey=True), DESCRIPTORS.items(), strict=True):
+    for axes, (kind, title) in zip(
+        figure.subplots(1, 2, sharey=True), DESCRIPTORS.items(), strict=True
+    ):
         for name, found in records.items():
             kept = shares_kept(found, kind, NUM_TARGET)
             axes.plot(list(kept), list(kept.values()), "o-", label=name)
         for share in PAPER_SHARES:
             axes.axvline(share, color="0.8", zorder=0)
-        axes.set(title=title, xlabel="candidates, % of the samples", ylabel="true match among them, %")
+        axes.set(
+            title=title, xlabel="candidates, % of the samples", ylabel="true match among them, %"
+        )
         axes.legend()
 
 
@@ -151,7 +171,9 @@ def draw_picture(figure: Figure, record: Record) -> None:
     titles = ("a point", f"its {_SHOWN_SHARE} % candidates on a bent copy")
     for number, (vertices, agd) in enumerate(zip(record["vertices"], record["agd"], strict=True)):
         axes: Any = figure.add_subplot(1, 2, number + 1, projection="3d", computed_zorder=False)
-        surface = axes.plot_trisurf(*vertices.T, triangles=record["faces"], cmap="viridis", linewidth=0)
+        surface = axes.plot_trisurf(
+            *vertices.T, triangles=record["faces"], cmap="viridis", linewidth=0
+        )
         surface.set_array(agd[record["faces"]].mean(axis=1))
         surface.autoscale()
         axes.scatter(*vertices[marks[number]].T, color="C3", s=15, depthshade=False, zorder=2)
@@ -179,11 +201,20 @@ def measure(bench: Bench) -> Outcome:
     records: dict[str, list[Record]] = {}
     for name, num in NUM_PAIRS.items():
         pairs = some_pairs(map_set(bench.data, name).pairs, 1 if bench.quick else num, SEED)
-        cells = {f"{name} {t} {s}": {"set": name, "target": t, "source": s, "points": NUM_SOURCE} for t, s in pairs}
+        cells = {
+            f"{name} {t} {s}": {"set": name, "target": t, "source": s, "points": NUM_SOURCE}
+            for t, s in pairs
+        }
         records[name] = list(bench.measure(measure_pair, cells).values())
     picture = bench.measure(measure_picture, {"picture": {"seed": SEED}})["picture"]
-    rows = [row_of(name, kind, found, NUM_TARGET) for kind in DESCRIPTORS for name, found in records.items()]
-    caption = "True matches among the candidates, %, by the share of the samples that are candidates."
+    rows = [
+        row_of(name, kind, found, NUM_TARGET)
+        for kind in DESCRIPTORS
+        for name, found in records.items()
+    ]
+    caption = (
+        "True matches among the candidates, %, by the share of the samples that are candidates."
+    )
     curves = Plot(draw=lambda figure: draw_curves(figure, records), title=caption, size=(10.0, 4.0))
     shown = Plot(
         draw=lambda figure: draw_picture(figure, picture),

@@ -89,13 +89,19 @@ def measure_run(cell: Cell) -> Record:
 def share_reached(energies: Iterable[float], references: Iterable[float]) -> float:
     """Return the percentage of energies that are no worse than their references, up to rounding."""
     pairs = zip(energies, references, strict=True)
-    return 100.0 * float(np.mean([energy <= reference * (1 + 1e-6) + 1e-9 for energy, reference in pairs]))
+    return 100.0 * float(
+        np.mean([energy <= reference * (1 + 1e-6) + 1e-9 for energy, reference in pairs])
+    )
 
 
 def histogram_row(settings: dict[str, Any], record: Record) -> Row:
     """Return the row of one noise."""
     keys = ("bound", "tighter", "least", "median", "distinct", "pm_sdp", "draws")
-    return {"centred": _yes(settings["centred"]), "sigma": settings["sigma"], **{key: record[key] for key in keys}}
+    return {
+        "centred": _yes(settings["centred"]),
+        "sigma": settings["sigma"],
+        **{key: record[key] for key in keys},
+    }
 
 
 def runs_row(dim: int, centred: bool, records: list[Record]) -> Row:
@@ -116,7 +122,9 @@ def runs_row(dim: int, centred: bool, records: list[Record]) -> Row:
         "draws_beaten": share_reached(all_of("draws"), all_of("median")),
         "excess": float(np.mean(np.divide(all_of("pm_sdp"), all_of("least"))) - 1.0),
         "bound": float(np.mean(np.divide(all_of("bound"), all_of("least")))),
-        "tighter": None if dim > TIGHTER_DIM else float(np.mean(np.divide(all_of("tighter"), all_of("least")))),
+        "tighter": None
+        if dim > TIGHTER_DIM
+        else float(np.mean(np.divide(all_of("tighter"), all_of("least")))),
     }
 
 
@@ -148,7 +156,9 @@ _RUNS_COLUMNS = (
 )
 
 
-def draw_figure(figure: Figure, shown: list[tuple[dict[str, Any], Record]], runs: dict[int, list[Record]]) -> None:
+def draw_figure(
+    figure: Figure, shown: list[tuple[dict[str, Any], Record]], runs: dict[int, list[Record]]
+) -> None:
     """Draw histograms above and the sorted runs of each dimension below, as the paper does."""
     grid = figure.add_gridspec(2, 12)
     width = 12 // len(shown)
@@ -158,13 +168,19 @@ def draw_figure(figure: Figure, shown: list[tuple[dict[str, Any], Record]], runs
         axes.axvline(record["pm_sdp"], color="C3", label="PM-SDP, four starts")
         axes.axvline(record["bound"], color="C0", linestyle=":", label="lower bound")
         axes.axvline(record["tighter"], color="C2", linestyle=":", label="with row sums")
-        axes.set(title=f"noise {settings['sigma']:g}", xlabel="energy", ylabel="starts", yscale="log")
+        axes.set(
+            title=f"noise {settings['sigma']:g}", xlabel="energy", ylabel="starts", yscale="log"
+        )
     axes.legend(fontsize="small")
     width = 12 // len(runs)
     for column, (dim, records) in enumerate(runs.items()):
         axes = figure.add_subplot(grid[1, column * width : (column + 1) * width])
         records = sorted(records, key=lambda record: float(record["least"]))
-        for key, label in (("median", "exhaustive, median"), ("least", "exhaustive, least"), ("pm_sdp", "PM-SDP")):
+        for key, label in (
+            ("median", "exhaustive, median"),
+            ("least", "exhaustive, least"),
+            ("pm_sdp", "PM-SDP"),
+        ):
             style = "." if key == "pm_sdp" else "-"
             axes.plot([record[key] for record in records], style, label=label)
         axes.set(title=f"d = {dim}, noise {RUN_SIGMA:g}", xlabel="run, sorted", ylabel="energy")
@@ -197,11 +213,20 @@ def measure(bench: Bench) -> Outcome:
         for c, s in itertools.product(RUNS, SIGMAS)
     ]
     repeated: list[dict[str, Any]] = [
-        {"dim": d, "sigma": RUN_SIGMA, "run": run, "centred": c, "points": points, "starts": run_starts}
+        {
+            "dim": d,
+            "sigma": RUN_SIGMA,
+            "run": run,
+            "centred": c,
+            "points": points,
+            "starts": run_starts,
+        }
         for d, c in itertools.product(DIMS, RUNS)
         for run in range(3 if bench.quick else RUNS[c])
     ]
-    records = bench.measure(measure_run, {_label(settings): settings for settings in (*shown, *repeated)})
+    records = bench.measure(
+        measure_run, {_label(settings): settings for settings in (*shown, *repeated)}
+    )
     panels = [(settings, records[_label(settings)]) for settings in shown]
     kept: dict[tuple[int, bool], list[Record]] = {key: [] for key in itertools.product(DIMS, RUNS)}
     for settings in repeated:
@@ -215,16 +240,24 @@ def measure(bench: Bench) -> Outcome:
                 columns=_HISTOGRAM_COLUMNS,
                 rows=tuple(histogram_row(settings, record) for settings, record in panels),
             ),
-            Table(name="runs", caption=f"Noise {RUN_SIGMA:g} (panels e and f).", columns=_RUNS_COLUMNS, rows=rows),
+            Table(
+                name="runs",
+                caption=f"Noise {RUN_SIGMA:g} (panels e and f).",
+                columns=_RUNS_COLUMNS,
+                rows=rows,
+            ),
         ),
         plots=tuple(
-            _plot(c, [p for p in panels if p[0]["centred"] == c], {d: kept[d, c] for d in DIMS}) for c in RUNS
+            _plot(c, [p for p in panels if p[0]["centred"] == c], {d: kept[d, c] for d in DIMS})
+            for c in RUNS
         ),
         text=findings(rows),
     )
 
 
-def _plot(centred: bool, panels: list[tuple[dict[str, Any], Record]], runs: dict[int, list[Record]]) -> Plot:
+def _plot(
+    centred: bool, panels: list[tuple[dict[str, Any], Record]], runs: dict[int, list[Record]]
+) -> Plot:
     frame = "about their centroid" if centred else "of the unit cube as they are"
     return Plot(
         draw=lambda figure: draw_figure(figure, panels, runs),
@@ -245,4 +278,6 @@ def _yes(value: bool) -> str:
     return "yes" if value else "no"
 
 
-EXPERIMENT = Experiment(name="figure5", title="Figure 5: against an exhaustive search", about=_ABOUT, measure=measure)
+EXPERIMENT = Experiment(
+    name="figure5", title="Figure 5: against an exhaustive search", about=_ABOUT, measure=measure
+)

@@ -38,7 +38,9 @@ def solve_full_lifted(
     Memory grows with (n k)^2 and time with a high power of it: n = k = 8 is comfortable.
     """
     model = lift_fully(build_model(problem, cross_products=cross_products, row_sums=row_sums))
-    return solve_model(model, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
+    return solve_model(
+        model, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s
+    )
 
 
 def lift_fully(model: Model) -> Model:

@@ -43,11 +43,15 @@ def planted_problem(
     matched = rng.permutation(num_target)[:num_source]
     source = target[matched] @ random_rotation(rng, dim, group=group)
     source += noise * rng.standard_normal((num_source, dim))
-    allowed = random_candidates(rng, num_target, matched, num_candidates) if num_candidates else None
+    allowed = (
+        random_candidates(rng, num_target, matched, num_candidates) if num_candidates else None
+    )
     return Problem.from_user(target, source, allowed=allowed, group=group, **options)
 
 
-def random_candidates(rng: np.random.Generator, num_target: int, matched: IntArray, num: int) -> BoolArray:
+def random_candidates(
+    rng: np.random.Generator, num_target: int, matched: IntArray, num: int
+) -> BoolArray:
     """Return which target points each source point may match, shape (n, k): its own and ``num`` - 1 or so others."""
     allowed = np.zeros((num_target, len(matched)), dtype=bool)
     for column, row in enumerate(matched):

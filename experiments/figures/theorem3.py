@@ -35,7 +35,11 @@ def shape_points(name: str, rng: np.random.Generator) -> FloatArray:
     if name == "cube":
         return np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     quarter = rng.random((5, 3)) + 0.1
-    mirrors = [(1, 1, 1), (-1, 1, 1)] if name == "chair" else [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1)]
+    mirrors = (
+        [(1, 1, 1), (-1, 1, 1)]
+        if name == "chair"
+        else [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1)]
+    )
     return np.concatenate([quarter * np.array(signs, dtype=float) for signs in mirrors])
 
 
@@ -83,7 +87,9 @@ def measure(bench: Bench) -> Outcome:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         places = np.arange(len(rows))
-        axes.bar(places - 0.2, [row["expected"] for row in rows], 0.4, label="symmetries", color="0.7")
+        axes.bar(
+            places - 0.2, [row["expected"] for row in rows], 0.4, label="symmetries", color="0.7"
+        )
         axes.bar(places + 0.2, [row["found"] for row in rows], 0.4, label="found")
         axes.set_xticks(places, [str(row["shape"]) for row in rows])
         axes.set_yscale("log", base=2)
@@ -95,4 +101,6 @@ def measure(bench: Bench) -> Outcome:
     )
 
 
-EXPERIMENT = Experiment(name="theorem3", title="Theorem 3: all symmetries of a shape", about=_ABOUT, measure=measure)
+EXPERIMENT = Experiment(
+    name="theorem3", title="Theorem 3: all symmetries of a shape", about=_ABOUT, measure=measure
+)

@@ -59,7 +59,9 @@ def measure_consistent(cell: Cell) -> Record:
         pose_collection(dataset, rng.permutation(len(dataset))[: settings["shapes"]], folder, rng)
         started = time.process_time()
         aligned = align_collection(
-            folder, options=AlignOptions(deformable=True), run=RunOptions(jobs=1, store=folder / "x.sqlite")
+            folder,
+            options=AlignOptions(deformable=True),
+            run=RunOptions(jobs=1, store=folder / "x.sqlite"),
         )
         seconds = time.process_time() - started
         maps = aligned.vertex_maps
@@ -104,9 +106,14 @@ def measure(bench: Bench) -> Outcome:
     """Measure all sets; with ``--quick`` the centaur alone."""
     bench.seeds.add(SEED)
     chosen = dict(list(SETS.items())[: 1 if bench.quick else None])
-    cells = {name: {"collection": kind, "shapes": num, "seed": SEED} for name, (kind, num) in chosen.items()}
+    cells = {
+        name: {"collection": kind, "shapes": num, "seed": SEED}
+        for name, (kind, num) in chosen.items()
+    }
     records = bench.measure(measure_consistent, cells, version=VERSION)
-    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(row_of(*item) for item in records.items())),))
+    return Outcome(
+        tables=(Table(columns=COLUMNS, rows=tuple(row_of(*item) for item in records.items())),)
+    )
 
 
 EXPERIMENT = Experiment(

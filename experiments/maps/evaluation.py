@@ -59,7 +59,9 @@ class MapEvaluator:
         The place of its mirror image.
     """
 
-    def __init__(self, target: Shape, truth: ArrayLike, mirrored_truth: ArrayLike | None = None) -> None:
+    def __init__(
+        self, target: Shape, truth: ArrayLike, mirrored_truth: ArrayLike | None = None
+    ) -> None:
         num = len(target.vertices)
         self._solver = GeodesicSolver(target)
         self._unit = float(np.sqrt(vertex_areas(target).sum()))
@@ -67,7 +69,9 @@ class MapEvaluator:
         self._distances = self._from(self._truth)
         self._to_mirrored: FloatArray | None = None
         if mirrored_truth is not None:
-            mirrored = as_indices(mirrored_truth, "mirrored_truth", upper=num, shape=(len(self._truth),))
+            mirrored = as_indices(
+                mirrored_truth, "mirrored_truth", upper=num, shape=(len(self._truth),)
+            )
             self._to_mirrored = self._from(mirrored)
 
     def errors(self, images: ArrayLike) -> MapErrors:
@@ -89,7 +93,9 @@ class MapEvaluator:
         return distances[inverse.ravel()]
 
 
-def cumulative_curve(errors: Sequence[FloatArray], thresholds: FloatArray = THRESHOLDS) -> FloatArray:
+def cumulative_curve(
+    errors: Sequence[FloatArray], thresholds: FloatArray = THRESHOLDS
+) -> FloatArray:
     """Return the share of all points whose error is at most each threshold, shape (len(thresholds),).
 
     Raises
@@ -97,7 +103,11 @@ def cumulative_curve(errors: Sequence[FloatArray], thresholds: FloatArray = THRE
     InputError
         If there are no errors.
     """
-    pooled = np.concatenate([np.asarray(e, dtype=np.float64) for e in errors]) if len(errors) else np.empty(0)
+    pooled = (
+        np.concatenate([np.asarray(e, dtype=np.float64) for e in errors])
+        if len(errors)
+        else np.empty(0)
+    )
     if not len(pooled):
         raise InputError("errors: there are none to draw a curve of")
     return read_only(np.searchsorted(np.sort(pooled), thresholds, side="right") / len(pooled))

@@ -80,18 +80,28 @@ def measure_map(cell: Cell) -> Record:
 
 def _toolkit(cell: Cell) -> tuple[IntArray, float]:
     """Match by default."""
-    target, source = (prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source"))
+    target, source = (
+        prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source")
+    )
     started = time.process_time()
     found = match_prepared(target.spectral, source.spectral)
-    return found.point_map_target_source, target.seconds + source.seconds + time.process_time() - started
+    return (
+        found.point_map_target_source,
+        target.seconds + source.seconds + time.process_time() - started,
+    )
 
 
 def _paper(cell: Cell, *, is_fast: bool) -> tuple[IntArray, float]:
     """Match by the paper's chain."""
-    target, source = (prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source"))
+    target, source = (
+        prepared(cell.data, cell.settings, cell.settings[role]) for role in ("target", "source")
+    )
     started = time.process_time()
     found, _ = match_by_paper(target.spectral, source.spectral, PaperChain(is_fast=is_fast))
-    return found.point_map_target_source, target.seconds + source.seconds + time.process_time() - started
+    return (
+        found.point_map_target_source,
+        target.seconds + source.seconds + time.process_time() - started,
+    )
 
 
 def _zoomout(cell: Cell, *, num_landmarks: int) -> tuple[IntArray, float]:
@@ -99,9 +109,14 @@ def _zoomout(cell: Cell, *, num_landmarks: int) -> tuple[IntArray, float]:
     from pyFM.functional import FunctionalMapping
 
     maps = map_set(cell.data, cell.settings["set"])
-    points = evaluated_points(maps, cell.settings["source"], cell.settings["points"])[:num_landmarks]
+    points = evaluated_points(maps, cell.settings["source"], cell.settings["points"])[
+        :num_landmarks
+    ]
     truth, _ = true_places(maps, cell.settings["target"], points, None)
-    meshes = [_processed(cell.data, cell.settings["set"], cell.settings[role]) for role in ("target", "source")]
+    meshes = [
+        _processed(cell.data, cell.settings["set"], cell.settings[role])
+        for role in ("target", "source")
+    ]
     started = time.process_time()
     model = FunctionalMapping(*(mesh for mesh, _ in meshes))
     landmarks = np.column_stack([truth, points]) if num_landmarks else None
@@ -129,7 +144,9 @@ TOOLS: dict[str, Callable[[Cell], tuple[IntArray, float]]] = {
     "the paper's chain": functools.partial(_paper, is_fast=False),
     "the paper's fast chain": functools.partial(_paper, is_fast=True),
     "pyFM, ZoomOut": functools.partial(_zoomout, num_landmarks=0),
-    f"pyFM, ZoomOut, {NUM_LANDMARKS} landmarks": functools.partial(_zoomout, num_landmarks=NUM_LANDMARKS),
+    f"pyFM, ZoomOut, {NUM_LANDMARKS} landmarks": functools.partial(
+        _zoomout, num_landmarks=NUM_LANDMARKS
+    ),
 }
 
 

@@ -108,7 +108,9 @@ def read_map_set(root: Path, name: str) -> MapSet:
     if name == "scape":
         data = read_registered_archive(folder)
         published = read_published(folder / "bim2011_published_errors.csv", data.names)
-        pairs = tuple(pair for pair in read_query(folder / "Corr_Scape.query") if set(pair) <= set(data.names))
+        pairs = tuple(
+            pair for pair in read_query(folder / "Corr_Scape.query") if set(pair) <= set(data.names)
+        )
     elif name in SHREC07_CLASSES:
         data = read_shrec07_class(folder)
         published = read_published(folder.parent / "bim2011_published_errors.csv", data.names)
@@ -125,7 +127,10 @@ def read_map_set(root: Path, name: str) -> MapSet:
 def _bodies(folder: Path) -> Dataset:
     """Return the humans and the armadillos as one collection, with the landmarks that both have."""
     kinds = {kind: read_shrec07_class(folder / kind) for kind in SAME_PLACES}
-    marks = [np.asarray(kinds[kind].landmark_vertices)[:, list(places)] for kind, places in SAME_PLACES.items()]
+    marks = [
+        np.asarray(kinds[kind].landmark_vertices)[:, list(places)]
+        for kind, places in SAME_PLACES.items()
+    ]
     return Dataset(
         names=tuple(name for kind in kinds.values() for name in kind.names),
         loaders=tuple(load for kind in kinds.values() for load in kind.loaders),
@@ -136,11 +141,15 @@ def _bodies(folder: Path) -> Dataset:
 
 def _animals(folder: Path) -> Dataset:
     """Return as many cats as dogs, in this order, with the places on the dogs of points of the cats."""
-    cats, dogs, to_dog = (dict(np.load(folder / f"{name}.npz")) for name in ("cat", "dog", "cat_to_dog"))
+    cats, dogs, to_dog = (
+        dict(np.load(folder / f"{name}.npz")) for name in ("cat", "dog", "cat_to_dog")
+    )
     names, loaders = [], []
     for kind in (cats, dogs):
         for at in range(min(len(cats["names"]), len(dogs["names"]))):
-            shape = Shape.from_arrays(kind["vertices"][at], kind["faces"], name=str(kind["names"][at]))
+            shape = Shape.from_arrays(
+                kind["vertices"][at], kind["faces"], name=str(kind["names"][at])
+            )
             names.append(shape.name)
             loaders.append(lambda shape=shape: shape)
     points = farthest_points(loaders[0](), NUM_ANIMAL_POINTS, metric="euclidean")
@@ -178,7 +187,9 @@ def read_published(path: Path, names: tuple[str, ...]) -> dict[str, dict[Pair, f
             try:
                 pair, error = (row["target"], row["source"]), float(row["average_geodesic_error"])
             except (KeyError, TypeError, ValueError) as wrong:
-                raise InputError(f"{path}: line {number} has no target, source and error") from wrong
+                raise InputError(
+                    f"{path}: line {number} has no target, source and error"
+                ) from wrong
             if set(pair) <= set(names):
                 found.setdefault(row["method"], {})[pair] = error
     return found

@@ -11,7 +11,14 @@ import numpy as np
 from collalign.engine.store.records import Record
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.maps.evaluation import THRESHOLDS, cumulative_curve, summary
-from experiments.maps.map_cells import NUM_EVALUATED, NUM_LANDMARKS, QUICK_SURFACE, TOOLS, errors_of, measure_map
+from experiments.maps.map_cells import (
+    NUM_EVALUATED,
+    NUM_LANDMARKS,
+    QUICK_SURFACE,
+    TOOLS,
+    errors_of,
+    measure_map,
+)
 from experiments.maps.map_sets import (
     ANIMALS,
     BODIES,
@@ -67,7 +74,10 @@ Weights that judge candidates of maps were fitted on pairs of all these sets, ca
 def measure(bench: Bench) -> Outcome:
     """Map the pairs of all sets with all tools that are installed; with ``--quick`` one pair of each of two sets."""
     bench.seeds.add(SEED)
-    sets = [read_map_set(bench.data, name) for name in (("scape", SHREC07_CLASSES[0]) if bench.quick else SETS)]
+    sets = [
+        read_map_set(bench.data, name)
+        for name in (("scape", SHREC07_CLASSES[0]) if bench.quick else SETS)
+    ]
     tools = [name for name in TOOLS if not (name.startswith(PYFM) and find_spec(PYFM) is None)]
     if bench.quick:
         tools = [name for name in tools if name != "the paper's chain"]
@@ -82,14 +92,26 @@ def measure(bench: Bench) -> Outcome:
         ours = found[maps.name, OURS]
         rows += [row_of(maps.name, tool, found[maps.name, tool], ours) for tool in tools]
         rows += published_rows(maps, ours)
-    text = "\n".join(f"- {sentence}" for maps in sets for sentence in findings(maps.name, found[maps.name, OURS]))
-    curves = {tool: [record for maps in sets for record in found[maps.name, tool].values()] for tool in tools}
-    plot = Plot(draw=lambda figure: _draw(figure, curves), title="Points within each error, of all sets together")
+    text = "\n".join(
+        f"- {sentence}" for maps in sets for sentence in findings(maps.name, found[maps.name, OURS])
+    )
+    curves = {
+        tool: [record for maps in sets for record in found[maps.name, tool].values()]
+        for tool in tools
+    }
+    plot = Plot(
+        draw=lambda figure: _draw(figure, curves),
+        title="Points within each error, of all sets together",
+    )
     lacking = "" if find_spec(PYFM) else "\n\npyFM: left out, since pyfmaps is not installed."
-    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), plots=(plot,), text=text + lacking)
+    return Outcome(
+        tables=(Table(columns=COLUMNS, rows=tuple(rows)),), plots=(plot,), text=text + lacking
+    )
 
 
-def measure_pairs(bench: Bench, maps: MapSet, tool: str, pairs: Sequence[Pair]) -> dict[Pair, Record]:
+def measure_pairs(
+    bench: Bench, maps: MapSet, tool: str, pairs: Sequence[Pair]
+) -> dict[Pair, Record]:
     """Map some pairs of a set with one tool."""
     common = {
         "set": maps.name,
@@ -101,7 +123,9 @@ def measure_pairs(bench: Bench, maps: MapSet, tool: str, pairs: Sequence[Pair]) 
         f"{maps.name}, {tool}: {target} {source}": common | {"target": target, "source": source}
         for target, source in pairs
     }
-    return dict(zip(pairs, bench.measure(measure_map, cells, version=VERSION).values(), strict=True))
+    return dict(
+        zip(pairs, bench.measure(measure_map, cells, version=VERSION).values(), strict=True)
+    )
 
 
 def row_of(name: str, tool: str, records: dict[Pair, Record], ours: dict[Pair, Record]) -> Row:
@@ -148,10 +172,16 @@ def published_rows(maps: MapSet, ours: dict[Pair, Record]) -> list[Row]:
 def findings(name: str, ours: dict[Pair, Record]) -> list[str]:
     """Return how many of the toolkit's maps are wrong in part, and how well the mirrored truth is known."""
     num_bad = sum(bool(errors_of(record).direct.mean() > BAD_MEAN) for record in ours.values())
-    sentences = [f"{name}: {num_bad} of {len(ours)} maps of the toolkit have a mean error above {BAD_MEAN}."]
-    mirrors = [record["mirror_error"] for record in ours.values() if record["mirror_error"] is not None]
+    sentences = [
+        f"{name}: {num_bad} of {len(ours)} maps of the toolkit have a mean error above {BAD_MEAN}."
+    ]
+    mirrors = [
+        record["mirror_error"] for record in ours.values() if record["mirror_error"] is not None
+    ]
     if mirrors:
-        sentences.append(f"{name}: the mirrored truth has a mean error of {max(mirrors):.4f} at the landmarks.")
+        sentences.append(
+            f"{name}: the mirrored truth has a mean error of {max(mirrors):.4f} at the landmarks."
+        )
     return sentences
 
 
@@ -174,7 +204,12 @@ def _draw(figure: Figure, curves: dict[str, list[Record]]) -> None:
     for tool, records in curves.items():
         shares = cumulative_curve([errors_of(record).direct for record in records])
         axes.plot(THRESHOLDS, 100 * shares, label=tool)
-    axes.set(xlabel="geodesic error / sqrt(area)", ylabel="points within, %", xlim=(0, THRESHOLDS[-1]), ylim=(0, 100))
+    axes.set(
+        xlabel="geodesic error / sqrt(area)",
+        ylabel="points within, %",
+        xlim=(0, THRESHOLDS[-1]),
+        ylim=(0, 100),
+    )
     axes.grid(visible=True, alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
 

@@ -59,7 +59,9 @@ class PaperChain:
     time_limit_s: float | None = None
 
 
-def match_by_paper(target: SpectralShape, source: SpectralShape, chain: PaperChain) -> tuple[NonrigidMatch, Status]:
+def match_by_paper(
+    target: SpectralShape, source: SpectralShape, chain: PaperChain
+) -> tuple[NonrigidMatch, Status]:
     """Return the map of the paper's chain, and how the relaxation ended; there is no judgement between candidates.
 
     PM-SDP on 50 samples of the source and 100 of the target, local minimisation in 30 functions, and functional-map
@@ -84,7 +86,11 @@ def agd_gaps(target: SpectralShape, source: SpectralShape, source_samples: IntAr
 
 
 def relaxation_starts(
-    target: SpectralShape, source: SpectralShape, source_samples: IntArray, allowed: BoolArray, chain: PaperChain
+    target: SpectralShape,
+    source: SpectralShape,
+    source_samples: IntArray,
+    allowed: BoolArray,
+    chain: PaperChain,
 ) -> tuple[LocalMinima, Status]:
     """Return the local minima that roundings of PM-SDP lead to, best energy first, and how its solver ended.
 
@@ -100,26 +106,37 @@ def relaxation_starts(
     )
     relaxed = solve_pm_sdp(problem, row_sums=False, tol=GAP_TOL, time_limit_s=chain.time_limit_s)
     maps, sizes = rounded_maps(problem, relaxed), (dim, DIAGONAL_DIM)
-    return descend_maps(target, source, source_samples, allowed, maps, "relaxation", sizes=sizes), relaxed.status
+    return descend_maps(
+        target, source, source_samples, allowed, maps, "relaxation", sizes=sizes
+    ), relaxed.status
 
 
 def rounded_maps(problem: Problem, relaxed: RelaxationResult) -> IntArray:
     """Return distinct maps of the samples, shape (m, k): the one nearest to X, and those of the appendix's starts."""
-    by_rotation = MatchingCosts(problem).assign(problem.pattern.project(appendix_starts(problem, relaxed)))
+    by_rotation = MatchingCosts(problem).assign(
+        problem.pattern.project(appendix_starts(problem, relaxed))
+    )
     return np.unique(np.vstack([nearest_map(problem, relaxed.X), by_rotation]), axis=0)
 
 
-def icp_map(target: SpectralShape, source: SpectralShape, rotation_target_source: FloatArray) -> FunctionalMap:
+def icp_map(
+    target: SpectralShape, source: SpectralShape, rotation_target_source: FloatArray
+) -> FunctionalMap:
     """Return functional-map ICP on the dense samples, with the constant function put in front of its map."""
     dim = len(rotation_target_source)
-    on_target, on_source = target.functions[target.dense, :dim], source.functions[source.dense, :dim]
+    on_target, on_source = (
+        target.functions[target.dense, :dim],
+        source.functions[source.dense, :dim],
+    )
     found = icp(on_target, on_source, rotation_target_source)
     c_source_target = np.eye(dim + 1)
     c_source_target[1:, 1:] = found.C_source_target
     return replace(found, C_source_target=c_source_target)
 
 
-def icp(basis_target: FloatArray, basis_source: FloatArray, rotation_target_source: FloatArray) -> FunctionalMap:
+def icp(
+    basis_target: FloatArray, basis_source: FloatArray, rotation_target_source: FloatArray
+) -> FunctionalMap:
     """Refine a rotation of the eigenfunctions by nearest neighbours and orthogonal projection in turn.
 
     Functional-map ICP (Ovsjanikov et al. 2012, section 6; Maron et al. 2016, section 6.1).

@@ -72,7 +72,9 @@ def without_share(shape: Shape, direction: FloatArray, share: float) -> Shape:
 
 
 @contextmanager
-def _cut_collection(settings: dict[str, Any], data: Path) -> Iterator[tuple[PosedCollection, list[str]]]:
+def _cut_collection(
+    settings: dict[str, Any], data: Path
+) -> Iterator[tuple[PosedCollection, list[str]]]:
     """Write some shapes of a collection in random poses, some of them cut; also yield the names of these."""
     dataset = read_dataset(settings["collection"], data)
     rng = np.random.default_rng(settings["seed"])
@@ -101,13 +103,20 @@ def _to_the_tip(dataset: Dataset, which: int, posed: FloatArray) -> FloatArray:
 def measure_cut_collection(cell: Cell) -> Record:
     """Align a collection of which some shapes are cut, told or not, and the others without them."""
     settings = cell.settings
-    with _cut_collection(settings, cell.data) as (posed, cut), tempfile.TemporaryDirectory() as name:
-        options = AlignOptions(incomplete=",".join(cut) if settings["way"] == TOLD else settings["way"])
+    with (
+        _cut_collection(settings, cell.data) as (posed, cut),
+        tempfile.TemporaryDirectory() as name,
+    ):
+        options = AlignOptions(
+            incomplete=",".join(cut) if settings["way"] == TOLD else settings["way"]
+        )
         run = RunOptions(jobs=1, store=Path(name) / "store.sqlite")
         with stopwatch() as elapsed:
             aligned = align_collection(posed.folder, options=options, run=run, progress=False)
         whole = [posed.folder / f"{shape}.ply" for shape in posed.names if shape not in cut]
-        without = align_collection(whole, options=replace(options, incomplete=NEVER), run=run, progress=False)
+        without = align_collection(
+            whole, options=replace(options, incomplete=NEVER), run=run, progress=False
+        )
     kept = [aligned.names.index(shape) for shape in without.names]
     return {
         "names": list(aligned.names),
@@ -133,7 +142,10 @@ def measure_complete_collection(cell: Cell) -> Record:
         for way in (NEVER, AUTO):
             with stopwatch() as elapsed:
                 found[way] = align_collection(
-                    posed.folder, options=AlignOptions(incomplete=way), run=RunOptions(jobs=1), progress=False
+                    posed.folder,
+                    options=AlignOptions(incomplete=way),
+                    run=RunOptions(jobs=1),
+                    progress=False,
                 )
             seconds[way] = elapsed.processor_s
     return {
@@ -179,7 +191,11 @@ def cut_row(settings: dict[str, Any], record: Record) -> Row:
         "shapes": len(names),
         "cut": len(cut),
         "share": 100.0 * settings["share"],
-        "way": "told" if settings["way"] == TOLD else "looked for" if settings["way"] == AUTO else "unknown",
+        "way": "told"
+        if settings["way"] == TOLD
+        else "looked for"
+        if settings["way"] == AUTO
+        else "unknown",
         "named": len(cut & set(record["named"])),
         "wrongly": len(set(record["named"]) - cut),
         "right": int((~wrong & is_cut).sum()),
@@ -220,7 +236,9 @@ def measure(bench: Bench) -> Outcome:
         for collection, shapes, cut, share, way, what in cut_sets
     }
     complete = {
-        name: {"collection": name, "shapes": num, "seed": SEED} for name, num in COMPLETE_SETS if not bench.quick
+        name: {"collection": name, "shapes": num, "seed": SEED}
+        for name, num in COMPLETE_SETS
+        if not bench.quick
     }
     of_sets = bench.measure(measure_cut_collection, sets, version="2")
     of_complete = bench.measure(measure_complete_collection, complete, apart=True)
@@ -235,7 +253,9 @@ def measure(bench: Bench) -> Outcome:
                 name="complete",
                 caption="Complete sets.",
                 columns=COMPLETE_COLUMNS,
-                rows=tuple(complete_row(complete[label], record) for label, record in of_complete.items()),
+                rows=tuple(
+                    complete_row(complete[label], record) for label, record in of_complete.items()
+                ),
             ),
         )
     )

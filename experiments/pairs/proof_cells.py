@@ -37,7 +37,9 @@ def measure_problem(cell: Cell) -> Record:
     """Prove one pair, bound it by PM-SDP where asked, and try random starts."""
     settings = cell.settings
     problem = proof_problem(settings, cell.data)
-    prove(planted_problem(np.random.default_rng(0), 5, 5, 3, noise=0.3))  # loads what Numba compiled
+    prove(
+        planted_problem(np.random.default_rng(0), 5, 5, 3, noise=0.3)
+    )  # loads what Numba compiled
     started = time.process_time()
     proof = prove(problem, tol=TOL)
     record: Record = {"s": time.process_time() - started, "cells": proof.num_cells}
@@ -52,7 +54,9 @@ def measure_problem(cell: Cell) -> Record:
         return record
     certificate = prove(problem, tol=TOL, record=True).certificate
     if certificate is not None:
-        record["verified"] = verify_certificate(problem.target, problem.source, certificate) / energy
+        record["verified"] = (
+            verify_certificate(problem.target, problem.source, certificate) / energy
+        )
     started = time.process_time()
     found = solve_relaxation(
         problem.target,
@@ -62,7 +66,10 @@ def measure_problem(cell: Cell) -> Record:
         cross_products=problem.dim == 3,
         row_sums=False,
     )
-    return record | {"pm-sdp_s": time.process_time() - started, "pm-sdp_share": found.lower_bound / energy}
+    return record | {
+        "pm-sdp_s": time.process_time() - started,
+        "pm-sdp_share": found.lower_bound / energy,
+    }
 
 
 def measure_tooth(cell: Cell) -> Record:
@@ -87,7 +94,9 @@ def proof_problem(settings: dict[str, Any], data: Path) -> Problem:
     if settings["kind"] == "cube":
         num = settings["num"]
         planted = planted_problem(rng, num, num, settings["dim"], noise=settings["noise"])
-        target, source = (points - points.mean(axis=0) for points in (planted.target, planted.source))
+        target, source = (
+            points - points.mean(axis=0) for points in (planted.target, planted.source)
+        )
         return Problem.from_user(target, source)
     teeth = read_teeth(data / TEETH_FOLDER)
     pair = rng.choice(len(teeth), 2, replace=False)

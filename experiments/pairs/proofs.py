@@ -14,15 +14,87 @@ from experiments.tables import Column, Table
 
 #: Kinds of problems: how many, on how many of them PM-SDP runs as well, and random starts of each.
 PROBLEMS: tuple[dict[str, Any], ...] = (
-    {"kind": "cube", "dim": 2, "num": 20, "noise": 0.2, "problems": 50, "relaxed": 10, "starts": 1000},
-    {"kind": "cube", "dim": 3, "num": 20, "noise": 0.05, "problems": 50, "relaxed": 10, "starts": 1000},
-    {"kind": "cube", "dim": 3, "num": 20, "noise": 0.1, "problems": 50, "relaxed": 10, "starts": 1000},
-    {"kind": "cube", "dim": 3, "num": 20, "noise": 0.2, "problems": 50, "relaxed": 10, "starts": 1000},
-    {"kind": "cube", "dim": 3, "num": 50, "noise": 0.2, "problems": 10, "relaxed": 2, "starts": 1000},
-    {"kind": "teeth", "dim": 3, "num": 20, "noise": None, "problems": 50, "relaxed": 10, "starts": 1000},
-    {"kind": "teeth", "dim": 3, "num": 64, "noise": None, "problems": 50, "relaxed": 5, "starts": 1000},
-    {"kind": "teeth", "dim": 3, "num": 120, "noise": None, "problems": 10, "relaxed": 1, "starts": 200},
-    {"kind": "teeth", "dim": 3, "num": 400, "noise": None, "problems": 2, "relaxed": 0, "starts": 10},
+    {
+        "kind": "cube",
+        "dim": 2,
+        "num": 20,
+        "noise": 0.2,
+        "problems": 50,
+        "relaxed": 10,
+        "starts": 1000,
+    },
+    {
+        "kind": "cube",
+        "dim": 3,
+        "num": 20,
+        "noise": 0.05,
+        "problems": 50,
+        "relaxed": 10,
+        "starts": 1000,
+    },
+    {
+        "kind": "cube",
+        "dim": 3,
+        "num": 20,
+        "noise": 0.1,
+        "problems": 50,
+        "relaxed": 10,
+        "starts": 1000,
+    },
+    {
+        "kind": "cube",
+        "dim": 3,
+        "num": 20,
+        "noise": 0.2,
+        "problems": 50,
+        "relaxed": 10,
+        "starts": 1000,
+    },
+    {
+        "kind": "cube",
+        "dim": 3,
+        "num": 50,
+        "noise": 0.2,
+        "problems": 10,
+        "relaxed": 2,
+        "starts": 1000,
+    },
+    {
+        "kind": "teeth",
+        "dim": 3,
+        "num": 20,
+        "noise": None,
+        "problems": 50,
+        "relaxed": 10,
+        "starts": 1000,
+    },
+    {
+        "kind": "teeth",
+        "dim": 3,
+        "num": 64,
+        "noise": None,
+        "problems": 50,
+        "relaxed": 5,
+        "starts": 1000,
+    },
+    {
+        "kind": "teeth",
+        "dim": 3,
+        "num": 120,
+        "noise": None,
+        "problems": 10,
+        "relaxed": 1,
+        "starts": 200,
+    },
+    {
+        "kind": "teeth",
+        "dim": 3,
+        "num": 400,
+        "noise": None,
+        "problems": 2,
+        "relaxed": 0,
+        "starts": 10,
+    },
 )
 QUICK: tuple[dict[str, Any], ...] = (
     {"kind": "cube", "dim": 3, "num": 8, "noise": 0.1, "problems": 2, "relaxed": 1, "starts": 20},
@@ -114,7 +186,10 @@ def _pairs_table(rows: tuple[dict[str, Any], ...]) -> Table:
 
 
 def _teeth_table(records: list[Record]) -> Table:
-    joined = {key: np.concatenate([record[key] for record in records]) for key in ("s", "proven", "regions", "poses")}
+    joined = {
+        key: np.concatenate([record[key] for record in records])
+        for key in ("s", "proven", "regions", "poses")
+    }
     row = {
         "pairs": len(joined["s"]),
         "proven": int(joined["proven"].sum()),
@@ -142,7 +217,9 @@ def _text(pairs: list[dict[str, Any]], listed: list[Record]) -> str:
     lines = [f"Pairs not proven: {unproven}. Random starts that ended below a bound: {below}."]
     if listed:
         proven = np.concatenate([record["proven"] for record in listed])
-        lines.append(f"Pairs of teeth not proven or listed: {int((proven == 0).sum())} of {len(proven)}.")
+        lines.append(
+            f"Pairs of teeth not proven or listed: {int((proven == 0).sum())} of {len(proven)}."
+        )
     return "\n\n".join(lines)
 
 

@@ -36,14 +36,23 @@ def seconds(solve: Callable[[], object]) -> float:
 
 def main() -> None:
     """Print a line for each size."""
-    solve_pm_sdp(planted_problem(np.random.default_rng(0), 5, 5, 3))  # imports and the look-up of thread pools
+    solve_pm_sdp(
+        planted_problem(np.random.default_rng(0), 5, 5, 3)
+    )  # imports and the look-up of thread pools
     for num in NUM_POINTS:
         ratios, times, tighter = [], [], []
         for seed in range(NUM_SEEDS):
             problem = planted_problem(np.random.default_rng(seed), num, num, 3)
-            times.append(min(seconds(partial(solve_pm_sdp, problem, row_sums=False, tol=TOL)) for _ in range(3)))
+            times.append(
+                min(
+                    seconds(partial(solve_pm_sdp, problem, row_sums=False, tol=TOL))
+                    for _ in range(3)
+                )
+            )
             tighter.append(seconds(partial(solve_pm_sdp, problem, tol=TOL)))
-            scs_s = seconds(partial(solve_reference, problem, row_sums=False, solver="scs", tol=1e-4))
+            scs_s = seconds(
+                partial(solve_reference, problem, row_sums=False, solver="scs", tol=1e-4)
+            )
             ratios.append(scs_s / times[-1])
         print(
             f"n = {num}: dual {min(times):.3f} to {max(times):.3f} s, "

@@ -51,10 +51,14 @@ def bone(directions: FloatArray, faces: IntArray, rng: np.random.Generator, name
     """
     x, y, z = directions.T
     thickness = 0.28 + 0.1 * z**2
-    points = np.column_stack([x * thickness, 0.9 * y * thickness, 1.5 * (1 + 0.03 * rng.standard_normal()) * z])
+    points = np.column_stack(
+        [x * thickness, 0.9 * y * thickness, 1.5 * (1 + 0.03 * rng.standard_normal()) * z]
+    )
     for axis, width, height in _JOINTS:
         squared = ((directions - np.array(axis) / np.linalg.norm(axis)) ** 2).sum(axis=1)
-        points += (height * (1 + 0.1 * rng.standard_normal()) * np.exp(-squared / width))[:, None] * directions
+        points += (height * (1 + 0.1 * rng.standard_normal()) * np.exp(-squared / width))[
+            :, None
+        ] * directions
     points[:, 0] += 0.1 * (1 + 0.2 * rng.standard_normal()) * points[:, 2] ** 2
     points *= 1 + 0.06 * smooth_field(points, rng, num_bumps=12, width=0.35)[:, None]
     return Shape.from_arrays(points, faces, name=name)
@@ -64,7 +68,9 @@ def bones(num_vertices: int, num: int) -> PlantedCollection:
     """Return bones in random poses, always the same."""
     rng = np.random.default_rng(SEED)
     directions, faces = sphere_mesh(num_vertices)
-    return planted_collection([bone(directions, faces, rng, f"bone{i:03d}") for i in range(num)], rng)
+    return planted_collection(
+        [bone(directions, faces, rng, f"bone{i:03d}") for i in range(num)], rng
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,15 +103,21 @@ def measure(tool: str, folder: Path, truth: FloatArray) -> list[Measured]:
 def peak_gib(process: int | str) -> float:
     """Return the largest memory of a process so far, and of its living children, added up."""
     folder = Path("/proc") / str(process)
-    peak = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("VmHWM"))
-    children = [int(word) for path in folder.glob("task/*/children") for word in path.read_text().split()]
+    peak = next(
+        line for line in (folder / "status").read_text().splitlines() if line.startswith("VmHWM")
+    )
+    children = [
+        int(word) for path in folder.glob("task/*/children") for word in path.read_text().split()
+    ]
     return int(peak.split()[1]) / 2**20 + sum(map(peak_gib, children))
 
 
 def pair_errors_deg(truth: FloatArray, found: FloatArray) -> FloatArray:
     """Return the errors of all relative rotations, degrees; both are ``R_common_shape``, shape (N, 3, 3)."""
     pairs = itertools.combinations(range(len(truth)), 2)
-    return np.array([rotation_angle_deg(truth[a].T @ truth[b], found[a].T @ found[b]) for a, b in pairs])
+    return np.array(
+        [rotation_angle_deg(truth[a].T @ truth[b], found[a].T @ found[b]) for a, b in pairs]
+    )
 
 
 def compare(sizes: Sequence[int], numbers: Sequence[int], tools: Sequence[str]) -> Iterator[str]:

@@ -101,9 +101,14 @@ def measure(bench: Bench) -> Outcome:
             for answer, record in answers.items():
                 records.setdefault((label.partition(",")[0], answer), []).append(record)
     tools = list(dict.fromkeys(answer for _, answer in records))
-    rows = [row_of(ALL, tool, [one for name in classes for one in records[name, tool]]) for tool in tools]
+    rows = [
+        row_of(ALL, tool, [one for name in classes for one in records[name, tool]])
+        for tool in tools
+    ]
     rows += [row_of(name, tool, records[name, tool]) for name in classes for tool in tools]
-    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), plots=(_plot(rows),), text=_text(rows))
+    return Outcome(
+        tables=(Table(columns=COLUMNS, rows=tuple(rows)),), plots=(_plot(rows),), text=_text(rows)
+    )
 
 
 def row_of(name: str, tool: str, records: list[Record]) -> Row:
@@ -153,7 +158,9 @@ def _plot(rows: list[Row]) -> Plot:
         axes.set_xlabel(f"pairs off by more than {GROSS_DEG:.0f} degrees, %")
         figure.legend(loc="outside lower center", ncols=2, fontsize=8)
 
-    return Plot(draw=draw, title="Gross pairs by class and tool", size=(7.0, 1.5 + 0.7 * len(kinds)))
+    return Plot(
+        draw=draw, title="Gross pairs by class and tool", size=(7.0, 1.5 + 0.7 * len(kinds))
+    )
 
 
 def _text(rows: list[Row]) -> str:
@@ -163,7 +170,11 @@ def _text(rows: list[Row]) -> str:
         for row in rows
         if float(str(row["gross"])) < float(str(ours[row["class"]]["gross"]))
     ]
-    lines = ["Where another tool has fewer gross pairs: " + ("; ".join(ahead) or "nowhere in this table") + "."]
+    lines = [
+        "Where another tool has fewer gross pairs: "
+        + ("; ".join(ahead) or "nowhere in this table")
+        + "."
+    ]
     lines += [
         f"{' and '.join(tool.answers)}: left out, since {tool.lacks()} is not installed."
         for tool in TOOLS.values()

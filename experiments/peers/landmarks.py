@@ -66,20 +66,39 @@ def measure(bench: Bench) -> Outcome:
     common = {"num": num, "seed": SEED, "pairs": pairs}
     names = COLLECTIONS[:1] if bench.quick else COLLECTIONS
     found = bench.measure(
-        measure_carrying, {name: {**common, "dataset": name, "sets": sets} for name in names}, version=VERSION
+        measure_carrying,
+        {name: {**common, "dataset": name, "sets": sets} for name in names},
+        version=VERSION,
     )
-    ways = [way for way, warp in WARPS.items() if not warp.lacks and not (bench.quick and warp.package)]
+    ways = [
+        way for way, warp in WARPS.items() if not warp.lacks and not (bench.quick and warp.package)
+    ]
     cells: dict[str, dict[str, Any]] = {
-        f"{name}: {way}": {**common, "dataset": name, "way": way, "transforms": found[name]["transforms"].tolist()}
+        f"{name}: {way}": {
+            **common,
+            "dataset": name,
+            "way": way,
+            "transforms": found[name]["transforms"].tolist(),
+        }
         for name in names
         for way in ways
     }
     peers = bench.measure(measure_warp, cells, version=VERSION)
-    rows = [row for name, record in found.items() for k, _ in sets for row in template_rows(name, k, record)]
+    rows = [
+        row
+        for name, record in found.items()
+        for k, _ in sets
+        for row in template_rows(name, k, record)
+    ]
     compared = [row for name in names for row in _pair_rows(name, found[name], peers)]
     return Outcome(
         tables=(_template_table(rows), _pair_table(compared)),
-        plots=(Plot(draw=lambda figure: _draw(figure, found, sets), title="Error of each landmark, its median"),),
+        plots=(
+            Plot(
+                draw=lambda figure: _draw(figure, found, sets),
+                title="Error of each landmark, its median",
+            ),
+        ),
         text=_text(rows),
     )
 
@@ -150,7 +169,8 @@ def _pair_table(rows: list[Row]) -> Table:
         Column(key="processor_s", title="CPU s a pair", format=".1f", clock=True),
     )
     caption = (
-        "The same pairs carried in other ways. The toolkit registers every shape twice, and then carries all pairs."
+        "The same pairs carried in other ways. "
+        "The toolkit registers every shape twice, and then carries all pairs."
     )
     return Table(columns=columns, rows=tuple(rows), name="pairs", caption=caption)
 
@@ -163,7 +183,13 @@ def _draw(figure: Figure, found: Mapping[str, Record], sets: list[list[int]]) ->
         for way in ("closest", "carried"):
             for k, _ in sets:
                 words = f"{'closest points' if way == 'closest' else 'carried'}, {k} templates"
-                axes.plot(np.nanmedian(record[f"{way} {k}"], axis=0)[order], ".-", lw=0.8, ms=4, label=words)
+                axes.plot(
+                    np.nanmedian(record[f"{way} {k}"], axis=0)[order],
+                    ".-",
+                    lw=0.8,
+                    ms=4,
+                    label=words,
+                )
         axes.set_title(name)
         axes.set_xlabel("landmark, by error")
         axes.set_ylabel("mm" if name in IN_FILE_UNITS else "root mean square radii")
@@ -175,7 +201,8 @@ def _text(rows: list[Row]) -> str:
     short = [
         f"{row['collection']}, templates {row['templates']}: {row['carried']:.3f} where {row['goal']:.2f} is wanted"
         for row in rows
-        if isinstance(row.get("goal"), float) and float(str(row["carried"])) > float(str(row["goal"]))
+        if isinstance(row.get("goal"), float)
+        and float(str(row["carried"])) > float(str(row["goal"]))
     ]
     lines = ["Falls short: " + ("; ".join(short) or "nothing here") + "."]
     missing = sorted({warp.package for warp in WARPS.values() if warp.lacks})

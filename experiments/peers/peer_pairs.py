@@ -104,14 +104,18 @@ def open3d_pose_graph(pairs: MatchedPairs) -> FloatArray:
             pose = pose @ transform
             graph.nodes.append(registration.PoseGraphNode(pose))
         closes_loop = source != target + 1
-        edge = registration.PoseGraphEdge(source, target, transform, information, uncertain=closes_loop)
+        edge = registration.PoseGraphEdge(
+            source, target, transform, information, uncertain=closes_loop
+        )
         graph.edges.append(edge)
     registration.global_optimization(
         graph,
         registration.GlobalOptimizationLevenbergMarquardt(),
         registration.GlobalOptimizationConvergenceCriteria(),
         registration.GlobalOptimizationOption(
-            max_correspondence_distance=1.5 * OPEN3D_VOXEL, edge_prune_threshold=0.25, reference_node=0
+            max_correspondence_distance=1.5 * OPEN3D_VOXEL,
+            edge_prune_threshold=0.25,
+            reference_node=0,
         ),
     )
     return np.stack([np.array(node.pose)[:3, :3] for node in graph.nodes])
@@ -127,7 +131,9 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     transforms = []
     for target, source in edges:
         matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(KISS_VOXEL))
-        found = matcher.estimate(clouds[source].astype(np.float32), clouds[target].astype(np.float32))
+        found = matcher.estimate(
+            clouds[source].astype(np.float32), clouds[target].astype(np.float32)
+        )
         start = np.eye(4)
         start[:3, :3], start[:3, 3] = found.rotation, np.ravel(found.translation)
         refined = small_gicp.align(
@@ -145,7 +151,9 @@ def kiss_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
 def drift_pairs(shapes: Sequence[Shape], num_jobs: int) -> MatchedPairs:
     """Match by coherent point drift (rustcpd), from all pairings of the principal axes; the best counts."""
     dense = [with_short_edges(shape) for shape in shapes]
-    points = [shape.vertices[farthest_points(shape, CPD_POINTS, metric="euclidean")] for shape in dense]
+    points = [
+        shape.vertices[farthest_points(shape, CPD_POINTS, metric="euclidean")] for shape in dense
+    ]
     edges = list(itertools.combinations(range(len(shapes)), 2))
     tasks = [(f"{target} {source}", (points[target], points[source])) for target, source in edges]
     found = {}
@@ -167,16 +175,24 @@ def _open3d_cloud(open3d: Any, shape: Shape) -> tuple[Any, Any]:
     """Return points thinned to voxels with the mesh's normals, or else estimated ones, and their features."""
     vertices = open3d.utility.Vector3dVector(np.array(shape.vertices))
     if shape.is_mesh:
-        mesh = open3d.geometry.TriangleMesh(vertices, open3d.utility.Vector3iVector(shape.faces.astype(np.int32)))
-        cloud = mesh.sample_points_uniformly(OPEN3D_POINTS, use_triangle_normal=True).voxel_down_sample(OPEN3D_VOXEL)
+        mesh = open3d.geometry.TriangleMesh(
+            vertices, open3d.utility.Vector3iVector(shape.faces.astype(np.int32))
+        )
+        cloud = mesh.sample_points_uniformly(
+            OPEN3D_POINTS, use_triangle_normal=True
+        ).voxel_down_sample(OPEN3D_VOXEL)
     else:
         cloud = open3d.geometry.PointCloud(vertices).voxel_down_sample(OPEN3D_VOXEL)
-        cloud.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2 * OPEN3D_VOXEL, max_nn=30))
+        cloud.estimate_normals(
+            open3d.geometry.KDTreeSearchParamHybrid(radius=2 * OPEN3D_VOXEL, max_nn=30)
+        )
     nearby = open3d.geometry.KDTreeSearchParamHybrid(radius=5 * OPEN3D_VOXEL, max_nn=100)
     return cloud, open3d.pipelines.registration.compute_fpfh_feature(cloud, nearby)
 
 
-def _open3d_match(registration: Any, target: tuple[Any, Any], source: tuple[Any, Any]) -> FloatArray:
+def _open3d_match(
+    registration: Any, target: tuple[Any, Any], source: tuple[Any, Any]
+) -> FloatArray:
     reach = 1.5 * OPEN3D_VOXEL
     coarse = registration.registration_ransac_based_on_feature_matching(
         source[0],
@@ -210,7 +226,10 @@ def _drift(clouds: tuple[FloatArray, FloatArray]) -> FloatArray:
         if drift.objective < least:
             least = drift.objective
             best = np.eye(4)  # the library multiplies rows from the right
-            best[:3, :3], best[:3, 3] = np.asarray(drift.rotation).T @ start, np.asarray(drift.translation)
+            best[:3, :3], best[:3, 3] = (
+                np.asarray(drift.rotation).T @ start,
+                np.asarray(drift.translation),
+            )
     best[:3, 3] += centres[0] - best[:3, :3] @ centres[1]
     return best
 
@@ -222,5 +241,8 @@ def _pairs(
     information: tuple[FloatArray, ...] = (),
 ) -> MatchedPairs:
     return MatchedPairs(
-        num_shapes=num_shapes, edges=np.array(edges), transforms=np.stack(transforms), information=information
+        num_shapes=num_shapes,
+        edges=np.array(edges),
+        transforms=np.stack(transforms),
+        information=information,
     )

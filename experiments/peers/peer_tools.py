@@ -78,7 +78,9 @@ class Tool:
 def _collalign(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:
     with stopwatch() as elapsed:
         found = align_collection(folder, options=AlignOptions(), run=RunOptions(jobs=num_jobs))
-    answer = Answer(names=found.names, rotations=found.rotations, elapsed=elapsed, confidence=found.confidence)
+    answer = Answer(
+        names=found.names, rotations=found.rotations, elapsed=elapsed, confidence=found.confidence
+    )
     return {"collalign": answer}
 
 
@@ -86,7 +88,11 @@ def _principal_axes(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answe
     with stopwatch() as elapsed:
         shapes = _read(folder)
         rotations = align_by_principal_axes(shapes, group="O" if mixed else "SO", num_jobs=num_jobs)
-    return {"principal axes + ICP + tree": Answer(names=_names(shapes), rotations=rotations, elapsed=elapsed)}
+    return {
+        "principal axes + ICP + tree": Answer(
+            names=_names(shapes), rotations=rotations, elapsed=elapsed
+        )
+    }
 
 
 def _from_pairs(
@@ -104,7 +110,8 @@ def _from_pairs(
             with stopwatch() as rest:
                 rotations = synchronizer(pairs)
             elapsed = Elapsed(
-                wall_s=matching.wall_s + rest.wall_s, processor_s=matching.processor_s + rest.processor_s
+                wall_s=matching.wall_s + rest.wall_s,
+                processor_s=matching.processor_s + rest.processor_s,
             )
             answers[name] = Answer(names=_names(shapes), rotations=rotations, elapsed=elapsed)
         return answers
@@ -126,8 +133,16 @@ _DRIFT = {"principal axes + CPD + spectral": spectral}
 
 TOOLS: dict[str, Tool] = {
     "collalign": Tool(align=_collalign, answers=("collalign",)),
-    "open3d": Tool(align=_from_pairs(open3d_pairs, _OPEN3D), answers=tuple(_OPEN3D), packages=("open3d",)),
+    "open3d": Tool(
+        align=_from_pairs(open3d_pairs, _OPEN3D), answers=tuple(_OPEN3D), packages=("open3d",)
+    ),
     "axes": Tool(align=_principal_axes, answers=("principal axes + ICP + tree",)),
-    "kiss": Tool(align=_from_pairs(kiss_pairs, _KISS), answers=tuple(_KISS), packages=("kiss_matcher", "small_gicp")),
-    "drift": Tool(align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("rustcpd",)),
+    "kiss": Tool(
+        align=_from_pairs(kiss_pairs, _KISS),
+        answers=tuple(_KISS),
+        packages=("kiss_matcher", "small_gicp"),
+    ),
+    "drift": Tool(
+        align=_from_pairs(drift_pairs, _DRIFT), answers=tuple(_DRIFT), packages=("rustcpd",)
+    ),
 }

@@ -23,7 +23,9 @@ class Planted:
     truth: FloatArray
 
 
-def random_rotations(rng: np.random.Generator, count: int, dim: int = 3, *, group: str = "SO") -> FloatArray:
+def random_rotations(
+    rng: np.random.Generator, count: int, dim: int = 3, *, group: str = "SO"
+) -> FloatArray:
     """Return uniform random orthogonal matrices (count, d, d), of determinant +1 for ``group="SO"``."""
     q, r = np.linalg.qr(rng.standard_normal((count, dim, dim)))
     q = q * np.sign(np.einsum("nii->ni", r))[:, None, :]
@@ -32,7 +34,9 @@ def random_rotations(rng: np.random.Generator, count: int, dim: int = 3, *, grou
     return q
 
 
-def small_rotations(rng: np.random.Generator, shape: tuple[int, ...], rms_deg: float, dim: int = 3) -> FloatArray:
+def small_rotations(
+    rng: np.random.Generator, shape: tuple[int, ...], rms_deg: float, dim: int = 3
+) -> FloatArray:
     """Return random rotations of the given root-mean-square angle (normal in the tangent space)."""
     rows, cols = np.triu_indices(dim, 1)
     tangent = rng.standard_normal((*shape, len(rows))) * np.deg2rad(rms_deg) / np.sqrt(len(rows))
@@ -100,7 +104,9 @@ def flipped_pairs(
     else:
         place = np.where(is_wrong, rng.integers(1, 4, count), 0)
         flip = np.insert(flips, 0, 0, axis=1)
-        flip[is_wrong] = np.stack([np.insert(f, p, 0) for f, p in zip(flips[is_wrong], place[is_wrong], strict=True)])
+        flip[is_wrong] = np.stack(
+            [np.insert(f, p, 0) for f, p in zip(flips[is_wrong], place[is_wrong], strict=True)]
+        )
         energies = 10.0 + np.cumsum(rng.exponential(1.0, (count, 4)), axis=1)
     measured = left[:, None] @ D2_FLIPS[flip] @ right[:, None] @ noise
     if none_right:

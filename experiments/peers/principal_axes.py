@@ -93,13 +93,17 @@ def normalised_points(shape: Shape, num: int) -> FloatArray:
 
 def axis_starts(target: FloatArray, source: FloatArray, *, group: str = "SO") -> FloatArray:
     """Return the ways to put principal axes on principal axes, shape (4, 3, 3), with reflections (8, 3, 3)."""
-    axes_target, axes_source = (np.linalg.svd(points, full_matrices=False)[2] for points in (target, source))
+    axes_target, axes_source = (
+        np.linalg.svd(points, full_matrices=False)[2] for points in (target, source)
+    )
     signs = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
     starts = axes_target.T @ (signs[:, :, None] * axes_source)
     return np.asarray(starts if group == "O" else starts[np.linalg.det(starts) > 0])
 
 
-def closest_points(target: FloatArray, source: FloatArray, start: FloatArray) -> tuple[FloatArray, float]:
+def closest_points(
+    target: FloatArray, source: FloatArray, start: FloatArray
+) -> tuple[FloatArray, float]:
     """Match one to one and rotate in alternation until the match repeats; the start's chirality stays.
 
     Returns

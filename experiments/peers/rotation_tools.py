@@ -92,7 +92,9 @@ def _gtsam_shonan(problem: Planted, noise_rad: float) -> tuple[FloatArray, Float
     noise = gtsam.noiseModel.Isotropic.Sigma(6, noise_rad)
     factors = gtsam.BetweenFactorPose3s()
     for (i, j), rotation in zip(problem.edges.tolist(), _best_candidates(problem), strict=True):
-        factors.append(gtsam.BetweenFactorPose3(i, j, gtsam.Pose3(gtsam.Rot3(rotation), np.zeros(3)), noise))
+        factors.append(
+            gtsam.BetweenFactorPose3(i, j, gtsam.Pose3(gtsam.Rot3(rotation), np.zeros(3)), noise)
+        )
     parameters = gtsam.ShonanAveragingParameters3(gtsam.LevenbergMarquardtParams.CeresDefaults())
     parameters.setUseHuber(True)
     parameters.setCertifyOptimality(False)

@@ -102,7 +102,10 @@ def read_scans(name: str, data: Path, num: int) -> Scans:
     if name == BUNNY:
         dataset = read_range_scans(data / SCANS_FOLDER)
         points = [dataset.shape(i).vertices for i in range(num)]
-        frames = [(np.asarray(dataset.rotations)[i], np.asarray(dataset.translations)[i]) for i in range(num)]
+        frames = [
+            (np.asarray(dataset.rotations)[i], np.asarray(dataset.translations)[i])
+            for i in range(num)
+        ]
         common = [cloud @ R.T + t for cloud, (R, t) in zip(points, frames, strict=True)]
         true = np.stack([R for R, _ in frames])
         apart = np.digitize(overlaps(common), OVERLAPS) - 1
@@ -123,7 +126,9 @@ def read_scans(name: str, data: Path, num: int) -> Scans:
     ]
     poses = np.stack([R @ rotation.T for R, rotation in zip(true, rotations, strict=True)])
     return Scans(
-        clouds=tuple(Shape.from_arrays(cloud, name=f"scan{i:02d}") for i, cloud in enumerate(moved)),
+        clouds=tuple(
+            Shape.from_arrays(cloud, name=f"scan{i:02d}") for i, cloud in enumerate(moved)
+        ),
         relative=np.einsum("ica,jcb->ijab", poses, poses),
         apart=apart,
     )
@@ -134,8 +139,12 @@ def overlaps(clouds: Sequence[FloatArray], num_points: int = 2000) -> FloatArray
     rng = np.random.default_rng(SEED)
     few = [cloud[rng.permutation(len(cloud))[:num_points]] for cloud in clouds]
     trees = [cKDTree(cloud) for cloud in few]
-    reach = 2.0 * float(np.median([np.median(tree.query(tree.data, k=2)[0][:, 1]) for tree in trees]))
-    near = np.array([[float((tree.query(cloud)[0] <= reach).mean()) for tree in trees] for cloud in few])
+    reach = 2.0 * float(
+        np.median([np.median(tree.query(tree.data, k=2)[0][:, 1]) for tree in trees])
+    )
+    near = np.array(
+        [[float((tree.query(cloud)[0] <= reach).mean()) for tree in trees] for cloud in few]
+    )
     return np.asarray(0.5 * (near + near.T))
 
 
@@ -155,12 +164,16 @@ class Matcher:
 
 MATCHERS = {
     "Open3D": Matcher(
-        match=open3d_pairs, ways={"pose graph": open3d_pose_graph, "spectral": spectral}, packages=("open3d",)
+        match=open3d_pairs,
+        ways={"pose graph": open3d_pose_graph, "spectral": spectral},
+        packages=("open3d",),
     ),
     "KISS-Matcher + GICP": Matcher(
         match=kiss_pairs, ways={"spectral": spectral}, packages=("kiss_matcher", "small_gicp")
     ),
-    "principal axes + CPD": Matcher(match=drift_pairs, ways={"spectral": spectral}, packages=("rustcpd",)),
+    "principal axes + CPD": Matcher(
+        match=drift_pairs, ways={"spectral": spectral}, packages=("rustcpd",)
+    ),
 }
 OURS = "collalign"
 
@@ -190,10 +203,16 @@ def measure_scans(cell: Cell) -> Record:
     }
 
 
-def _run_toolkit(scans: Scans, edges: list[tuple[int, int]], tool: str) -> tuple[FloatArray, float, Record]:
+def _run_toolkit(
+    scans: Scans, edges: list[tuple[int, int]], tool: str
+) -> tuple[FloatArray, float, Record]:
     with stopwatch() as matching:
         found = [
-            match_in_part(*(scans.clouds[at].vertices for at in edge), group="SO", sampling={"normalisation": "none"})
+            match_in_part(
+                *(scans.clouds[at].vertices for at in edge),
+                group="SO",
+                sampling={"normalisation": "none"},
+            )
             for edge in edges
         ]
     with stopwatch() as elapsed:
@@ -203,14 +222,18 @@ def _run_toolkit(scans: Scans, edges: list[tuple[int, int]], tool: str) -> tuple
             run=RunOptions(jobs=1),
             progress=False,
         )
-    figures = _figures(scans, aligned.rotations, aligned.names) | {"processor_s": elapsed.processor_s}
+    figures = _figures(scans, aligned.rotations, aligned.names) | {
+        "processor_s": elapsed.processor_s
+    }
     sure, wrong = aligned.confidence >= DOUBT, figures.pop("shape_deg") > WRONG_DEG
     figures |= {"stated": float(sure.mean()), "sure_wrong": int((sure & wrong).sum())}
     pairs = np.stack([one.transform[:3, :3] for one in found])
     return pairs, matching.processor_s / len(edges), {OURS: figures}
 
 
-def _run_matcher(scans: Scans, edges: list[tuple[int, int]], tool: str) -> tuple[FloatArray, float, Record]:
+def _run_matcher(
+    scans: Scans, edges: list[tuple[int, int]], tool: str
+) -> tuple[FloatArray, float, Record]:
     with stopwatch() as matching:
         found = MATCHERS[tool].match(scans.clouds, 1)
     ways: Record = {}
@@ -226,7 +249,9 @@ def _run_matcher(scans: Scans, edges: list[tuple[int, int]], tool: str) -> tuple
 
 
 def _figures(scans: Scans, rotations: FloatArray, names: Sequence[str]) -> Record:
-    posed = PosedCollection(folder=Path(), names=tuple(cloud.name for cloud in scans.clouds), relative=scans.relative)
+    posed = PosedCollection(
+        folder=Path(), names=tuple(cloud.name for cloud in scans.clouds), relative=scans.relative
+    )
     return {
         "errors": np.nan_to_num(posed.pair_errors_deg(rotations, names), nan=180.0),
         "shape_deg": posed.shape_errors_deg(rotations, names),
@@ -250,7 +275,8 @@ def measure(bench: Bench) -> Outcome:
     found = bench.measure(measure_scans, cells, version=VERSION, apart=True)
     objects = [name for name in names if name != BUNNY]
     pairs = [
-        pair_row(f"{len(objects)} objects", tool, [found[f"{name}: {tool}"] for name in objects]) for tool in tools
+        pair_row(f"{len(objects)} objects", tool, [found[f"{name}: {tool}"] for name in objects])
+        for tool in tools
     ]
     if BUNNY in names:
         pairs += [pair_row(BUNNY, tool, [found[f"{BUNNY}: {tool}"]]) for tool in tools]
@@ -269,7 +295,12 @@ def measure(bench: Bench) -> Outcome:
                 caption=f"Pairs within {RIGHT_DEG:.0f} degrees. Classes of the bunny's: 30 to 50, 50 to 70 and 70 to "
                 "100 % shared points.",
             ),
-            Table(name="collections", columns=JOINED_COLUMNS, rows=tuple(joined), caption="All scans of an object."),
+            Table(
+                name="collections",
+                columns=JOINED_COLUMNS,
+                rows=tuple(joined),
+                caption="All scans of an object.",
+            ),
         ),
         plots=(_plot(pairs[: len(tools)]),),
         text=f"Left out, since not installed: {', '.join(lacking)}." if lacking else "",
@@ -278,7 +309,9 @@ def measure(bench: Bench) -> Outcome:
 
 def pair_row(name: str, tool: str, records: list[Record]) -> Row:
     """Return how many pairs of each class are right."""
-    errors, apart = (np.concatenate([record[key] for record in records]) for key in ("pair_deg", "apart"))
+    errors, apart = (
+        np.concatenate([record[key] for record in records]) for key in ("pair_deg", "apart")
+    )
     row: dict[str, Any] = {"scans": name, "tool": tool}
     for k in range(len(GAPS)):
         chosen = apart == k
@@ -309,7 +342,10 @@ def joined_row(name: str, way: str, figures: Record) -> Row:
 PAIR_COLUMNS = (
     Column(key="scans", title="scans of"),
     Column(key="tool", title="tool"),
-    *(Column(key=f"class_{k}", title=f"{gap * 360 // NUM_VIEWS} deg apart") for k, gap in enumerate(GAPS)),
+    *(
+        Column(key=f"class_{k}", title=f"{gap * 360 // NUM_VIEWS} deg apart")
+        for k, gap in enumerate(GAPS)
+    ),
     Column(key="right", title="all, %", format=".0f"),
     Column(key="seconds", title="CPU, s a pair", format=".2f", clock=True),
 )
@@ -328,15 +364,26 @@ def _plot(rows: list[Row]) -> Plot:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for row in rows:
-            counts = [str(row[f"class_{k}"]).split(" of ") for k in range(len(GAPS)) if f"class_{k}" in row]
+            counts = [
+                str(row[f"class_{k}"]).split(" of ")
+                for k in range(len(GAPS))
+                if f"class_{k}" in row
+            ]
             shares = [100.0 * int(right) / int(all_) for right, all_ in counts]
-            axes.plot([gap * 360 // NUM_VIEWS for gap in GAPS[: len(shares)]], shares, "o-", label=str(row["tool"]))
+            axes.plot(
+                [gap * 360 // NUM_VIEWS for gap in GAPS[: len(shares)]],
+                shares,
+                "o-",
+                label=str(row["tool"]),
+            )
         axes.set_xlabel("views apart, degrees")
         axes.set_ylabel(f"pairs within {RIGHT_DEG:.0f} degrees, %")
         axes.set_ylim(0, 102)
         axes.legend(fontsize=8)
 
-    return Plot(draw=draw, title="Right pairs of generated views by the angle between them", size=(6.0, 4.0))
+    return Plot(
+        draw=draw, title="Right pairs of generated views by the angle between them", size=(6.0, 4.0)
+    )
 
 
 EXPERIMENT = Experiment(

@@ -10,7 +10,13 @@ from collalign.engine.store.records import Record
 from collalign.products.trust import DOUBT
 from experiments.clock import stopwatch
 from experiments.experiment import Bench, Cell, Experiment, Outcome
-from experiments.peers.planted_pairs import Planted, complete_edges, flipped_pairs, pose_errors_deg, regular_edges
+from experiments.peers.planted_pairs import (
+    Planted,
+    complete_edges,
+    flipped_pairs,
+    pose_errors_deg,
+    regular_edges,
+)
 from experiments.peers.rotation_tools import ROTATION_TOOLS
 from experiments.tables import Column, Table
 
@@ -26,7 +32,12 @@ GRAPHS: dict[str, dict[str, Any]] = {
     "complete, 50 % anything": {"degree": 0, "wrong": 0.5, "kind": "uniform"},
     "complete, 50 % flips": {"degree": 0, "wrong": 0.5},
     "complete, 50 % flips, 4 candidates": {"degree": 0, "wrong": 0.5, "candidates": 4},
-    "10 shapes, complete, 50 % flips, 4 candidates": {"shapes": 10, "degree": 0, "wrong": 0.5, "candidates": 4},
+    "10 shapes, complete, 50 % flips, 4 candidates": {
+        "shapes": 10,
+        "degree": 0,
+        "wrong": 0.5,
+        "candidates": 4,
+    },
     "degree 10, all right": {"degree": 10, "wrong": 0.0},
     "degree 6, 30 % flips": {"degree": 6, "wrong": 0.3},
     "degree 10, 30 % flips": {"degree": 10, "wrong": 0.3},
@@ -53,7 +64,8 @@ GRAPHS: dict[str, dict[str, Any]] = {
     "1000 shapes, degree 12, 60 % anything, noise 5": _UNIFORM | {"wrong": 0.6, "shapes": 1000},
     "degree 10, 40 % without a right one of 4": _NONE_RIGHT | {"degree": 10},
     "degree 20, 40 % without a right one of 4": _NONE_RIGHT | {"degree": 20},
-    "degree 20, 40 % without a right one of 4, no margins": _NONE_RIGHT | {"degree": 20, "informative": False},
+    "degree 20, 40 % without a right one of 4, no margins": _NONE_RIGHT
+    | {"degree": 20, "informative": False},
     "200 shapes, degree 12, 40 % without a right one of 4, noise 5": _NONE_RIGHT
     | {"shapes": 200, "degree": 12, "noise_deg": 5.0},
 }
@@ -138,7 +150,9 @@ def measure(bench: Bench) -> Outcome:
     return Outcome(tables=(_table(rows),), text=_text(rows))
 
 
-def _row(graph: str, tool: str, records: list[Record], graphs: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _row(
+    graph: str, tool: str, records: list[Record], graphs: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
     row = {
         "graph": graph,
         "tool": tool,
@@ -150,7 +164,10 @@ def _row(graph: str, tool: str, records: list[Record], graphs: dict[str, dict[st
         shapes = graphs[graph].get("shapes", 100) * len(records)
         stated = float(np.mean([record["stated"] for record in records]))
         wrong = sum(record["stated_wrong"] for record in records)
-        row |= {"stated": 100.0 * stated, "stated_wrong": 100.0 * wrong / (stated * shapes) if stated else None}
+        row |= {
+            "stated": 100.0 * stated,
+            "stated_wrong": 100.0 * wrong / (stated * shapes) if stated else None,
+        }
     return row
 
 
@@ -179,8 +196,16 @@ def _text(rows: list[dict[str, Any]]) -> str:
         for graph, row in ours.items()
         if (row["stated_wrong"] or 0.0) > 1.0
     ]
-    lines = ["Where another tool has more shapes right: " + ("; ".join(better) or "nowhere in this table") + "."]
-    lines += ["Where more than 1 % of the stated shapes are wrong: " + ("; ".join(wrong) or "nowhere") + "."]
+    lines = [
+        "Where another tool has more shapes right: "
+        + ("; ".join(better) or "nowhere in this table")
+        + "."
+    ]
+    lines += [
+        "Where more than 1 % of the stated shapes are wrong: "
+        + ("; ".join(wrong) or "nowhere")
+        + "."
+    ]
     lines += [
         f"{name}: left out, since {tool.package} is not installed."
         for name, tool in ROTATION_TOOLS.items()

@@ -69,7 +69,9 @@ def _drift_from_own_start(target: Shape, source: Shape, points: FloatArray) -> F
 
     found = rustcpd.register_rigid(_cloud(target), _cloud(source), normalize=True, parallel=False)
     start, along = (
-        np.asarray(found.scale * points @ np.asarray(found.rotation) + np.asarray(found.translation))
+        np.asarray(
+            found.scale * points @ np.asarray(found.rotation) + np.asarray(found.translation)
+        )
         for points in (source.vertices, points)
     )
     return _drift(target, Shape.from_arrays(start, source.faces), along)
@@ -93,7 +95,9 @@ def _carried_along(points: FloatArray, before: FloatArray, after: FloatArray) ->
     """Move points with the nearest of a cloud, by inverse distance."""
     gaps = np.linalg.norm(points[:, None] - before[None], axis=2)
     nearest = np.argsort(gaps, axis=1, kind="stable")[:, :_NUM_CARRIERS]
-    weights = 1.0 / np.maximum(np.take_along_axis(gaps, nearest, axis=1), 1e-9 * float(np.ptp(before)))
+    weights = 1.0 / np.maximum(
+        np.take_along_axis(gaps, nearest, axis=1), 1e-9 * float(np.ptp(before))
+    )
     weights /= weights.sum(axis=1, keepdims=True)
     return points + np.einsum("pc,pcd->pd", weights, (after - before)[nearest])
 
@@ -114,15 +118,21 @@ def measure_warp(cell: Cell) -> Record:
         for i, j in settings["pairs"]:
             T_j = transforms[j]
             if warp.own_start:  # the side, where it is mirrored, and nothing else
-                mirror = np.diag([np.sign(np.linalg.det(transforms[i, :3, :3] @ T_j[:3, :3])), 1.0, 1.0, 1.0])
+                mirror = np.diag(
+                    [np.sign(np.linalg.det(transforms[i, :3, :3] @ T_j[:3, :3])), 1.0, 1.0, 1.0]
+                )
                 frames = np.eye(4), mirror
             else:
                 frames = transforms[i], T_j
-            target, source = (posed.shape(at).transformed(T) for at, T in zip((i, j), frames, strict=True))
+            target, source = (
+                posed.shape(at).transformed(T) for at, T in zip((i, j), frames, strict=True)
+            )
             points = moved(frames[1], posed.landmarks[j])
             with stopwatch() as elapsed:
                 found = warp.carry(target, source, points)
             truth = moved(frames[0], posed.landmarks[i])
-            errors.append(np.linalg.norm(found - truth, axis=1) / (posed.units[i] * scale_of(frames[0])))
+            errors.append(
+                np.linalg.norm(found - truth, axis=1) / (posed.units[i] * scale_of(frames[0]))
+            )
             seconds.append(elapsed.processor_s)
     return {"errors": np.array(errors), "processor_s": float(np.mean(seconds))}

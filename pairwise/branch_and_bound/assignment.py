@@ -82,7 +82,9 @@ def bound_assignments(
 
 
 @numba.njit(cache=True)
-def _add_moment(moment: FloatArray, source: FloatArray, target: FloatArray, row_of: IntArray) -> None:
+def _add_moment(
+    moment: FloatArray, source: FloatArray, target: FloatArray, row_of: IntArray
+) -> None:
     """Add the products of the points that are assigned to each other."""
     for i, j in enumerate(row_of):
         if 0 <= j < source.shape[1]:
@@ -144,7 +146,9 @@ def _minima(
 
 
 @numba.njit(cache=True)
-def _finish(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, value: float, wanted: float) -> float:
+def _finish(
+    costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, value: float, wanted: float
+) -> float:
     """Assign the rows that are free, and return what it costs: ``inf`` once the bound exceeds what is wanted."""
     taken = row_of.copy()
     energy = _complete(costs, v, taken, free)
@@ -231,7 +235,9 @@ def _complete(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray
 
 
 @numba.njit(cache=True)
-def _bid(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, step: float) -> IntArray:
+def _bid(
+    costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, step: float
+) -> IntArray:
     """Let free rows outbid others for their cheapest columns (Bertsekas 1988), N times; return what stays free."""
     k, size = len(costs) - 1, len(v)
     queue, reduced = np.empty(len(free) + size, dtype=np.int64), np.empty(size)
@@ -257,7 +263,12 @@ def _bid(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray, ste
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})
 def _relax(
-    costs: FloatArray, masked: FloatArray, offset: float, row: int, distances: FloatArray, parents: IntArray
+    costs: FloatArray,
+    masked: FloatArray,
+    offset: float,
+    row: int,
+    distances: FloatArray,
+    parents: IntArray,
 ) -> float:
     """Shorten the distances by paths through one row; return the least."""
     least = np.inf

@@ -109,12 +109,18 @@ class Cells(Rows):
         if self.centres.shape[1] == 1:
             angles = np.pi * self.centres[:, 0]
             cos, sin = np.cos(angles), np.sin(angles)
-            rotations = np.stack([np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
-            return rotations, np.sin(0.5 * np.pi * self.halves[:, :, None]) * np.array([0.0, 0.0, 1.0])
+            rotations = np.stack(
+                [np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1
+            )
+            return rotations, np.sin(0.5 * np.pi * self.halves[:, :, None]) * np.array(
+                [0.0, 0.0, 1.0]
+            )
         middle = _quaternions(self.faces, self.centres)
         corners = (self.centres[:, None] + self.halves[:, None] * _SIGNS).reshape(-1, 3)
         far = _quaternions(np.repeat(self.faces, 8), corners).reshape(len(self), 8, 4)
-        return quaternions_to_rotations(middle), np.einsum("mab,mcb->mca", _vector_parts(middle), far)
+        return quaternions_to_rotations(middle), np.einsum(
+            "mab,mcb->mca", _vector_parts(middle), far
+        )
 
 
 def radii_of(reach: FloatArray) -> FloatArray:
@@ -224,7 +230,13 @@ class QuasiBounds:
         self._keep(matrices[tried], found, matrices[tried] @ moments, potentials)
         return bounds, losses, is_proven, energies
 
-    def _keep(self, matrices: FloatArray, energies: FloatArray, moments: FloatArray, potentials: FloatArray) -> None:
+    def _keep(
+        self,
+        matrices: FloatArray,
+        energies: FloatArray,
+        moments: FloatArray,
+        potentials: FloatArray,
+    ) -> None:
         """Remember the maps of finite energy, the last ones if they are many."""
         new = np.flatnonzero(np.isfinite(energies))[-_NUM_KEPT:]
         at = (self._num_met + np.arange(len(new))) % _NUM_KEPT
@@ -245,7 +257,9 @@ class Curvature:
     def __init__(self, source: FloatArray, target: FloatArray) -> None:
         traces = np.trace(source), np.trace(target)
         balance = float(np.sqrt(traces[1] / traces[0])) if min(traces) > 0.0 else 1.0
-        self._source = 2.0 * balance * (traces[0] * np.eye(3) - source) + 2.0 / balance * traces[1] * np.eye(3)
+        self._source = 2.0 * balance * (traces[0] * np.eye(3) - source) + 2.0 / balance * traces[
+            1
+        ] * np.eye(3)
         self._target = 2.0 / balance * target
         own, other = np.linalg.eigvalsh(self._source), np.linalg.eigvalsh(self._target)
         self._least, self._most = own[0] - other[-1], own[-1] - other[0]
@@ -256,7 +270,9 @@ class Curvature:
         levels = ((reach @ forms) * reach).sum(axis=2).max(axis=1)
         largest = self._most * (reach**2).sum(axis=2).max(axis=1)
         level = np.where(levels <= self._least, levels, largest)
-        return np.asarray((np.sqrt(level) + REACH_MARGIN * np.sqrt(self._most)) ** 2 * (1.0 + 64.0 * _EPS))
+        return np.asarray(
+            (np.sqrt(level) + REACH_MARGIN * np.sqrt(self._most)) ** 2 * (1.0 + 64.0 * _EPS)
+        )
 
 
 def _in_space(points: FloatArray) -> FloatArray:

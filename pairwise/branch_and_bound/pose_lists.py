@@ -21,7 +21,13 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
 from data_tools.threads import one_blas_thread
-from pairwise.branch_and_bound.prove import Proof, deadline_of, finish, make_certificate, searches_of
+from pairwise.branch_and_bound.prove import (
+    Proof,
+    deadline_of,
+    finish,
+    make_certificate,
+    searches_of,
+)
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.local_search import minimise
 from pairwise.problem.problem import Problem, ProblemArguments
@@ -137,7 +143,9 @@ def all_poses(
     (1, True, 'PROVEN_OPTIMAL')
     """
     problem = Problem.from_user(target, source, **problem_arguments)
-    return list_poses(problem, within=within, resolution_deg=resolution_deg, tol=tol, time_limit_s=time_limit_s)
+    return list_poses(
+        problem, within=within, resolution_deg=resolution_deg, tol=tol, time_limit_s=time_limit_s
+    )
 
 
 @one_blas_thread()
@@ -158,7 +166,9 @@ def list_poses(
     if not (np.isfinite(within) and within >= 1.0):
         raise OptionsError(f"within: expected a number of at least 1, got {within}")
     if not 0.0 < resolution_deg <= 180.0:
-        raise OptionsError(f"resolution_deg: expected more than 0 and at most 180, got {resolution_deg}")
+        raise OptionsError(
+            f"resolution_deg: expected more than 0 and at most 180, got {resolution_deg}"
+        )
     deadline = deadline_of(tol, time_limit_s)
     searches = searches_of(problem, known, tol)
     for search in searches:
@@ -219,9 +229,13 @@ def _touching(rotations: FloatArray, radii: FloatArray) -> list[IntArray]:
     if not len(radii):
         return []
     reach = 2.0 * np.sqrt(2.0) * np.sin(0.5 * min(2.0 * float(radii.max()), np.pi))
-    pairs = cKDTree(rotations.reshape(len(rotations), -1)).query_pairs(reach * (1.0 + 1e-9), output_type="ndarray")
+    pairs = cKDTree(rotations.reshape(len(rotations), -1)).query_pairs(
+        reach * (1.0 + 1e-9), output_type="ndarray"
+    )
     first, second = pairs[:, 0], pairs[:, 1]
     close = rotation_angles(rotations[first], rotations[second]) <= radii[first] + radii[second]
-    graph = coo_array((np.ones(int(close.sum())), (first[close], second[close])), shape=(len(radii), len(radii)))
+    graph = coo_array(
+        (np.ones(int(close.sum())), (first[close], second[close])), shape=(len(radii), len(radii))
+    )
     num, labels = connected_components(graph, directed=False)
     return [np.flatnonzero(labels == label) for label in range(num)]

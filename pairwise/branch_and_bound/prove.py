@@ -174,7 +174,13 @@ def _proof(searches: list[RotationSearch]) -> Proof:
     bounds = {search.reflected: search.bound for search in searches}
     is_proven = all(search.is_done(best.energy) for search in searches)
     stuck = any(search.is_stuck for search in searches)
-    status = Status.PROVEN_OPTIMAL if is_proven else Status.ITERATION_LIMIT if stuck else Status.TIME_LIMIT
+    status = (
+        Status.PROVEN_OPTIMAL
+        if is_proven
+        else Status.ITERATION_LIMIT
+        if stuck
+        else Status.TIME_LIMIT
+    )
     candidate = Candidate(
         R_target_source=read_only(best.rotation * best.signs),
         map_target_source=read_only(best.map),
@@ -195,12 +201,16 @@ def _proof(searches: list[RotationSearch]) -> Proof:
 def depths_of(searches: Sequence[RotationSearch]) -> list[IntArray]:
     """Return the depths (m,) of the leaves by faces and paths, an array of rotations and then one of reflections."""
     leaves = [search.leaves.cells for search in sorted(searches, key=lambda one: one.reflected)]
-    return [one.depths[np.lexsort((one.paths << (DEEPEST - one.depths), one.faces))] for one in leaves]
+    return [
+        one.depths[np.lexsort((one.paths << (DEEPEST - one.depths), one.faces))] for one in leaves
+    ]
 
 
 def make_certificate(problem: Problem, searches: Sequence[RotationSearch]) -> Certificate:
     """Return the certificate of what searches of all chiralities of a problem have proven so far."""
     named = zip(("proper", "reflected"), depths_of(searches), strict=False)
-    arrays = problem_arrays(problem) | {f"{name}_depths": depths.astype(np.uint8) for name, depths in named}
+    arrays = problem_arrays(problem) | {
+        f"{name}_depths": depths.astype(np.uint8) for name, depths in named
+    }
     bound = proven_bound(problem, KIND, arrays)
     return Certificate(kind=KIND, arrays=arrays, problem_hash=hash_problem(problem), bound=bound)

@@ -146,7 +146,9 @@ class RotationSearch:
         lowest = lowest[energies[lowest] < self.energy]
         if len(lowest):
             self.descend(rotations[lowest])
-        fresh = OpenCells(cells=cells, radii=radii_of(reach), bounds=bounds, losses=losses, is_proven=is_proven)
+        fresh = OpenCells(
+            cells=cells, radii=radii_of(reach), bounds=bounds, losses=losses, is_proven=is_proven
+        )
         self._open = rest.join(fresh)
 
     def _parts(self, chosen: OpenCells, threshold: float) -> Cells:
@@ -176,7 +178,9 @@ class RotationSearch:
         """Set aside the cells that cannot hold a pose that is sought, or are too small to be split."""
         cells = self._open
         is_settled = cells.proven_bounds >= self.threshold(best)
-        self._settled_bound = min(self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf)))
+        self._settled_bound = min(
+            self._settled_bound, float(cells.bounds[is_settled].min(initial=np.inf))
+        )
         self._settled.append(cells.take(np.flatnonzero(is_settled)))
         is_smallest = cells.cells.depths >= DEEPEST
         is_small = ~is_settled & (is_smallest | (cells.radii <= self._resolution_rad))

@@ -54,7 +54,12 @@ class TiltedProof:
 
 @one_blas_thread()
 def prove_tilted(
-    problem: Problem, tilt: FloatArray, known: FloatArray, *, gap: float, time_limit_s: float | None = None
+    problem: Problem,
+    tilt: FloatArray,
+    known: FloatArray,
+    *,
+    gap: float,
+    time_limit_s: float | None = None,
 ) -> TiltedProof:
     """Bound F(R) - <tilt, R> from below over the problem's group, or only descend to small values.
 
@@ -79,7 +84,9 @@ def prove_tilted(
         proof = finish(searches, deadline)
         slack = _ROUNDING * (abs(proof.lower_bound) + offset + float(np.linalg.norm(tilt)))
         bound, depths = proof.lower_bound - offset - slack, depths_of(searches)
-        found = minimise(tilted, np.concatenate([proof.candidate.R_target_source[None], found.rotations]))
+        found = minimise(
+            tilted, np.concatenate([proof.candidate.R_target_source[None], found.rotations])
+        )
     rotations = found.rotations[:_MOST_ROTATIONS]
     return TiltedProof(
         lower_bound=bound,
@@ -94,7 +101,10 @@ def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
     """Return a problem of the energy less <tilt, R>, tilt (d, d), plus a constant, and the constant."""
     dim, (n, k) = problem.dim, problem.allowed.shape
     left, strengths, right = np.linalg.svd(0.5 * tilt)
-    sizes = [np.linalg.norm(points) for points in (problem.weights[:, None] * problem.source, problem.target)]
+    sizes = [
+        np.linalg.norm(points)
+        for points in (problem.weights[:, None] * problem.source, problem.target)
+    ]
     factor = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0.0 else 1.0
     roots = np.sqrt(strengths)[:, None]
     allowed, costs = np.zeros((n + dim, k + dim), dtype=bool), np.zeros((n + dim, k + dim))

@@ -54,7 +54,9 @@ class CertificateArrays:
         Names that somebody else reads.
     """
 
-    def __init__(self, arrays: Mapping[str, Any], exponent: int | None = None, known: Sequence[str] = ()) -> None:
+    def __init__(
+        self, arrays: Mapping[str, Any], exponent: int | None = None, known: Sequence[str] = ()
+    ) -> None:
         if not isinstance(arrays, Mapping):
             raise InputError("certificate: its arrays are not a mapping of names to arrays")
         self._arrays, self._exponent = arrays, exponent
@@ -74,13 +76,19 @@ class CertificateArrays:
         values = np.array(self._take(name, shape, "f"), dtype=np.float64, order="C")
         if not np.isfinite(values).all():
             raise InputError(f"certificate: {name} contains values that are not finite")
-        return values if self._exponent is None else in_unit(values, self._exponent, f"certificate: {name}")
+        return (
+            values
+            if self._exponent is None
+            else in_unit(values, self._exponent, f"certificate: {name}")
+        )
 
     def bools(self, name: str, shape: Sequence[int | None]) -> BoolArray:
         """Return a copy of a boolean array of this shape; raises as :meth:`floats`."""
         return np.array(self._take(name, shape, "b"), dtype=np.bool_, order="C")
 
-    def indices(self, name: str, shape: Sequence[int | None], upper: Sequence[int] | int) -> IntArray:
+    def indices(
+        self, name: str, shape: Sequence[int | None], upper: Sequence[int] | int
+    ) -> IntArray:
         """Return an int64 copy, of this shape, of integers in [0, upper); raises as :meth:`floats`."""
         raw = np.asarray(self._take(name, shape, "iu"))
         if not ((raw >= 0) & (raw < np.asarray(upper))).all():
@@ -98,9 +106,13 @@ class CertificateArrays:
             raise InputError(f"certificate: {name} is missing")
         values = self._arrays[name]
         if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds:
-            raise InputError(f"certificate: {name} has the wrong type, {getattr(values, 'dtype', type(values))}")
+            raise InputError(
+                f"certificate: {name} has the wrong type, {getattr(values, 'dtype', type(values))}"
+            )
         fits = len(values.shape) == len(shape)
-        if not fits or any(e is not None and e != f for e, f in zip(shape, values.shape, strict=True)):
+        if not fits or any(
+            e is not None and e != f for e, f in zip(shape, values.shape, strict=True)
+        ):
             words = ", ".join("any" if e is None else str(e) for e in shape)
             raise InputError(f"certificate: {name} has shape {values.shape}, expected ({words})")
         self._unread.discard(name)
@@ -123,9 +135,16 @@ def read_problem(target: ArrayLike, source: ArrayLike, certificate: Certificate)
         If an array is missing or malformed, if together they make no problem, or if it is not the problem whose hash
         the certificate bears.
     """
-    problem = build_problem(as_points(target, "target"), as_points(source, "source"), certificate.arrays)
-    if not isinstance(certificate.problem_hash, str) or hash_problem(problem) != certificate.problem_hash:
-        raise InputError("certificate: is for another problem (the hash of points and options differs)")
+    problem = build_problem(
+        as_points(target, "target"), as_points(source, "source"), certificate.arrays
+    )
+    if (
+        not isinstance(certificate.problem_hash, str)
+        or hash_problem(problem) != certificate.problem_hash
+    ):
+        raise InputError(
+            "certificate: is for another problem (the hash of points and options differs)"
+        )
     return problem
 
 
@@ -133,7 +152,9 @@ def build_problem(q: FloatArray, p: FloatArray, arrays: Mapping[str, Any]) -> Pr
     """Build the problem of points (n, d) and (k, d) and of a certificate's arrays, once they fit each other."""
     (n, d), k = q.shape, len(p)
     if k > n or p.shape[1] != d:
-        raise InputError(f"target and source: {q.shape} and {p.shape} points make no problem (k <= n, one dimension)")
+        raise InputError(
+            f"target and source: {q.shape} and {p.shape} points make no problem (k <= n, one dimension)"
+        )
     given = CertificateArrays(arrays)
     weights = given.floats("weights", (k,))
     if (weights < 0).any() or not (weights > 0).any():
@@ -162,14 +183,24 @@ def cost_deviation(stated: Problem, found: Problem) -> float:
     InputError
         If they differ in anything but the rounding of constant costs.
     """
-    ours, theirs = ({**problem_arrays(p), "target": p.target, "source": p.source} for p in (stated, found))
+    ours, theirs = (
+        {**problem_arrays(p), "target": p.target, "source": p.source} for p in (stated, found)
+    )
     other = [name for name in sorted({*ours, *theirs}) if name not in ours or name not in theirs]
-    other += [n for n in ours if n in theirs and n != "constant_cost" and not np.array_equal(ours[n], theirs[n])]
+    other += [
+        n
+        for n in ours
+        if n in theirs and n != "constant_cost" and not np.array_equal(ours[n], theirs[n])
+    ]
     ours_cost, theirs_cost = stated.constant_cost, found.constant_cost
-    if ours_cost.shape != theirs_cost.shape or not np.allclose(ours_cost, theirs_cost, rtol=_COST_TOL, atol=0.0):
+    if ours_cost.shape != theirs_cost.shape or not np.allclose(
+        ours_cost, theirs_cost, rtol=_COST_TOL, atol=0.0
+    ):
         other.append("constant_cost")
     if other:
-        raise InputError(f"certificate: is for another problem than yours, which differs in {', '.join(other)}")
+        raise InputError(
+            f"certificate: is for another problem than yours, which differs in {', '.join(other)}"
+        )
     return float(np.abs(ours_cost - theirs_cost).max(axis=0).sum())
 
 
@@ -179,8 +210,14 @@ def _check_blocks(pattern: BoolArray, blocks: IntArray) -> None:
     for start, stop in blocks:
         inside = np.zeros(len(pattern), dtype=bool)
         inside[start:stop] = True
-        if stop - start < 2 or (taken & inside).any() or (pattern & (inside[:, None] != inside)).any():
-            raise InputError(f"certificate: special_blocks has [{start}, {stop}], which is no block of the pattern")
+        if (
+            stop - start < 2
+            or (taken & inside).any()
+            or (pattern & (inside[:, None] != inside)).any()
+        ):
+            raise InputError(
+                f"certificate: special_blocks has [{start}, {stop}], which is no block of the pattern"
+            )
         taken |= inside
     if _num_left_over(pattern):
         raise InputError("certificate: every matrix with its pattern is singular")
@@ -252,9 +289,13 @@ class Certificate:
             If the file is missing, damaged, or not a certificate.
         """
         if not isfile(path):  # a pipe would be waited for
-            raise InputError(f"{path}: cannot be read as a certificate (no such file, or not a regular one)")
+            raise InputError(
+                f"{path}: cannot be read as a certificate (no such file, or not a regular one)"
+            )
         try:
-            with open(path, "rb") as file:  # a bare array would be read whole, whatever it claims to hold
+            with open(
+                path, "rb"
+            ) as file:  # a bare array would be read whole, whatever it claims to hold
                 if file.read(len(_ZIP_MARK)) != _ZIP_MARK:
                     raise InputError("not an archive")
             with np.load(path, allow_pickle=False) as archive:
@@ -264,13 +305,19 @@ class Certificate:
         except Exception as error:  # damaged archives fail in every way there is
             raise InputError(f"{path}: cannot be read as a certificate ({error})") from error
         if str(content.get("format")) != FORMAT:
-            raise InputError(f"{path}: not a certificate of this version, expected the entry format = {FORMAT!r}")
+            raise InputError(
+                f"{path}: not a certificate of this version, expected the entry format = {FORMAT!r}"
+            )
         missing = {"kind", "problem_hash", "bound"} - content.keys()
         if missing or content["bound"].shape != () or content["bound"].dtype.kind != "f":
             raise InputError(
                 f"{path}: damaged certificate, missing or malformed entries {sorted(missing) or 'bound'}"
             )
-        arrays = {name[6:]: read_only(values) for name, values in content.items() if name.startswith("array_")}
+        arrays = {
+            name[6:]: read_only(values)
+            for name, values in content.items()
+            if name.startswith("array_")
+        }
         return cls(
             kind=str(content["kind"]),
             arrays=arrays,

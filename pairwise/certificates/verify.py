@@ -42,7 +42,11 @@ VERIFIERS: dict[str, Callable[[Problem, CertificateArrays], float]] = {
 
 @one_blas_thread()
 def verify_certificate(
-    target: ArrayLike, source: ArrayLike, certificate: Certificate, *, problem: Problem | None = None
+    target: ArrayLike,
+    source: ArrayLike,
+    certificate: Certificate,
+    *,
+    problem: Problem | None = None,
 ) -> float:
     """Check a certificate and return the lower bound of the Procrustes matching energy that it proves.
 
@@ -112,7 +116,9 @@ def proven_bound(problem: Problem, kind: str, arrays: Mapping[str, Any]) -> floa
             scaled = _in_units(problem, length, energy)
             bound = float(np.ldexp(verify(scaled, given) - _UNDERFLOW, energy))
     except (FloatingPointError, np.linalg.LinAlgError, OverflowError) as error:
-        raise InputError(f"certificate: proves nothing, its numbers are out of range ({error})") from error
+        raise InputError(
+            f"certificate: proves nothing, its numbers are out of range ({error})"
+        ) from error
     given.refuse_rest(kind)
     if not np.isfinite(bound):
         raise InputError(f"certificate: proves nothing, its bound is {bound}")

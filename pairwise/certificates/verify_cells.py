@@ -66,7 +66,11 @@ def num_chiralities(problem: Problem) -> int:
         If d is neither 2 nor 3, or R is not full.
     """
     pattern, dim = problem.pattern, problem.dim
-    if dim not in (2, 3) or not pattern.mask.all() or pattern.special_blocks not in ((), ((0, dim),)):
+    if (
+        dim not in (2, 3)
+        or not pattern.mask.all()
+        or pattern.special_blocks not in ((), ((0, dim),))
+    ):
         raise InputError("certificate: this kind is for full rotations in dimension 2 and 3")
     return 1 if pattern.special_blocks else 2
 
@@ -87,7 +91,9 @@ def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray])
         If the problem is another one, or these are not depths of cells that tile the rotations.
     """
     if len(depths) != num_chiralities(problem):
-        raise InputError(f"depths: cells of {len(depths)} chiralities, expected {num_chiralities(problem)}")
+        raise InputError(
+            f"depths: cells of {len(depths)} chiralities, expected {num_chiralities(problem)}"
+        )
     signs = np.ones(problem.dim), np.array([-1.0, -1.0, -1.0] if problem.dim == 3 else [1.0, -1.0])
     bound = min(_chirality_bound(problem, tilt, *one) for one in zip(depths, signs, strict=False))
     if (problem.constant_cost < 0).any():
@@ -95,7 +101,9 @@ def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray])
     return max(bound, -float(np.linalg.norm(tilt, "nuc")) * (1.0 + _SAFETY * _EPS))
 
 
-def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs: FloatArray) -> float:
+def _chirality_bound(
+    problem: Problem, tilt: FloatArray, depths: IntArray, signs: FloatArray
+) -> float:
     rotations, corners = cell_corners(*_tiling(depths, 4 if problem.dim == 3 else 1), problem.dim)
     w, p, q = problem.weights, problem.source, problem.target
     squares = w * ((q**2).sum(axis=1)[:, None] + (p**2).sum(axis=1))
@@ -106,8 +114,12 @@ def _chirality_bound(problem: Problem, tilt: FloatArray, depths: IntArray, signs
         costs = np.where(problem.allowed, fixed - 2.0 * (q @ rotated @ (w[:, None] * p).T), np.inf)
         assigned = [cost[linear_sum_assignment(cost)].sum() for cost in costs]
         values[first : first + chunk] = np.array(assigned) - (rotated * tilt).sum(axis=(1, 2))
-    sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (len(p) + len(q)) + np.abs(tilt).sum()
-    return float((values - _drops(problem, tilt, rotations, corners, signs)).min() - _SAFETY * _EPS * sizes)
+    sizes = (squares + np.abs(problem.constant_cost)).sum(axis=0).max() * (
+        len(p) + len(q)
+    ) + np.abs(tilt).sum()
+    return float(
+        (values - _drops(problem, tilt, rotations, corners, signs)).min() - _SAFETY * _EPS * sizes
+    )
 
 
 def _tiling(depths: IntArray, num_faces: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -128,7 +140,11 @@ def _tiling(depths: IntArray, num_faces: int) -> tuple[IntArray, IntArray, IntAr
 
 
 def _drops(
-    problem: Problem, tilt: FloatArray, rotations: FloatArray, corners: FloatArray, signs: FloatArray
+    problem: Problem,
+    tilt: FloatArray,
+    rotations: FloatArray,
+    corners: FloatArray,
+    signs: FloatArray,
 ) -> FloatArray:
     """Return what 4 |v x P| |v x R0^T Q| is at most in each cell.
 
@@ -152,11 +168,15 @@ def _drops(
     values = np.einsum("mca,mab,mcb->mc", corners, forms, corners).max(axis=1)
     spectrum = np.linalg.eigvalsh(forms)
     largest = spectrum[:, -1] * (corners**2).sum(axis=2).max(axis=1)
-    drops = np.sqrt(np.where(values <= spectrum[:, 0], values, largest)) + REACH_MARGIN * np.sqrt(spectrum[:, -1])
+    drops = np.sqrt(np.where(values <= spectrum[:, 0], values, largest)) + REACH_MARGIN * np.sqrt(
+        spectrum[:, -1]
+    )
     return np.asarray(drops**2 * (1.0 + _SAFETY * _EPS * (len(first) + len(second))))
 
 
-def cell_corners(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -> tuple[FloatArray, FloatArray]:
+def cell_corners(
+    faces: IntArray, depths: IntArray, paths: IntArray, dim: int
+) -> tuple[FloatArray, FloatArray]:
     """Return the rotations at the centres of cells (m, d, d), and v of all their corners (m, c, 3)."""
     axes = 3 if dim == 3 else 1
     low, side = -np.ones((len(faces), axes)), np.full((len(faces), axes), 2.0)
@@ -168,12 +188,18 @@ def cell_corners(faces: IntArray, depths: IntArray, paths: IntArray, dim: int) -
     if dim == 2:
         angles = np.pi * (low[:, 0] + 0.5 * side[:, 0])
         rotations = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
-        return rotations.transpose(2, 0, 1), np.sin(0.25 * np.pi * side[:, :, None]) * np.array([0.0, 0.0, 1.0])
+        return rotations.transpose(2, 0, 1), np.sin(0.25 * np.pi * side[:, :, None]) * np.array(
+            [0.0, 0.0, 1.0]
+        )
     middle = _quaternions(faces, low + 0.5 * side)
     corners = []
     for corner in product((0.0, 1.0), repeat=3):
         far = _quaternions(faces, low + np.array(corner) * side)
-        corners.append(middle[:, :1] * far[:, 1:] - far[:, :1] * middle[:, 1:] - np.cross(middle[:, 1:], far[:, 1:]))
+        corners.append(
+            middle[:, :1] * far[:, 1:]
+            - far[:, :1] * middle[:, 1:]
+            - np.cross(middle[:, 1:], far[:, 1:])
+        )
     return _rotations(middle), np.stack(corners, axis=1)
 
 
@@ -192,4 +218,6 @@ def _rotations(q: FloatArray) -> FloatArray:
     cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = v.T
     cross -= np.swapaxes(cross, 1, 2)
     diagonal = (w**2 - (v**2).sum(axis=1))[:, None, None] * np.eye(3)
-    return np.asarray(diagonal + 2.0 * v[:, :, None] * v[:, None, :] + 2.0 * w[:, None, None] * cross)
+    return np.asarray(
+        diagonal + 2.0 * v[:, :, None] * v[:, None, :] + 2.0 * w[:, None, None] * cross
+    )

@@ -52,21 +52,29 @@ def pm_sdp_bound(problem: Problem, given: CertificateArrays) -> float:
     F, u = given.floats("F", (k, size, size)), given.floats("u", (k, size))
     row_u = given.floats("row_u", (n, size)) if "row_u" in given else np.zeros((n, size))
     beta = given.floats("beta", (n,))
-    columns, rows, Z = (given.floats(f"{name}_multipliers", (d, d)) for name in ("column", "row", "cross"))
+    columns, rows, Z = (
+        given.floats(f"{name}_multipliers", (d, d)) for name in ("column", "row", "cross")
+    )
     Y4 = given.floats("quaternion_multipliers", (len(blocks), 4, 4))
     if (beta > 0).any():
         raise InputError("certificate: beta must not be positive")
     if not all(np.array_equal(m, np.swapaxes(m, -1, -2)) for m in (F, columns, rows, Y4)):
-        raise InputError("certificate: F, the multipliers of R^T R and R R^T and Y4 must be symmetric")
+        raise InputError(
+            "certificate: F, the multipliers of R^T R and R R^T and Y4 must be symmetric"
+        )
     _check_always_used(problem, np.flatnonzero(row_u.any(axis=1)))
     possible = _possible_matches(problem, given)
     vectors = np.concatenate([u, row_u])
-    rotation_part = _rotation_maximum(problem.pattern.mask, basis, blocks, F, vectors, (columns, rows, Z, Y4))
+    rotation_part = _rotation_maximum(
+        problem.pattern.mask, basis, blocks, F, vectors, (columns, rows, Z, Y4)
+    )
     lows = np.where(possible, _cost_lower_bounds(problem, basis, F, u, row_u), np.inf)
     constant = problem.weights * (problem.source**2).sum(axis=1)
     alpha = (lows - beta[:, None]).min(axis=0)
     terms = np.concatenate([alpha, beta, constant, [-rotation_part]])
-    error = (len(terms) + d + 8) * _EPS * float(np.abs(terms).sum() + k * np.abs(beta).max(initial=0.0))
+    error = (
+        (len(terms) + d + 8) * _EPS * float(np.abs(terms).sum() + k * np.abs(beta).max(initial=0.0))
+    )
     return float(terms.sum()) - error
 
 
@@ -124,7 +132,11 @@ def _rotation_maximum(
             _add_cofactor(form, position, b, i, j, 0.5 * Z[b + i, b + j])
         form[0, 1:] -= 0.5 * _quaternion_slope(s, t, b, Y4[index])
         lowest = _eigenvalue_floor(Y4[index]) if Y4[index].any() else 0.0
-        surplus += 0.25 * float(np.trace(Y4[index])) + max(0.0, -lowest) + 8 * _EPS * float(np.abs(Y4[index]).sum())
+        surplus += (
+            0.25 * float(np.trace(Y4[index]))
+            + max(0.0, -lowest)
+            + 8 * _EPS * float(np.abs(Y4[index]).sum())
+        )
     form[1:, 0] = form[0, 1:]
     lift = np.zeros((basis.shape[0] + 1, basis.shape[1]))
     lift[0, 0], lift[1:] = 1.0, basis
@@ -135,11 +147,17 @@ def _rotation_maximum(
     size = np.abs(lift).T @ np.abs(form) @ np.abs(lift)
     loose_F = np.abs(rest_F) + error * (np.abs(F).sum(axis=0) + size[1:, 1:])
     loose_u = np.abs(rest_u) + error * (np.abs(u).sum(axis=0) + size[1:, 0])
-    left_over = d * float(np.linalg.norm(loose_F)) + 2.0 * np.sqrt(d) * float(np.linalg.norm(loose_u))
+    left_over = d * float(np.linalg.norm(loose_F)) + 2.0 * np.sqrt(d) * float(
+        np.linalg.norm(loose_u)
+    )
     traces = float(np.trace(columns) + np.trace(rows))
     constant_part = float(expected[0, 0])
     return (
-        traces - constant_part + surplus + left_over * 1.0001 + error * (np.abs(columns).sum() + np.abs(rows).sum())
+        traces
+        - constant_part
+        + surplus
+        + left_over * 1.0001
+        + error * (np.abs(columns).sum() + np.abs(rows).sum())
     )
 
 
@@ -157,14 +175,28 @@ def _add_cofactor(
         form[0, position[block + i, block + j]] -= half
 
 
-def _quaternion_slope(s: NDArray[np.int64], t: NDArray[np.int64], block: int, Y4: FloatArray) -> FloatArray:
+def _quaternion_slope(
+    s: NDArray[np.int64], t: NDArray[np.int64], block: int, Y4: FloatArray
+) -> FloatArray:
     """Return the gradient of <Y4, Y(R)> in [R] for one 3x3 block."""
     y = Y4
     slope = 0.25 * np.array(
         [
-            [y[0, 0] + y[1, 1] - y[2, 2] - y[3, 3], 2 * (y[1, 2] - y[0, 3]), 2 * (y[1, 3] + y[0, 2])],
-            [2 * (y[1, 2] + y[0, 3]), y[0, 0] - y[1, 1] + y[2, 2] - y[3, 3], 2 * (y[2, 3] - y[0, 1])],
-            [2 * (y[1, 3] - y[0, 2]), 2 * (y[2, 3] + y[0, 1]), y[0, 0] - y[1, 1] - y[2, 2] + y[3, 3]],
+            [
+                y[0, 0] + y[1, 1] - y[2, 2] - y[3, 3],
+                2 * (y[1, 2] - y[0, 3]),
+                2 * (y[1, 3] + y[0, 2]),
+            ],
+            [
+                2 * (y[1, 2] + y[0, 3]),
+                y[0, 0] - y[1, 1] + y[2, 2] - y[3, 3],
+                2 * (y[2, 3] - y[0, 1]),
+            ],
+            [
+                2 * (y[1, 3] - y[0, 2]),
+                2 * (y[2, 3] + y[0, 1]),
+                y[0, 0] - y[1, 1] - y[2, 2] + y[3, 3],
+            ],
         ]
     )
     inside = (s >= block) & (s < block + 3)
@@ -200,7 +232,9 @@ def _possible_matches(problem: Problem, given: CertificateArrays) -> BoolArray:
     for i, j in impossible:
         rest = np.delete(np.delete(candidates, i, axis=0), j, axis=1)
         if (maximum_bipartite_matching(csr_array(rest), perm_type="row") >= 0).all():
-            raise InputError(f"certificate: lists the possible match of source point {j} to {i} as impossible")
+            raise InputError(
+                f"certificate: lists the possible match of source point {j} to {i} as impossible"
+            )
         possible[i, j] = False
     return possible
 
@@ -217,7 +251,12 @@ def _cost_lower_bounds(
     problem: Problem, basis: FloatArray, F: FloatArray, u: FloatArray, row_u: FloatArray
 ) -> FloatArray:
     """Return lower bounds (n, k) of ``w_j |q_i|^2 + c_ij - 2 v_ij0 - w^T F_j^-1 w`` for ``w = v_ij - u_j - g_i``."""
-    q, p, weights, constant_cost = problem.target, problem.source, problem.weights, problem.constant_cost
+    q, p, weights, constant_cost = (
+        problem.target,
+        problem.source,
+        problem.weights,
+        problem.constant_cost,
+    )
     cols, rows = np.nonzero(problem.pattern.mask.T)
     squares = (q**2).sum(axis=1)
     d = q.shape[1]
@@ -226,7 +265,11 @@ def _cost_lower_bounds(
         v = (weights[j] * q[:, rows] * p[j, cols]) @ basis
         v_size = np.abs(weights[j] * q[:, rows] * p[j, cols]) @ np.abs(basis)
         linear = weights[j] * squares + constant_cost[:, j] - 2.0 * v[:, 0]
-        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])
+        error = (
+            (d + 8)
+            * _EPS
+            * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])
+        )
         floor = _eigenvalue_floor(F[j])
         if not floor >= _SMALLEST:
             raise InputError(f"certificate: F of source point {j} is not positive definite")
@@ -236,13 +279,17 @@ def _cost_lower_bounds(
     return lows
 
 
-def _quadratic_upper_bounds(F: FloatArray, w: FloatArray, w_error: FloatArray, floor: float) -> FloatArray:
+def _quadratic_upper_bounds(
+    F: FloatArray, w: FloatArray, w_error: FloatArray, floor: float
+) -> FloatArray:
     """Return upper bounds (n,) of ``w^T F^-1 w`` for rows w known up to ``w_error``."""
     z = np.linalg.solve(F, w.T).T
     rest = w - z @ F
     gamma = 2.0 * (len(F) + 4) * _EPS
     rest_error = gamma * (np.abs(w) + np.abs(z) @ np.abs(F)) + w_error
     main = (z * w).sum(axis=1) + (z * rest).sum(axis=1)
-    main_error = (np.abs(z) * (w_error + rest_error + gamma * (np.abs(w) + np.abs(rest)))).sum(axis=1)
+    main_error = (np.abs(z) * (w_error + rest_error + gamma * (np.abs(w) + np.abs(rest)))).sum(
+        axis=1
+    )
     tail = (((np.abs(rest) + rest_error) / np.sqrt(floor)) ** 2).sum(axis=1)
     return main + 1.0001 * (main_error + tail)

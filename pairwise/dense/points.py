@@ -35,7 +35,10 @@ class DensePoints:
 
     @classmethod
     def from_user(
-        cls, points: ArrayLike, normals: ArrayLike | None = None, invariants: ArrayLike | None = None
+        cls,
+        points: ArrayLike,
+        normals: ArrayLike | None = None,
+        invariants: ArrayLike | None = None,
     ) -> DensePoints:
         """Check the arrays.
 
@@ -47,10 +50,16 @@ class DensePoints:
         checked = as_points(points, "points", min_points=2)
         if not np.ptp(checked, axis=0).any():
             raise InputError("points: all lie in one place")
-        directions = None if normals is None else read_only(as_floats(normals, "normals", shape=checked.shape))
+        directions = (
+            None
+            if normals is None
+            else read_only(as_floats(normals, "normals", shape=checked.shape))
+        )
         scalars = np.empty((len(checked), 0)) if invariants is None else invariants
         return cls(
-            read_only(checked), directions, read_only(as_floats(scalars, "invariants", shape=(len(checked), None)))
+            read_only(checked),
+            directions,
+            read_only(as_floats(scalars, "invariants", shape=(len(checked), None))),
         )
 
     @cached_property
@@ -69,7 +78,9 @@ class DenseMatcher:
         Weight of the unit normals, in units of the target; 0 leaves them out.
     """
 
-    def __init__(self, target: DensePoints, source: DensePoints, *, normal_weight: float = 0.0) -> None:
+    def __init__(
+        self, target: DensePoints, source: DensePoints, *, normal_weight: float = 0.0
+    ) -> None:
         self.target, self.source = target, source
         has_normals = target.normals is not None and source.normals is not None
         self._normal_weight = normal_weight if has_normals else 0.0
@@ -96,7 +107,10 @@ class DenseMatcher:
 
     def _columns(self, shape: DensePoints, pose: Similarity) -> FloatArray:
         """Return columns (f, 1) of what is compared at a pose: places, invariants and weighted normals."""
-        features = [(pose.scale * pose.rotation) @ shape.points.T + pose.shift[:, None], shape.invariants.T]
+        features = [
+            (pose.scale * pose.rotation) @ shape.points.T + pose.shift[:, None],
+            shape.invariants.T,
+        ]
         if self._normal_weight and shape.normals is not None:
             features.append((self._normal_weight * pose.rotation) @ shape.normals.T)
         return np.concatenate([*features, np.ones((1, len(shape.points)))])
@@ -107,7 +121,9 @@ class DenseMatcher:
         moved = np.sqrt(np.square(self._source - former).sum(axis=0))
         from_source = _squared_from(self._source)
         self._there.look(self._source, from_source[-1], self._from_target, 2.0 * moved)
-        self._back.look(self._target, self._from_target[-1], from_source, moved[self._back.rows] + moved.max())
+        self._back.look(
+            self._target, self._from_target[-1], from_source, moved[self._back.rows] + moved.max()
+        )
         own = [np.arange(len(one.rows)) for one in (self._there, self._back)]
         return np.concatenate([self._there.rows, own[1]]), np.concatenate([own[0], self._back.rows])
 
@@ -128,11 +144,15 @@ class _Nearest:
     def __init__(self, num: int) -> None:
         self.rows, self._leads = np.zeros(num, dtype=np.int64), np.full(num, -np.inf)
 
-    def look(self, own: FloatArray, sizes: FloatArray, others: FloatArray, moved: FloatArray) -> None:
+    def look(
+        self, own: FloatArray, sizes: FloatArray, others: FloatArray, moved: FloatArray
+    ) -> None:
         """Find what is nearest, in slabs; no lead has shrunk by more than ``moved``, ``sizes`` are |own|^2."""
         self._leads -= moved
         unsure, slab = np.flatnonzero(self._leads <= 0.0), max(1, _CHUNK_ENTRIES // others.shape[1])
-        rounding = 4.0 * np.finfo(float).eps * (len(own) + 1) * float(sizes.max() + others[-1].max())
+        rounding = (
+            4.0 * np.finfo(float).eps * (len(own) + 1) * float(sizes.max() + others[-1].max())
+        )
         for first in range(0, len(unsure), slab):
             rows = unsure[first : first + slab]
             costs, each = own.take(rows, axis=1).T @ others, np.arange(len(rows))

@@ -126,7 +126,9 @@ def _start(
     return Similarity(rotation=rotation, scale=scale, shift=shift)
 
 
-def _procrustes(to: FloatArray, of: FloatArray, chirality: float, scale: float | None) -> Similarity:
+def _procrustes(
+    to: FloatArray, of: FloatArray, chirality: float, scale: float | None
+) -> Similarity:
     """Return the similarity that brings ``of`` to ``to`` best (Umeyama 1991) at a given chirality.
 
     The scale is the symmetric one, the ratio of the sizes, so that refining either way gives inverse results.
@@ -170,12 +172,16 @@ def ranked_on_dense(
         map_target_source=best.map_target_source,
         energy=best.energy,
         candidates=tuple(candidate for candidate, _ in pairs),
-        status=Status.LOCAL_OPTIMUM if is_other and result.status is Status.PROVEN_OPTIMAL else result.status,
+        status=Status.LOCAL_OPTIMUM
+        if is_other and result.status is Status.PROVEN_OPTIMAL
+        else result.status,
     )
     return ranked, tuple(pose for _, pose in pairs)
 
 
-def _refined_on_dense(candidate: Candidate, problem: Problem, dense: tuple[DensePoints, DensePoints]) -> RefinedPose:
+def _refined_on_dense(
+    candidate: Candidate, problem: Problem, dense: tuple[DensePoints, DensePoints]
+) -> RefinedPose:
     block = problem.pattern.rotation_block
     return refine_pose(
         *dense,

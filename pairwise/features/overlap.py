@@ -122,7 +122,9 @@ def evaluate_poses(
         if len(chosen):
             other = source if flip > 0 else source.mirrored()
             matches = match_features(feature_distances(target.features, other.features))
-            evidence[chosen] = _evidence(target, other, rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen], matches)
+            evidence[chosen] = _evidence(
+                target, other, rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen], matches
+            )
     return _local_poses(rotations, shifts, evidence)
 
 
@@ -175,11 +177,15 @@ def match_overlapping(
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
         other = source if flip > 0 else source.mirrored()
         matches = match_features(feature_distances(target.features, other.features))
-        poses = refine_on_planes(target, other, *consensus_poses(target, other, matches, num_candidates))
+        poses = refine_on_planes(
+            target, other, *consensus_poses(target, other, matches, num_candidates)
+        )
         rotations.append(poses[0] * [flip, 1.0, 1.0])
         shifts.append(poses[1])
         evidence.append(_evidence(target, other, *poses, matches))
-    found = _local_poses(np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence))
+    found = _local_poses(
+        np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence)
+    )
     contradicted = np.nan_to_num(found.in_front.max(axis=1, initial=0.0))
     score = found.overlap * found.consensus / (1.0 + contradicted / FRONT_UNIT)
     return found[poses_apart(found.rotations, found.shifts, score, source, cell, num_candidates)]
@@ -199,7 +205,12 @@ def _evidence(
     gaps = source.points[of] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target.points[to]
     consensus = ((gaps * gaps).sum(axis=2) < (SAME_CELLS * cell) ** 2).mean(axis=1)
     return np.column_stack(
-        [overlaps, mismatches.mean(axis=1), consensus, shares_in_front(target, source, rotations, shifts)]
+        [
+            overlaps,
+            mismatches.mean(axis=1),
+            consensus,
+            shares_in_front(target, source, rotations, shifts),
+        ]
     )
 
 
@@ -238,7 +249,9 @@ def closeness(
         Points of either surface that are compared, at most.
     """
     cell = max(target.cell, source.cell)
-    on_target, on_source = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
+    on_target, on_source = (
+        slice(None, None, -(-len(one.points) // num_points)) for one in (target, source)
+    )
     there = feature_distances(target.features[on_target], source.features)
     back = feature_distances(source.features[on_source], target.features)
     usual = max(float(np.median(there[:, on_source])), LEAST_USUAL)
@@ -281,12 +294,18 @@ def shares_in_front(
         (1, target, source.points[source.compared] @ inverses + shifts[:, None]),
     ):
         if seen.depth_images:
-            shares[:, side] = np.min([image.share_in_front(points) for image in seen.depth_images], axis=0)
+            shares[:, side] = np.min(
+                [image.share_in_front(points) for image in seen.depth_images], axis=0
+            )
     return shares
 
 
 def _partners(
-    others: LocalSurface, points: FloatArray, normals: FloatArray, rotations: FloatArray, shifts: FloatArray
+    others: LocalSurface,
+    points: FloatArray,
+    normals: FloatArray,
+    rotations: FloatArray,
+    shifts: FloatArray,
 ) -> Iterator[tuple[NDArray[np.float32], IntArray]]:
     """Yield squared distance and index (l,) of each point's nearest other one whose normal agrees, pose by pose.
 
@@ -296,7 +315,9 @@ def _partners(
     """
     centre = others.points.mean(axis=0)
     theirs = (others.points - centre).astype(np.float32)
-    columns = np.ascontiguousarray(np.column_stack([-2.0 * theirs, (theirs * theirs).sum(axis=1)]).T)
+    columns = np.ascontiguousarray(
+        np.column_stack([-2.0 * theirs, (theirs * theirs).sum(axis=1)]).T
+    )
     directions = np.ones((4, len(theirs)), dtype=np.float32)
     directions[:3] = others.normals.T
     squares, lacking = np.empty((2, len(points), len(theirs)), dtype=np.float32)

@@ -41,7 +41,9 @@ STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0, 1.2, 1.2, 1.2), 0.5
 LONGEST_STEP_RAD, FEWEST_POINTS = 0.3, 12
 
 
-def feature_distances(target: NDArray[np.float32], source: NDArray[np.float32]) -> NDArray[np.float32]:
+def feature_distances(
+    target: NDArray[np.float32], source: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Return the squared Hellinger distances of descriptors (l, 33) and (m, 33), shape (l, m), between 0 and 2."""
     return np.asarray(2.0 - 2.0 * (target @ source.T), dtype=np.float32)
 
@@ -96,14 +98,18 @@ def consensus_poses(
         if not len(seeds):
             break
         shared = (compatible[seeds] @ compatible) * compatible[seeds]
-        closest = np.argpartition(-shared, min(NUM_SUPPORT, shared.shape[1]) - 1, axis=1)[:, :NUM_SUPPORT]
+        closest = np.argpartition(-shared, min(NUM_SUPPORT, shared.shape[1]) - 1, axis=1)[
+            :, :NUM_SUPPORT
+        ]
         weights = np.zeros(shared.shape)
         np.put_along_axis(weights, closest, np.take_along_axis(shared, closest, axis=1), axis=1)
         weights[np.arange(len(seeds)), seeds] = weights.max(axis=1)
         agree = weights
         for _ in range(2):
             rotations, shifts = _procrustes(to, of, agree)
-            agree = _explained((to, normals_to), (of, normals_of), rotations, shifts, SAME_CELLS * cell)
+            agree = _explained(
+                (to, normals_to), (of, normals_of), rotations, shifts, SAME_CELLS * cell
+            )
         held = np.asarray(agree.sum(axis=1), dtype=np.float64)
         kept = poses_apart(rotations, shifts, held, source, cell, num)
         found_rotations.append(rotations[kept])
@@ -134,7 +140,9 @@ def refine_on_planes(
     points, normals = source.points[source.compared], source.normals[source.compared]
     for cutoff in STEPS:
         placed = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
-        distances, nearest = target.tree.query(placed.reshape(-1, 3), distance_upper_bound=cutoff * cell)
+        distances, nearest = target.tree.query(
+            placed.reshape(-1, 3), distance_upper_bound=cutoff * cell
+        )
         is_near = np.isfinite(distances).reshape(placed.shape[:2])
         nearest = np.where(is_near, nearest.reshape(placed.shape[:2]), 0)
         planes = target.normals[nearest]
@@ -160,7 +168,12 @@ def refine_on_planes(
 
 
 def poses_apart(
-    rotations: FloatArray, shifts: FloatArray, scores: FloatArray, source: LocalSurface, cell: float, num: int
+    rotations: FloatArray,
+    shifts: FloatArray,
+    scores: FloatArray,
+    source: LocalSurface,
+    cell: float,
+    num: int,
 ) -> list[int]:
     """Return at most ``num`` poses (p, 3, 3), (p, 3) that differ in rotation or place, by scores (p,), best first."""
     places = rotations @ source.points.mean(axis=0) + shifts
@@ -202,7 +215,10 @@ def _compatible(
 
 def _relations(points: FloatArray, normals: FloatArray) -> tuple[_Floats, _Floats, _Floats]:
     """Return distances of points, heights over each other's tangent planes, and cosines of normals, each (m, m)."""
-    places, directions = (points - points.mean(axis=0)).astype(np.float32), normals.astype(np.float32)
+    places, directions = (
+        (points - points.mean(axis=0)).astype(np.float32),
+        normals.astype(np.float32),
+    )
     squares = (places * places).sum(axis=1)
     lengths = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * places @ places.T, 0.0))
     heights = directions @ places.T - (directions * places).sum(axis=1)[:, None]
@@ -219,10 +235,14 @@ def _explained(
     """Return 1 where a match lies within reach at a pose and its normals agree, else 0, shape (p, m)."""
     gaps = source[0] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target[0]
     cosines = (source[1] @ np.swapaxes(rotations, 1, 2) * target[1]).sum(axis=2)
-    return np.asarray(((gaps * gaps).sum(axis=2) < reach**2) & (cosines > MATCH_COSINE), dtype=np.float64)
+    return np.asarray(
+        ((gaps * gaps).sum(axis=2) < reach**2) & (cosines > MATCH_COSINE), dtype=np.float64
+    )
 
 
-def _procrustes(to: FloatArray, of: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _procrustes(
+    to: FloatArray, of: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the rigid poses that fit weighted matches best, weights (p, m); rotations (p, 3, 3), shifts (p, 3)."""
     shares = weights / np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
     means_to, means_of = shares @ to, shares @ of
@@ -239,4 +259,8 @@ def rotations_by(vectors: FloatArray) -> FloatArray:
     crosses[:, [2, 0, 1], [1, 2, 0]] = vectors
     crosses[:, [1, 2, 0], [2, 0, 1]] = -vectors
     safe = np.maximum(angles, 1e-12)
-    return np.asarray(np.eye(3) + np.sin(safe) / safe * crosses + (1.0 - np.cos(safe)) / safe**2 * crosses @ crosses)
+    return np.asarray(
+        np.eye(3)
+        + np.sin(safe) / safe * crosses
+        + (1.0 - np.cos(safe)) / safe**2 * crosses @ crosses
+    )

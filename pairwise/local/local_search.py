@@ -52,7 +52,9 @@ class MatchingCosts:
     def __call__(self, rotations: FloatArray) -> FloatArray:
         """Return costs of shape (m, k, n) for rotations (m, d, d), but for a constant of each source point."""
         moved = self._source @ np.swapaxes(rotations, 1, 2)
-        costs = (moved.reshape(-1, moved.shape[2]) @ self.problem.target.T).reshape(-1, *self._fixed.shape)
+        costs = (moved.reshape(-1, moved.shape[2]) @ self.problem.target.T).reshape(
+            -1, *self._fixed.shape
+        )
         costs += self._fixed
         return costs
 
@@ -86,7 +88,9 @@ def energies_of(problem: Problem, rotations: FloatArray, maps: IntArray) -> Floa
     """Return the energy of every pose and map from the differences themselves, shape (m,)."""
     moved = problem.source @ np.swapaxes(rotations, 1, 2)
     squares = ((moved - problem.target[maps]) ** 2).sum(axis=2) * problem.weights
-    return np.asarray((squares + problem.constant_cost[maps, np.arange(problem.num_source)]).sum(axis=1))
+    return np.asarray(
+        (squares + problem.constant_cost[maps, np.arange(problem.num_source)]).sum(axis=1)
+    )
 
 
 def minimise(
@@ -119,7 +123,10 @@ def minimise(
         The distinct ends of the runs: runs that meet are one.
     """
     costs = MatchingCosts(problem)
-    num, seen = len(rotations), _SeenMaps(problem.pattern.mirrored(rotations) if hold_chirality else None)
+    num, seen = (
+        len(rotations),
+        _SeenMaps(problem.pattern.mirrored(rotations) if hold_chirality else None),
+    )
     active = np.arange(num)
     ends: list[tuple[IntArray, IntArray]] = []
     for iteration in range(1, max_iterations + 1):
@@ -128,7 +135,9 @@ def minimise(
         goes_on = is_new & (iteration < max_iterations)
         ended = is_own & ~goes_on
         if not goes_on.any() and not any(len(runs) for runs, _ in ends) and not ended.any():
-            ended[0] = True  # the last runs swapped maps of equal energy: one of them stands for all
+            ended[0] = (
+                True  # the last runs swapped maps of equal energy: one of them stands for all
+            )
         ends.append((active[ended], maps[ended]))
         active = active[goes_on]
         if not len(active):

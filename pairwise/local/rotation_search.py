@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
-from pairwise.local.rotation_sets import principal_frame, rotation_set, sign_rotations, small_rotations
+from pairwise.local.rotation_sets import (
+    principal_frame,
+    rotation_set,
+    sign_rotations,
+    small_rotations,
+)
 from pairwise.problem.pattern import RotationPattern
 from pairwise.problem.problem import Problem
 
@@ -52,7 +57,9 @@ class NearestCosts:
         fixed = weights * squares + problem.constant_cost / self._unit_cost
         self._fixed = np.where(problem.allowed, fixed, np.inf).astype(np.float32)[:, :, None]
         self._target = target.astype(np.float32)
-        self._source_t = np.ascontiguousarray((-2.0 * weights[:, None] * source).T, dtype=np.float32)
+        self._source_t = np.ascontiguousarray(
+            (-2.0 * weights[:, None] * source).T, dtype=np.float32
+        )
         self.chunk = max(_LEAST_CHUNK, _CHUNK_ENTRIES // fixed.size)
 
     def lower_bounds(self, rotations: FloatArray) -> FloatArray:
@@ -73,10 +80,14 @@ class NearestCosts:
         if not self.both_ways:
             nearest = [costs.argmin(axis=0).T for costs in self._costs(rotations)]
             return procrustes(problem, np.ascontiguousarray(np.concatenate(nearest)), mirrored)
-        found = [(costs.argmin(axis=0).T, costs.argmin(axis=1).T) for costs in self._costs(rotations)]
+        found = [
+            (costs.argmin(axis=0).T, costs.argmin(axis=1).T) for costs in self._costs(rotations)
+        ]
         maps, backs = (np.concatenate(columns) for columns in zip(*found, strict=True))
         weighted = problem.weights[:, None] * problem.source
-        moments = np.swapaxes(problem.target[maps], 1, 2) @ weighted + problem.target.T @ weighted[backs]
+        moments = (
+            np.swapaxes(problem.target[maps], 1, 2) @ weighted + problem.target.T @ weighted[backs]
+        )
         return problem.pattern.project(moments, mirrored)
 
     def _costs(self, rotations: FloatArray) -> Iterator[Singles]:
@@ -95,7 +106,9 @@ class NearestCosts:
         bounds = values.sum(axis=0)
         if not self.both_ways:
             return bounds
-        while (half := (costs.shape[1] + 1) // 2) < costs.shape[1]:  # faster than minima of many short rows
+        while (half := (costs.shape[1] + 1) // 2) < costs.shape[
+            1
+        ]:  # faster than minima of many short rows
             costs = np.minimum(costs[:, :half], costs[:, -half:])
         return 0.5 * (bounds + self._unit_cost * costs[:, 0].astype(np.float64).sum(axis=0))
 
@@ -105,7 +118,9 @@ def _size(problem: Problem) -> float:
     return float(max(np.abs(problem.target).max(), np.abs(problem.source).max())) or 1.0
 
 
-def screen(problem: Problem, rotations: FloatArray, *, num_steps: int = 0) -> tuple[FloatArray, FloatArray]:
+def screen(
+    problem: Problem, rotations: FloatArray, *, num_steps: int = 0
+) -> tuple[FloatArray, FloatArray]:
     """Return rotations, improved by nearest-neighbour ICP (Besl and McKay 1992), in the order of their lower bounds.
 
     Parameters
@@ -201,8 +216,12 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
     starts = np.concatenate([axes, tried])
     origins = np.repeat(["axes", "search"], [len(axes), len(tried)])
     if lead is not problem:
-        starts = procrustes(problem, MatchingCosts(lead).assign(starts), lead.pattern.mirrored(starts))
-    trials = minimise(problem, starts, max_iterations=_TRIAL_STEPS, hold_chirality=True, origins=origins)
+        starts = procrustes(
+            problem, MatchingCosts(lead).assign(starts), lead.pattern.mirrored(starts)
+        )
+    trials = minimise(
+        problem, starts, max_iterations=_TRIAL_STEPS, hold_chirality=True, origins=origins
+    )
     num_kept = max(_LEAST, round(_KEPT * num_tried))
     kept = apart_rotations(
         trials.rotations[:, : lead.dim, : lead.dim],
@@ -210,10 +229,14 @@ def explore(problem: Problem, *, seed: int = 0) -> LocalMinima:
         num_kept,
         mirrored=problem.pattern.mirrored(trials.rotations),
     )
-    return minimise(problem, trials.rotations[kept], hold_chirality=True, origins=trials.origins[kept])
+    return minimise(
+        problem, trials.rotations[kept], hold_chirality=True, origins=trials.origins[kept]
+    )
 
 
-def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+def initial_rotations(
+    problem: Problem, num: int, *, seed: int = 0
+) -> tuple[FloatArray, FloatArray]:
     """Return the principal-axis starts (a, d, d) and the even set, ``num`` rotations of each chirality of the group.
 
     Parameters
@@ -228,7 +251,9 @@ def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[Flo
     is_full = bool(problem.pattern.mask.all())
     if not is_full:
         signs = sign_rotations(problem.dim, num, seed=seed)
-        even = np.concatenate([signs, problem.pattern.project(even, np.zeros(len(even), dtype=bool))])
+        even = np.concatenate(
+            [signs, problem.pattern.project(even, np.zeros(len(even), dtype=bool))]
+        )
     found = []
     for reflected in (False,) if problem.pattern.special_blocks else (False, True):
         rotated = axes, even
@@ -237,7 +262,9 @@ def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[Flo
             left = principal_frame(problem.target, np.ones(problem.num_target))
             right = principal_frame(source, problem.weights)
             rotated = left @ axes @ right.T, left @ even @ right.T
-        found.append([mirror_rotations(rotations) for rotations in rotated] if reflected else rotated)
+        found.append(
+            [mirror_rotations(rotations) for rotations in rotated] if reflected else rotated
+        )
     return np.concatenate([rotations[0] for rotations in found]), np.concatenate(
         [rotations[1] for rotations in found]
     )
@@ -245,7 +272,9 @@ def initial_rotations(problem: Problem, num: int, *, seed: int = 0) -> tuple[Flo
 
 @lru_cache(maxsize=16)
 def _standard_rotations(dim: int, num: int, seed: int) -> tuple[FloatArray, FloatArray]:
-    return read_only(sign_rotations(dim, _MAX_SIGN_STARTS, seed=seed)), read_only(rotation_set(dim, num, seed=seed))
+    return read_only(sign_rotations(dim, _MAX_SIGN_STARTS, seed=seed)), read_only(
+        rotation_set(dim, num, seed=seed)
+    )
 
 
 @lru_cache(maxsize=16)
@@ -259,7 +288,9 @@ def _screened(problem: Problem, axes: FloatArray, even: FloatArray, num: int) ->
         rotations, _ = screen(problem, even)
         return rotations[_first(num, len(rotations), problem.pattern.mirrored(rotations))]
     rotations, _ = screen(problem, np.concatenate([axes, even]), num_steps=1)
-    return rotations[apart_rotations(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))]
+    return rotations[
+        apart_rotations(rotations, _SAME_RAD, num, mirrored=problem.pattern.mirrored(rotations))
+    ]
 
 
 def _first(num: int, num_all: int, mirrored: BoolArray | None) -> IntArray:
@@ -284,7 +315,9 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
         As in :func:`explore`.
     """
     block = problem.pattern.rotation_block
-    centres = apart_rotations(minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES)
+    centres = apart_rotations(
+        minima.rotations[:, :block, :block], _ANGLE_AROUND_RAD / 2.0, _NUM_CENTRES
+    )
     centres = centres[minima.energies[centres] <= _CENTRE_FACTOR * minima.energies[0]]
     rotations = np.tile(np.eye(problem.dim), (_NUM_AROUND, 1, 1))
     rotations[:, :block, :block] = _rotations_around(block, seed)

@@ -51,7 +51,9 @@ def super_fibonacci(num: int) -> FloatArray:
     s = np.arange(num) + 0.5
     r, big_r = np.sqrt(s / num), np.sqrt(1.0 - s / num)
     alpha, beta = 2.0 * np.pi * s / _PHI, 2.0 * np.pi * s / _PSI
-    return np.stack([r * np.sin(alpha), r * np.cos(alpha), big_r * np.sin(beta), big_r * np.cos(beta)], axis=1)
+    return np.stack(
+        [r * np.sin(alpha), r * np.cos(alpha), big_r * np.sin(beta), big_r * np.cos(beta)], axis=1
+    )
 
 
 def quaternions_to_rotations(quaternions: FloatArray) -> FloatArray:

@@ -51,16 +51,26 @@ class Counterparts:
         costs = np.concatenate([self.source_costs, self.target_costs], axis=1)
         there = np.where(costs < TUNED.counterpart**2, costs, np.nan)
         there[np.isnan(there).all(axis=1)] = TUNED.counterpart**2
-        return np.clip(TUNED.own_cutoff * np.sqrt(np.nanmedian(there, axis=1)), TUNED.least_cutoff, TUNED.counterpart)
+        return np.clip(
+            TUNED.own_cutoff * np.sqrt(np.nanmedian(there, axis=1)),
+            TUNED.least_cutoff,
+            TUNED.counterpart,
+        )
 
     def overlaps(self) -> FloatArray:
         """Return the share of the target, and that of the source, with a counterpart, shape (p, 2)."""
         return np.stack(
-            [(costs < TUNED.counterpart**2).mean(axis=1) for costs in (self.target_costs, self.source_costs)], axis=1
+            [
+                (costs < TUNED.counterpart**2).mean(axis=1)
+                for costs in (self.target_costs, self.source_costs)
+            ],
+            axis=1,
         )
 
 
-def counterparts(target: PartialSurface, source: PartialSurface, poses: Similarity, num_points: int) -> Counterparts:
+def counterparts(
+    target: PartialSurface, source: PartialSurface, poses: Similarity, num_points: int
+) -> Counterparts:
     """Return what the first points of both surfaces are nearest to at each pose."""
     to, of = target.points[:num_points], source.points[:num_points]
     moved, unmoved = poses.apply(of), poses.undo(to)
@@ -142,7 +152,10 @@ def _similarities(
     signs = np.where(np.linalg.det(poses.rotation) < 0, -1.0, 1.0)
     rotations = poses.rotation
     if not hold_rotations:
-        rotations = nearest_orthogonal(moments * signs[:, None, None], determinant=1.0) * signs[:, None, None]
+        rotations = (
+            nearest_orthogonal(moments * signs[:, None, None], determinant=1.0)
+            * signs[:, None, None]
+        )
     sizes = [(share * (points**2).sum(axis=2)).sum(axis=1) for points in (to, of)]
     scales = np.clip(np.sqrt(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny)), *scale_range)
     shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", rotations, mean_of)

@@ -79,10 +79,14 @@ def match_partial(
     scale_range = scale_range or scales_allowed([target], source)
     starts = _starts(target, source, group, scale_range)
     few, many = TUNED.num_points
-    poses = refine([target], source, starts, TUNED.few_steps, num_points=few, scale_range=scale_range)
+    poses = refine(
+        [target], source, starts, TUNED.few_steps, num_points=few, scale_range=scale_range
+    )
     found = counterparts(target, source, poses, few)
     poses = poses[distinct_similarities(poses, found.energies, TUNED.num_refined, target.radius)]
-    poses = refine([target], source, poses, TUNED.many_steps, num_points=many, scale_range=scale_range)
+    poses = refine(
+        [target], source, poses, TUNED.many_steps, num_points=many, scale_range=scale_range
+    )
     found = counterparts(target, source, poses, many)
     energies, overlaps = found.energies, found.overlaps()
     return tuple(
@@ -96,7 +100,9 @@ def match_partial(
     )
 
 
-def scales_allowed(targets: Sequence[PartialSurface], source: PartialSurface) -> tuple[float, float]:
+def scales_allowed(
+    targets: Sequence[PartialSurface], source: PartialSurface
+) -> tuple[float, float]:
     """Return the least and the largest factor of a source of unknown size."""
     ratios = [target.radius / source.radius for target in targets]
     return TUNED.scale_range[0] * min(ratios), TUNED.scale_range[1] * max(ratios)
@@ -130,7 +136,9 @@ def refine(
     return poses
 
 
-def distinct_similarities(poses: Similarity, energies: FloatArray, num: int, radius: float) -> IntArray:
+def distinct_similarities(
+    poses: Similarity, energies: FloatArray, num: int, radius: float
+) -> IntArray:
     """Return positions of at most so many poses that differ, the least of the energies (m,) first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
@@ -157,7 +165,9 @@ def _starts(
     num_scales = 1 + int(np.log(scale_range[1] / scale_range[0]) / TUNED.scale_step)
     scales = np.geomspace(*scale_range, num_scales + 2)[1:-1]
     shifts = [centres_of_parts(to, float(scale) * of.radius) for scale in scales]
-    found = [screen_similarities(to, of, rotations, *each) for each in zip(shifts, scales, strict=True)]
+    found = [
+        screen_similarities(to, of, rotations, *each) for each in zip(shifts, scales, strict=True)
+    ]
     which = np.argmin([costs for costs, _ in found], axis=0)
     costs = np.array([found[s][0][r] for r, s in enumerate(which)])
     best = np.argsort(costs, kind="stable")[: TUNED.num_starts * (2 if group == "O" else 1)]

@@ -14,7 +14,11 @@ NUM_POINTS, CUTOFF = 64, 0.35
 
 
 def screen_similarities(
-    target: PartialSurface, source: PartialSurface, rotations: FloatArray, shifts: FloatArray, scale: float
+    target: PartialSurface,
+    source: PartialSurface,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    scale: float,
 ) -> tuple[FloatArray, IntArray]:
     """Return the least mean truncated cost at each rotation, and which shift it has.
 
@@ -35,16 +39,26 @@ def screen_similarities(
     which_shift : ndarray of int, shape (r,)
     """
     to, of = (
-        (surface.grid, surface.corner, surface.cell, surface.points, surface.normals) for surface in (target, source)
+        (surface.grid, surface.corner, surface.cell, surface.points, surface.normals)
+        for surface in (target, source)
     )
     weight = TUNED.normal_weight if target.oriented and source.oriented else 0.0
     rotated, rotated_normals = (
         few[:NUM_POINTS] @ np.swapaxes(rotations, 1, 2) for few in (source.points, source.normals)
     )
-    rotated_back, normals_rotated_back = (few[:NUM_POINTS] @ rotations for few in (target.points, target.normals))
+    rotated_back, normals_rotated_back = (
+        few[:NUM_POINTS] @ rotations for few in (target.points, target.normals)
+    )
     back = -(shifts @ rotations) / scale
     return _screen(
-        to, of, (rotated, rotated_normals), (rotated_back, normals_rotated_back), shifts, back, scale, weight**2
+        to,
+        of,
+        (rotated, rotated_normals),
+        (rotated_back, normals_rotated_back),
+        shifts,
+        back,
+        scale,
+        weight**2,
     )
 
 
@@ -61,7 +75,11 @@ def _nearest(grid, corner, cell, place):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-untyped-def]
     """Return the mean truncated cost of moved places beside the nearest points, or anything above enough."""
-    (grid, corner, cell, points, directions), (places, normals), (factor, weight) = surface, moved, costs
+    (grid, corner, cell, points, directions), (places, normals), (factor, weight) = (
+        surface,
+        moved,
+        costs,
+    )
     most = CUTOFF**2
     num = places.shape[0]
     total, place = 0.0, np.empty(3)

@@ -75,18 +75,26 @@ class PartialSurface:
         if not np.ptp(checked, axis=0).any():
             raise InputError("points: all lie in one place")
         num = len(checked)
-        directions = np.zeros((num, 3)) if normals is None else as_floats(normals, "normals", shape=(num, 3))
+        directions = (
+            np.zeros((num, 3)) if normals is None else as_floats(normals, "normals", shape=(num, 3))
+        )
         rim = np.zeros(num, dtype=bool) if on_rim is None else np.asarray(on_rim)
         if rim.shape != (num,) or rim.dtype != bool:
-            raise InputError(f"on_rim: expected {num} booleans, got {rim.dtype} of shape {rim.shape}")
+            raise InputError(
+                f"on_rim: expected {num} booleans, got {rim.dtype} of shape {rim.shape}"
+            )
         centre = checked.mean(axis=0)
         radius = float(np.sqrt(((checked - centre) ** 2).sum(axis=1).mean()))
         reach = GRID_MARGIN * radius
         corner, top = checked.min(axis=0) - reach, checked.max(axis=0) + reach
         cell = float((top - corner).max() / GRID_CELLS)
         sides = np.maximum(np.ceil((top - corner) / cell).astype(int), 1)
-        places = np.stack(np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1).reshape(-1, 3)
-        found = cKDTree(checked).query(corner + (places + 0.5) * cell, distance_upper_bound=reach + cell)[1]
+        places = np.stack(
+            np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1
+        ).reshape(-1, 3)
+        found = cKDTree(checked).query(
+            corner + (places + 0.5) * cell, distance_upper_bound=reach + cell
+        )[1]
         return cls(
             points=read_only(checked),
             normals=read_only(directions),

@@ -44,7 +44,9 @@ def certify_dual(problem: Problem, data: RelaxationData, solution: DualSolution)
     arrays["impossible"] = np.argwhere(problem.allowed & ~_support(data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}
-    return Certificate(kind="pm-sdp", arrays=frozen, problem_hash=hash_problem(problem), bound=bound)
+    return Certificate(
+        kind="pm-sdp", arrays=frozen, problem_hash=hash_problem(problem), bound=bound
+    )
 
 
 def _symmetrised(matrices: FloatArray) -> FloatArray:
@@ -57,7 +59,12 @@ def _support(data: RelaxationData) -> BoolArray:
 
 
 def _close_constraints(
-    lifted: LiftedRotation, F: FloatArray, u: FloatArray, g: FloatArray, y: FloatArray, quaternions: FloatArray
+    lifted: LiftedRotation,
+    F: FloatArray,
+    u: FloatArray,
+    g: FloatArray,
+    y: FloatArray,
+    quaternions: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Spread what the sums of F, and of u and g, miss over F and u of the source points."""
     expected = np.tensordot(y, lifted.equations, 1)
@@ -68,10 +75,16 @@ def _close_constraints(
     return F + _symmetrised(expected[1:, 1:] - F.sum(axis=0)) / len(F), u + mean / len(u)
 
 
-def _multiplier_arrays(lifted: LiftedRotation, y: FloatArray, quaternions: FloatArray) -> dict[str, NDArray[Any]]:
+def _multiplier_arrays(
+    lifted: LiftedRotation, y: FloatArray, quaternions: FloatArray
+) -> dict[str, NDArray[Any]]:
     """Return L1, L2, Z and Y4 from the multipliers of the equations."""
     dim = lifted.pattern.dim
-    named = {"columns": np.zeros((dim, dim)), "rows": np.zeros((dim, dim)), "cross": np.zeros((dim, dim))}
+    named = {
+        "columns": np.zeros((dim, dim)),
+        "rows": np.zeros((dim, dim)),
+        "cross": np.zeros((dim, dim)),
+    }
     for value, (kind, s, t) in zip(y, lifted.labels, strict=True):
         if kind == "cross":
             named[kind][s, t] = value
@@ -106,7 +119,9 @@ def _with_safe_bound(
     raise ArithmeticError("the dual point cannot be made positive definite")
 
 
-def _potentials(problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]]) -> FloatArray:
+def _potentials(
+    problem: Problem, data: RelaxationData, arrays: dict[str, NDArray[Any]]
+) -> FloatArray:
     """Return the non-positive row potentials of the assignment problem at the costs c(F, u), by shortest paths."""
     rows, cols = problem.pattern.entries
     weighted = problem.weights[:, None] * problem.source

@@ -81,7 +81,9 @@ class RelaxationData:
         source, slot = np.nonzero(self.valid)
         columns = source * self.valid.shape[1] + slot
         ones = np.ones(len(columns))
-        return csr_array((ones, (self.index[source, slot], columns)), shape=(self.num_rows, self.valid.size))
+        return csr_array(
+            (ones, (self.index[source, slot], columns)), shape=(self.num_rows, self.valid.size)
+        )
 
     @cached_property
     def multiplier_slots(self) -> tuple[IntArray, IntArray]:
@@ -153,7 +155,9 @@ class RelaxationData:
             cost, vectors = _match_costs(problem, lifted)
             constant = float((problem.weights * (problem.source**2).sum(axis=1)).sum())
         if not (np.isfinite(constant) and np.isfinite(cost).all() and np.isfinite(vectors).all()):
-            raise InputError("points: their squared coordinates overflow; divide both shapes by one length")
+            raise InputError(
+                "points: their squared coordinates overflow; divide both shapes by one length"
+            )
         source = np.arange(problem.num_source)[:, None]
         return cls(
             lifted=lifted,

@@ -100,7 +100,9 @@ def solve_dual(
 class _InteriorPoint:
     """The loop and its bookkeeping, on the problem scaled to unit vectors."""
 
-    def __init__(self, data: RelaxationData, tol: float, max_iterations: int, time_limit_s: float | None) -> None:
+    def __init__(
+        self, data: RelaxationData, tol: float, max_iterations: int, time_limit_s: float | None
+    ) -> None:
         self.deadline = np.inf if time_limit_s is None else time.perf_counter() + time_limit_s
         self.tol, self.max_iterations = tol, max_iterations
         size = float(np.sqrt((data.vectors**2).sum(axis=2)).max(initial=0.0))
@@ -153,9 +155,14 @@ class _InteriorPoint:
     def _dual_objective(self, point: DualPoint | Direction) -> tuple[float, FloatArray, float]:
         """Return the objective of a dual point or step, the multipliers y, and what lies outside their span."""
         data, basis = self.data, self.basis
-        multipliers, outside = basis.split(basis.sum_of_points(data.lifted, point.F, point.u, point.g, point.Y))
+        multipliers, outside = basis.split(
+            basis.sum_of_points(data.lifted, point.F, point.u, point.g, point.Y)
+        )
         traces = float(np.einsum("qaa->", point.Y))
-        value = float(point.alpha.sum() + point.beta.sum() + multipliers @ basis.constants) - 0.25 * traces
+        value = (
+            float(point.alpha.sum() + point.beta.sum() + multipliers @ basis.constants)
+            - 0.25 * traces
+        )
         return value, multipliers, float(np.abs(outside).max(initial=0.0))
 
     def _error(self) -> float:
@@ -171,7 +178,10 @@ class _InteriorPoint:
             step, sizes = self._corrected_step()
         except np.linalg.LinAlgError:
             return False
-        new_primal, new_dual = move_primal(data, primal, step, sizes[0]), move_dual(data, dual, step, sizes[1])
+        new_primal, new_dual = (
+            move_primal(data, primal, step, sizes[0]),
+            move_dual(data, dual, step, sizes[1]),
+        )
         if new_primal is None or new_dual is None or max(sizes) < SHORTEST_STEP:
             return False
         self.primal, self.dual = new_primal, new_dual
@@ -237,7 +247,12 @@ class _InteriorPoint:
 
 
 def _scaled(data: RelaxationData, factor: float) -> RelaxationData:
-    return replace(data, cost=data.cost * factor, vectors=data.vectors * factor, constant=data.constant * factor)
+    return replace(
+        data,
+        cost=data.cost * factor,
+        vectors=data.vectors * factor,
+        constant=data.constant * factor,
+    )
 
 
 def _unscaled(dual: DualPoint, scale: float) -> DualPoint:

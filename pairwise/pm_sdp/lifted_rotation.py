@@ -71,7 +71,11 @@ class LiftedRotation:
             terms.update(_cross_product_terms(blocks))
         equations, labels = _independent_equations(pattern, variable, sign, terms)
         num = int(variable.max(initial=0))
-        quaternions = () if cross_products else tuple((b, _quaternion_map(pattern, variable, b, num)) for b in blocks)
+        quaternions = (
+            ()
+            if cross_products
+            else tuple((b, _quaternion_map(pattern, variable, b, num)) for b in blocks)
+        )
         return cls(pattern, variable, sign, equations, labels, quaternions)
 
     @property
@@ -89,7 +93,9 @@ class LiftedRotation:
 
     @cached_property
     def _flat_slopes(self) -> FloatArray:
-        return np.ascontiguousarray(np.swapaxes(self.quaternion_slopes, 0, 1).reshape(self.num_variables, -1))
+        return np.ascontiguousarray(
+            np.swapaxes(self.quaternion_slopes, 0, 1).reshape(self.num_variables, -1)
+        )
 
     def quaternion_change(self, direction: FloatArray) -> FloatArray:
         """Return the change (q, 4, 4) of Y along a change (s,) of rho."""
@@ -140,7 +146,11 @@ def _variables(pattern: RotationPattern) -> tuple[IntArray, FloatArray]:
 
 
 def _tie_planar_block(
-    position: dict[tuple[int, int], int], start: int, representative: IntArray, sign: FloatArray, possible: BoolArray
+    position: dict[tuple[int, int], int],
+    start: int,
+    representative: IntArray,
+    sign: FloatArray,
+    possible: BoolArray,
 ) -> None:
     """Write an SO(2) block as [[c, -s], [s, c]] in place."""
     a, b = start, start + 1
@@ -163,7 +173,9 @@ def _orthogonality_terms(pattern: RotationPattern) -> _Terms:
     for s in range(pattern.dim):
         for t in range(s, pattern.dim):
             constant: list[tuple[float, _Entry, _Entry]] = [(-1.0, None, None)] if s == t else []
-            columns = [(1.0, (int(a), s), (int(a), t)) for a in np.flatnonzero(mask[:, s] & mask[:, t])]
+            columns = [
+                (1.0, (int(a), s), (int(a), t)) for a in np.flatnonzero(mask[:, s] & mask[:, t])
+            ]
             rows = [(1.0, (s, int(a)), (t, int(a))) for a in np.flatnonzero(mask[s] & mask[t])]
             terms["columns", s, t] = [*columns, *constant]
             terms["rows", s, t] = [*rows, *constant]
@@ -216,7 +228,9 @@ def _independent_equations(
     return stacked[kept], tuple(labels[m] for m in kept)
 
 
-def _quaternion_map(pattern: RotationPattern, variable: IntArray, start: int, num: int) -> FloatArray:
+def _quaternion_map(
+    pattern: RotationPattern, variable: IntArray, start: int, num: int
+) -> FloatArray:
     """Return dY/drho (s, 4, 4) of the quaternion moment matrix Y(R) (Saunderson, Parrilo, Willsky 2015)."""
     slopes = np.zeros((3, 3, 4, 4))
     for t, signs in enumerate(((1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))):

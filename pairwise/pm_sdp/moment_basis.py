@@ -24,7 +24,9 @@ def cauchy_factor(values: FloatArray) -> FloatArray:
     Cauchy's matrices decay geometrically (Beckermann and Townsend 2017).
     """
     root = np.sqrt(2.0 * values)
-    lower, pivots, rank, _ = lapack.dpstrf(np.outer(root, root) / np.add.outer(values, values), lower=1)
+    lower, pivots, rank, _ = lapack.dpstrf(
+        np.outer(root, root) / np.add.outer(values, values), lower=1
+    )
     factor = np.empty((len(values), rank))
     factor[pivots - 1] = np.tril(lower)[:, :rank]
     return factor / root[:, None]
@@ -49,7 +51,9 @@ class MomentBasis:
         self._all_flat = rows * (size + 1) + cols
         self.flat = self.rows * (size + 1) + self.cols
         self._position = np.zeros((size + 1, size + 1), dtype=np.int64)
-        self._position[self.rows, self.cols] = self._position[self.cols, self.rows] = np.arange(len(self.rows))
+        self._position[self.rows, self.cols] = self._position[self.cols, self.rows] = np.arange(
+            len(self.rows)
+        )
         self.scale = np.where(self.rows == self.cols, 1.0, np.sqrt(2.0))
         self.num_equations = len(equations)
         self.constants = equations[:, 0, 0]
@@ -87,7 +91,11 @@ class MomentBasis:
             Of a dual point or of a step.
         """
         total = np.zeros((self.size + 1, self.size + 1))
-        total[0, 1:] = u.sum(axis=0) + g.sum(axis=0) + 0.5 * np.einsum("qaij,qij->a", lifted.quaternion_slopes, Y)
+        total[0, 1:] = (
+            u.sum(axis=0)
+            + g.sum(axis=0)
+            + 0.5 * np.einsum("qaij,qij->a", lifted.quaternion_slopes, Y)
+        )
         total[1:, 1:] = F.sum(axis=0)
         return self.pack(total)
 
@@ -118,7 +126,8 @@ class MomentBasis:
             Positive lambda_1, ..., lambda_s.
         """
         combined = [
-            cauchy_factor(values).T @ (rows.take(self._all_rows, axis=1) * rows.take(self._all_cols, axis=1))
+            cauchy_factor(values).T
+            @ (rows.take(self._all_rows, axis=1) * rows.take(self._all_cols, axis=1))
             for values, rows in zip(eigenvalues, T[:, 1:], strict=True)
         ]
         operator = gram(np.concatenate(combined))
@@ -171,7 +180,9 @@ class MomentBasis:
             )
         return self._rotate(padded[:, None], "N")[:, 0]
 
-    def _rotate(self, columns: FloatArray, trans: str, *, side: str = "L", overwrite: bool = False) -> FloatArray:
+    def _rotate(
+        self, columns: FloatArray, trans: str, *, side: str = "L", overwrite: bool = False
+    ) -> FloatArray:
         """Apply the Householder reflections of the equations' QR factorisation."""
         if self.num_equations == 0:
             return columns

@@ -53,7 +53,9 @@ class NewtonSystem:
         self.blocks = LocalBlocks(data, basis, primal, dual)
         self.quaternion_operators = _quaternion_operators(primal.Y, dual.Y)
         self.dual_sum = basis.sum_of_points(data.lifted, dual.F, dual.u, dual.g, dual.Y)
-        self.pinned = np.concatenate([data.pinned, np.repeat(data.pinned[data.tied], data.lifted.num_variables)])
+        self.pinned = np.concatenate(
+            [data.pinned, np.repeat(data.pinned[data.tied], data.lifted.num_variables)]
+        )
         self._assemble(deadline)
 
     def _assemble(self, deadline: float) -> None:
@@ -61,7 +63,9 @@ class NewtonSystem:
         data, basis = self.data, self.basis
         moments, coupling, rows = self.blocks.condense(deadline)
         means = slice(0, data.lifted.num_variables)
-        for slopes, T, weights in zip(data.lifted.quaternion_slopes, *self.quaternion_operators, strict=True):
+        for slopes, T, weights in zip(
+            data.lifted.quaternion_slopes, *self.quaternion_operators, strict=True
+        ):
             transformed = ((T @ slopes @ T.T) * np.sqrt(weights)).reshape(-1, 16)
             moments[means, means] += 0.5 * transformed @ transformed.T
         open_rows = np.flatnonzero(~data.equality)
@@ -80,7 +84,9 @@ class NewtonSystem:
         """Solve for all variables, refining what rounding left."""
         data, basis = self.data, self.basis
         coordinates, potentials = np.zeros(basis.num_coordinates), np.zeros(len(self.pinned))
-        pushes = targets.products / (self.primal.x if data.is_full else np.where(data.valid, self.primal.x, 1.0))
+        pushes = targets.products / (
+            self.primal.x if data.is_full else np.where(data.valid, self.primal.x, 1.0)
+        )
         acceptable = 0.0
         for refinement in range(_MAX_REFINEMENTS + 2):
             moments = basis.unpack(coordinates)
@@ -103,7 +109,10 @@ class NewtonSystem:
     def _row_steps(self, potentials: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return d beta (n,) and d g (n, s) of the unknowns of the rows."""
         data = self.data
-        dbeta, dg = potentials[: data.num_rows], np.zeros((data.num_rows, data.lifted.num_variables))
+        dbeta, dg = (
+            potentials[: data.num_rows],
+            np.zeros((data.num_rows, data.lifted.num_variables)),
+        )
         dg[data.tied] = -0.5 * potentials[data.num_rows :].reshape(-1, dg.shape[1])
         return dbeta, dg
 
@@ -120,7 +129,9 @@ class NewtonSystem:
             rotated[:, 1:, 1:] = mixed + np.swapaxes(mixed, 1, 2)
         return rotated, pushed
 
-    def _imbalance(self, targets: Targets, local: FloatArray, dg: FloatArray, moments: FloatArray) -> FloatArray:
+    def _imbalance(
+        self, targets: Targets, local: FloatArray, dg: FloatArray, moments: FloatArray
+    ) -> FloatArray:
         """Return the sum of the new u, g and F, in coordinates: it must be spanned by the equations."""
         dY = self._quaternion_step(targets, moments[0, 1:])
         step = self.basis.sum_of_points(self.data.lifted, local[:, 1:, 1:], local[:, 1:, 0], dg, dY)
@@ -147,7 +158,9 @@ class NewtonSystem:
         residual[self.pinned] = 0.0
         return residual
 
-    def _step_of_B(self, targets: Targets, dx: FloatArray, local: FloatArray, dg: FloatArray) -> FloatArray:
+    def _step_of_B(
+        self, targets: Targets, dx: FloatArray, local: FloatArray, dg: FloatArray
+    ) -> FloatArray:
         """Return dB (k, c, s) of a step of the other variables."""
         primal, dual = self.primal, self.dual
         shift = local[:, None, 1:, 0] + dg[self.data.index]
@@ -183,7 +196,9 @@ class NewtonSystem:
         change = targets.slacks[open_rows] + primal.slack[open_rows] * dbeta[open_rows]
         dslack[open_rows] = change / -dual.beta[open_rows]
         ds -= dalpha[:, None] + dbeta[data.index]
-        return Direction(dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dg, dY, bend, ds)
+        return Direction(
+            dx, dB, moments[1:, 1:], dR, dslack, dalpha, dbeta, dF, du, dg, dY, bend, ds
+        )
 
 
 def _factor(matrix: FloatArray) -> FloatArray:

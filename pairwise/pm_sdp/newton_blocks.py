@@ -44,7 +44,9 @@ class LocalBlocks:
         Sum of the response's inverse.
     """
 
-    def __init__(self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint) -> None:
+    def __init__(
+        self, data: RelaxationData, basis: MomentBasis, primal: PrimalPoint, dual: DualPoint
+    ) -> None:
         self.data, self.basis = data, basis
         self._diagonalise(primal, dual)
         lifted = np.concatenate([np.where(data.valid, 1.0, 0.0)[..., None], dual.mean], axis=2)
@@ -56,12 +58,18 @@ class LocalBlocks:
         self.features = np.ascontiguousarray(np.swapaxes(features_t, 1, 2))
         if data.tied.any():
             lifted_means = np.concatenate([self.ones[..., None], primal.mean], axis=2)
-            self.means, self.x, self.b = lifted_means @ np.swapaxes(self.T, 1, 2), primal.x, dual.mean
+            self.means, self.x, self.b = (
+                lifted_means @ np.swapaxes(self.T, 1, 2),
+                primal.x,
+                dual.mean,
+            )
             self.units = np.zeros((len(self.T), *np.subtract(self.T.shape[1:], (1, 0))))
             self.units[:, :, 1:] = dual.inverse @ np.swapaxes(self.T[:, 1:, 1:], 1, 2)
             self.inverse = dual.inverse
         self._invert(primal.x / dual.s)
-        self.totals = (np.swapaxes(self.root, 1, 2) @ (self.root @ self.ones[..., None]))[..., 0] * self.ones
+        self.totals = (np.swapaxes(self.root, 1, 2) @ (self.root @ self.ones[..., None]))[
+            ..., 0
+        ] * self.ones
         self.inverse_total = self.totals.sum(axis=1)
         self.share = self.totals / self.inverse_total[:, None]
 
@@ -96,7 +104,9 @@ class LocalBlocks:
         data, basis = self.data, self.basis
         num, size = data.num_rows, data.lifted.num_variables
         direction = self.root @ (self.ones / np.sqrt(self.inverse_total)[:, None])[..., None]
-        projected = (self.root - direction * (np.swapaxes(direction, 1, 2) @ self.root)) * self.ones[:, None]
+        projected = (
+            self.root - direction * (np.swapaxes(direction, 1, 2) @ self.root)
+        ) * self.ones[:, None]
         operator = basis.congruence_sum(self.T, self.eigenvalues)
         unknowns = num + size * int(data.tied.sum())
         coupling, rows = np.zeros((unknowns, basis.num_coordinates)), np.zeros((unknowns, unknowns))
@@ -117,7 +127,10 @@ class LocalBlocks:
         if data.tied.any():
             each = np.arange(num, unknowns)
             coupling[each, (each - num) % size] -= np.sqrt(0.5)
-            own = 0.5 * (data.scatter(self.x) @ self.inverse.reshape(len(self.inverse), -1))[data.tied]
+            own = (
+                0.5
+                * (data.scatter(self.x) @ self.inverse.reshape(len(self.inverse), -1))[data.tied]
+            )
             blocks = rows[num:, num:].reshape(len(own), size, len(own), size)
             blocks[np.arange(len(own)), :, np.arange(len(own))] += own.reshape(-1, size, size)
         return operator, coupling, rows
@@ -133,7 +146,10 @@ class LocalBlocks:
 
         ``which`` says whose slots: of all rows, or of the tied ones.
         """
-        slots, num = self.data.multiplier_slots[which][points], (self.data.num_rows, int(self.data.tied.sum()))[which]
+        slots, num = (
+            self.data.multiplier_slots[which][points],
+            (self.data.num_rows, int(self.data.tied.sum()))[which],
+        )
         k, _, *inner, q = values.shape
         full = np.zeros((k, num + 1, *inner, q))
         full[np.arange(k)[:, None], slots] = values
@@ -142,7 +158,11 @@ class LocalBlocks:
 
     def _row_features(self, points: slice) -> FloatArray:
         """Return the features of the multipliers of tied rows, shape (., c, s, m)."""
-        basis, means, units = self.basis, self.means[points] * self.x[points][..., None], self.units[points]
+        basis, means, units = (
+            self.basis,
+            self.means[points] * self.x[points][..., None],
+            self.units[points],
+        )
         weights = self.root_weights[points] * basis.scale
         heads, tails = means.take(basis.rows, axis=2), means.take(basis.cols, axis=2)
         features = heads[:, :, None] * (units.take(basis.cols, axis=2) * weights[:, None])[:, None]
@@ -155,7 +175,9 @@ class LocalBlocks:
         k, _, size = means.shape
         W = basis.unpack(self.root_weights[points] ** 2 * basis.scale)
         left = (np.swapaxes(T, 1, 2)[:, None] * means[:, :, None]) @ W[:, None]
-        right = (self.units[points][..., None] * T[:, None]).transpose(0, 2, 1, 3).reshape(k * size, -1)
+        right = (
+            (self.units[points][..., None] * T[:, None]).transpose(0, 2, 1, 3).reshape(k * size, -1)
+        )
         rotated = (self._spread(points, left, 1).T @ right).reshape(-1, size, size - 1, size)
         flat = np.swapaxes(rotated, 1, 2).reshape(-1, size * size)
         moves = flat.take(basis.flat, axis=1)
@@ -166,7 +188,9 @@ class LocalBlocks:
     def _row_pushes(self, points: slice, projected: FloatArray, features: FloatArray) -> FloatArray:
         """Return how the tied rows' multipliers push the matches, projected, shape (., c, s, c)."""
         k, c, s, m = features.shape
-        mixed = (projected @ self.features[points]) @ np.swapaxes(features.reshape(k, c * s, m), 1, 2)
+        mixed = (projected @ self.features[points]) @ np.swapaxes(
+            features.reshape(k, c * s, m), 1, 2
+        )
         own = np.swapaxes(projected, 1, 2)[:, :, None] * self.b[points][..., None]
         return own - 0.5 * np.moveaxis(mixed.reshape(k, c, c, s), 1, 3)
 

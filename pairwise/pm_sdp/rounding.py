@@ -73,7 +73,9 @@ def draw_rotations(
     return problem.pattern.unpack(np.concatenate([gaussian, conditional]))
 
 
-def _conditional_means(relaxation: RelaxationResult, num: int, rng: np.random.Generator) -> FloatArray:
+def _conditional_means(
+    relaxation: RelaxationResult, num: int, rng: np.random.Generator
+) -> FloatArray:
     """Return E[[R] | j -> i] of matches drawn with probability X_ij, shape (num, r)."""
     mass = np.where(relaxation.X > _NEGLIGIBLE, relaxation.X, 0.0).T
     drawn = rng.choice(mass.size, size=num, p=mass.ravel() / mass.sum())

@@ -31,9 +31,15 @@ def starting_points(data: RelaxationData, basis: MomentBasis) -> tuple[PrimalPoi
     means = np.einsum("jc,jca->ja", x, vectors)
     u = means - means.mean(axis=0)
     spread = np.where(data.valid[..., None], vectors - u[:, None, :], 0.0)
-    counts = np.bincount(lifted.variable[lifted.variable > 0], minlength=s + 1)[1:].astype(np.float64)
+    counts = np.bincount(lifted.variable[lifted.variable > 0], minlength=s + 1)[1:].astype(
+        np.float64
+    )
     moments = lifted.interior_moments
-    size = 2.0 * max(float(np.sqrt((spread**2).sum(axis=2)).max()), 1e-3) / np.sqrt(np.diag(moments).min())
+    size = (
+        2.0
+        * max(float(np.sqrt((spread**2).sum(axis=2)).max()), 1e-3)
+        / np.sqrt(np.diag(moments).min())
+    )
     slack = np.where(data.equality, 0.0, np.maximum(1.0 - data.row_sums(x), 0.5))
     while True:
         F = np.tile(size * np.diag(counts), (k, 1, 1))
@@ -59,7 +65,10 @@ def _row_means(data: RelaxationData, x: FloatArray) -> FloatArray:
     """Return the mean vector of each tied row under x, less the mean of all of them, shape (n, s)."""
     means = np.zeros((data.num_rows, data.lifted.num_variables))
     if data.tied.any():
-        sums = data.row_sums(x[..., None] * data.vectors)[data.tied] / data.row_sums(x)[data.tied, None]
+        sums = (
+            data.row_sums(x[..., None] * data.vectors)[data.tied]
+            / data.row_sums(x)[data.tied, None]
+        )
         means[data.tied] = sums - sums.mean(axis=0)
     return means
 
@@ -70,7 +79,9 @@ SHORTEST_STEP = 1e-4
 _PRECISION = 1.0 / 256.0
 
 
-def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, least: float) -> float:
+def longest_primal(
+    data: RelaxationData, point: PrimalPoint, step: Direction, least: float
+) -> float:
     """Return a size of at most one after which x, slack, G and Y keep at least the share ``least`` of themselves.
 
     Parameters
@@ -81,13 +92,18 @@ def longest_primal(data: RelaxationData, point: PrimalPoint, step: Direction, le
         In [0, 1).
     """
     size = min(_longest_linear(point.x[data.valid], step.x[data.valid], least), 1.0)
-    size = min(_longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size)
+    size = min(
+        _longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size
+    )
     rotated = data.lifted.quaternion_change(step.R)
 
     def keeps(trial: float) -> bool:
         if not are_positive((1.0 - least) * point.Y + trial * rotated):
             return False
-        moved = (one + trial * change for one, change in zip((point.x, point.B, point.C), steps, strict=True))
+        moved = (
+            one + trial * change
+            for one, change in zip((point.x, point.B, point.C), steps, strict=True)
+        )
         return are_positive(conditional_moments(data, *moved)[1] - least * point.G)
 
     steps = step.x, step.B, step.C
@@ -110,7 +126,9 @@ def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least:
     bends = (step.bend @ (np.swapaxes(root, 1, 2) @ eigenvectors)) ** 2
 
     def keeps(trial: float) -> bool:
-        if (1.0 - least + trial * rates).min() <= 0.0 or not are_positive((1.0 - least) * point.Y + trial * step.Y):
+        if (1.0 - least + trial * rates).min() <= 0.0 or not are_positive(
+            (1.0 - least) * point.Y + trial * step.Y
+        ):
             return False
         change = step.ds - trial * (bends @ (1.0 / (1.0 + trial * rates))[..., None])[..., 0]
         return bool(((1.0 - least) * point.s + trial * change >= 0.0)[data.valid].all())
@@ -209,8 +227,14 @@ def _second_order_terms(
     curved = ((step.bend @ dual.inverse) * step.bend).sum(axis=2)
     bent = step.B - primal.mean * dx
     change = step.C - _symmetric(np.swapaxes(bent + step.B, 1, 2) @ primal.mean)
-    gram = np.swapaxes(bent / x[..., None], 1, 2) @ bent - _symmetric(dual.inverse @ step.F @ change)
-    return step.B @ step.F + dx * (step.u[:, None] + step.g[data.index]), x * curved - step.x * step.ds, gram
+    gram = np.swapaxes(bent / x[..., None], 1, 2) @ bent - _symmetric(
+        dual.inverse @ step.F @ change
+    )
+    return (
+        step.B @ step.F + dx * (step.u[:, None] + step.g[data.index]),
+        x * curved - step.x * step.ds,
+        gram,
+    )
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

@@ -118,14 +118,21 @@ class Direction:
 
 
 def primal_point(
-    data: RelaxationData, x: FloatArray, B: FloatArray, C: FloatArray, R: FloatArray, slack: FloatArray
+    data: RelaxationData,
+    x: FloatArray,
+    B: FloatArray,
+    C: FloatArray,
+    R: FloatArray,
+    slack: FloatArray,
 ) -> PrimalPoint | None:
     """Return the point of variables (shapes as its fields'), or None where it is not inside the cones."""
     if (x <= 0.0)[data.valid].any() or (slack <= 0.0)[~data.equality].any():
         return None
     Y = _QUARTER + data.lifted.quaternion_change(R)
     mean, G = conditional_moments(data, x, B, C)
-    return PrimalPoint(x, B, C, R, slack, mean, G, Y) if are_positive(G) and are_positive(Y) else None
+    return (
+        PrimalPoint(x, B, C, R, slack, mean, G, Y) if are_positive(G) and are_positive(Y) else None
+    )
 
 
 def conditional_moments(
@@ -162,7 +169,9 @@ def dual_point(
         factor: FloatArray = np.linalg.cholesky(F).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         return None
-    root, Y_inverse = (np.linalg.inv(blocks).astype(np.float64, copy=False) for blocks in (factor, Y))
+    root, Y_inverse = (
+        np.linalg.inv(blocks).astype(np.float64, copy=False) for blocks in (factor, Y)
+    )
     w = np.where(data.valid[..., None], data.vectors - u[:, None] - g[data.index], 0.0)
     whitened = w @ np.swapaxes(root, 1, 2)
     linear = data.cost - alpha[:, None] - beta[data.index]
@@ -173,7 +182,9 @@ def dual_point(
     return DualPoint(alpha, beta, F, u, g, Y, factor, inverse, w, whitened @ root, s, Y_inverse)
 
 
-def move_primal(data: RelaxationData, point: PrimalPoint, step: Direction, size: float) -> PrimalPoint | None:
+def move_primal(
+    data: RelaxationData, point: PrimalPoint, step: Direction, size: float
+) -> PrimalPoint | None:
     """Return the primal point a step further, None outside the cones."""
     return primal_point(
         data,
@@ -185,7 +196,9 @@ def move_primal(data: RelaxationData, point: PrimalPoint, step: Direction, size:
     )
 
 
-def move_dual(data: RelaxationData, point: DualPoint, step: Direction, size: float) -> DualPoint | None:
+def move_dual(
+    data: RelaxationData, point: DualPoint, step: Direction, size: float
+) -> DualPoint | None:
     """Return the dual point a step further, None outside the cones."""
     return dual_point(
         data,

@@ -59,7 +59,9 @@ class RotationPattern:
         check_choice("group", group, ("SO", "O"))
         if isinstance(pattern, RotationPattern):
             if pattern.dim != dim:
-                raise OptionsError(f"rotation_pattern: is for dimension {pattern.dim}, the points have {dim}")
+                raise OptionsError(
+                    f"rotation_pattern: is for dimension {pattern.dim}, the points have {dim}"
+                )
             _check_sizes(pattern.special_blocks)
             return pattern
         mask, first = _mask_from_user(pattern, dim)
@@ -67,7 +69,9 @@ class RotationPattern:
         _check_sizes(special)
         filled = np.where(mask, np.random.default_rng(0).standard_normal(mask.shape), 0.0)
         if not mask.all() and np.linalg.matrix_rank(filled) < dim:
-            raise InputError("rotation_pattern: every matrix with these non-zero entries is singular")
+            raise InputError(
+                "rotation_pattern: every matrix with these non-zero entries is singular"
+            )
         return cls(read_only(mask), special)
 
     @property
@@ -175,7 +179,9 @@ class RotationPattern:
 PatternLike: TypeAlias = RotationPattern | ArrayLike | Sequence[int] | int | None
 
 
-def _set_determinants(factors: list[tuple[FloatArray, FloatArray, FloatArray]], wanted: FloatArray | float) -> None:
+def _set_determinants(
+    factors: list[tuple[FloatArray, FloatArray, FloatArray]], wanted: FloatArray | float
+) -> None:
     """Give a block, by the singular vectors of its components, the wanted determinant, in place.
 
     Where it has the other one, the weakest direction is turned round.
@@ -193,14 +199,18 @@ def _mask_from_user(pattern: PatternLike, dim: int) -> tuple[BoolArray, int]:
         return np.ones((dim, dim), dtype=bool), dim
     if isinstance(pattern, int | np.integer) and not isinstance(pattern, bool):
         if pattern < 0:
-            raise OptionsError(f"rotation_pattern: the band's half-width must be 0 or more, got {pattern}")
+            raise OptionsError(
+                f"rotation_pattern: the band's half-width must be 0 or more, got {pattern}"
+            )
         offsets = np.subtract.outer(np.arange(dim), np.arange(dim))
         return np.abs(offsets) <= pattern, dim
     array = np.asarray(pattern)
     if array.ndim == 1:
         sizes = [int(s) for s in array]
         if min(sizes, default=0) < 1 or sum(sizes) != dim or array.dtype.kind not in "iu":
-            raise OptionsError(f"rotation_pattern: block sizes {array.tolist()} do not add up to dimension {dim}")
+            raise OptionsError(
+                f"rotation_pattern: block sizes {array.tolist()} do not add up to dimension {dim}"
+            )
         labels = np.repeat(np.arange(len(sizes)), sizes)
         return np.equal.outer(labels, labels), sizes[0]
     return as_mask(array, "rotation_pattern", shape=(dim, dim)), dim

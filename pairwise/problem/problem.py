@@ -21,7 +21,16 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_mask, as_points, as_weights, read_only
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_floats,
+    as_mask,
+    as_points,
+    as_weights,
+    read_only,
+)
 from data_tools.checks import check_number
 from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
@@ -55,7 +64,9 @@ def assignment_support(allowed: BoolArray) -> tuple[BoolArray, BoolArray]:
     n, k = allowed.shape
     matched = maximum_bipartite_matching(csr_array(allowed), perm_type="row").astype(np.int64)
     if (matched < 0).any():
-        raise InputError(f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over")
+        raise InputError(
+            f"allowed: no assignment fits them, {int((matched < 0).sum())} points are left over"
+        )
     column_label, row_label, free_label = _residual_components(allowed, matched)
     usable = allowed & (row_label[:, None] == column_label[None, :])
     usable[matched, np.arange(k)] = True
@@ -211,7 +222,9 @@ class Problem:
         p = as_points(source, "source", dim=q.shape[1])
         n, k = len(q), len(p)
         if q.shape[1] < 2:
-            raise InputError("target and source: points of one coordinate cannot be rotated; give two or more")
+            raise InputError(
+                "target and source: points of one coordinate cannot be rotated; give two or more"
+            )
         if rotation_pattern is None and max(n, k) <= MOST_COLUMN_DIM < q.shape[1]:
             raise InputError(
                 f"target and source: {n} and {k} points of {q.shape[1]} coordinates. Points are rows: give target.T "
@@ -224,10 +237,14 @@ class Problem:
                 f"Use a unit in which the largest is between {1 / LARGEST_COORDINATE:g} and {LARGEST_COORDINATE:g}"
             )
         if k > n:
-            raise InputError(f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two")
+            raise InputError(
+                f"source has {k} points, target {n}: the map is injective, so k <= n; swap the two"
+            )
         w = as_weights(weights, "weights", num=k)
         pattern = RotationPattern.from_user(rotation_pattern, q.shape[1], group)
-        mask = np.ones((n, k), bool) if allowed is None else as_mask(allowed, "allowed", shape=(n, k))
+        mask = (
+            np.ones((n, k), bool) if allowed is None else as_mask(allowed, "allowed", shape=(n, k))
+        )
         _check_feasible(mask)
         constant = np.zeros((n, k)) if invariants is None else _invariant_cost(invariants, n, k)
         return cls(
@@ -286,7 +303,9 @@ class Problem:
 
     def procrustes(self, point_map: IntArray) -> FloatArray:
         """Return the best R for a map, shape (d, d): orthogonal Procrustes within the pattern's blocks."""
-        return self.pattern.project(self.target[point_map].T @ (self.weights[:, None] * self.source))
+        return self.pattern.project(
+            self.target[point_map].T @ (self.weights[:, None] * self.source)
+        )
 
 
 def energy_scale(problem: Problem) -> float:
@@ -299,11 +318,15 @@ def energy_scale(problem: Problem) -> float:
 
 def _invariant_cost(invariants: tuple[ArrayLike, ArrayLike], n: int, k: int) -> FloatArray:
     if not isinstance(invariants, tuple | list) or len(invariants) != 2:
-        raise OptionsError("invariants: expected a pair (target, source) of arrays (n, m) and (k, m)")
+        raise OptionsError(
+            "invariants: expected a pair (target, source) of arrays (n, m) and (k, m)"
+        )
     h = as_floats(invariants[0], "invariants of the target", shape=(n, None))
     g = as_floats(invariants[1], "invariants of the source", shape=(k, h.shape[1]))
     if max(np.abs(h).max(initial=0.0), np.abs(g).max(initial=0.0)) > LARGEST_COORDINATE:
-        raise InputError(f"invariants: beyond {LARGEST_COORDINATE:g}, their squares overflow; give smaller ones")
+        raise InputError(
+            f"invariants: beyond {LARGEST_COORDINATE:g}, their squares overflow; give smaller ones"
+        )
     return ((h[:, None, :] - g[None, :, :]) ** 2).sum(axis=2)
 
 
@@ -316,7 +339,9 @@ def _check_feasible(allowed: BoolArray) -> None:
     matched: Any = maximum_bipartite_matching(csr_array(allowed), perm_type="row")
     stuck = int((matched < 0).sum())
     if stuck:
-        raise InputError(f"allowed: no injective map fits them, {stuck} source points are always left over")
+        raise InputError(
+            f"allowed: no injective map fits them, {stuck} source points are always left over"
+        )
 
 
 def mirror(dim: int) -> FloatArray:
@@ -338,8 +363,14 @@ def chiralities(problem: Problem) -> list[tuple[bool, Problem]]:
         If R has zeros, more than one rotation block or a dimension other than 2 and 3.
     """
     pattern, dim = problem.pattern, problem.dim
-    if dim not in (2, 3) or not pattern.mask.all() or pattern.special_blocks not in ((), ((0, dim),)):
-        raise OptionsError("this needs points in dimension 2 or 3 and a full matrix R in SO(d) or O(d)")
+    if (
+        dim not in (2, 3)
+        or not pattern.mask.all()
+        or pattern.special_blocks not in ((), ((0, dim),))
+    ):
+        raise OptionsError(
+            "this needs points in dimension 2 or 3 and a full matrix R in SO(d) or O(d)"
+        )
     proper = replace(problem, pattern=RotationPattern(pattern.mask, ((0, dim),)))
     if pattern.special_blocks:
         return [(False, proper)]

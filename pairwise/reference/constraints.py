@@ -57,11 +57,15 @@ def solve_program(
     settings = _solver_settings(solver, tol, max_iterations, time_limit_s)
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Solution may be inaccurate")  # the status says so
+            warnings.filterwarnings(
+                "ignore", message="Solution may be inaccurate"
+            )  # the status says so
             program.solve(solver=solver.upper(), **settings)
     except cp.error.SolverError:
         return Status.FAILED
-    except BaseException as error:  # Clarabel panics on some ill-posed programs, outside the Exception hierarchy
+    except (
+        BaseException
+    ) as error:  # Clarabel panics on some ill-posed programs, outside the Exception hierarchy
         if type(error).__name__ != "PanicException":
             raise
         return Status.FAILED
@@ -176,7 +180,9 @@ def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
             constraints += _equal(block[0][0], block[1][1]) + _equal(block[0][1], -block[1][0])
         elif stop - start == 3:
             rows = quaternion_moments(block)
-            constraints.append(cp.bmat([[cp.reshape(y, (1, 1), order="F") for y in row] for row in rows]) >> 0)
+            constraints.append(
+                cp.bmat([[cp.reshape(y, (1, 1), order="F") for y in row] for row in rows]) >> 0
+            )
     return constraints
 
 
@@ -208,7 +214,9 @@ def _positions(pattern: RotationPattern) -> IntArray:
     return positions
 
 
-def _collect(pattern: RotationPattern, polynomials: Iterable[tuple[Polynomial, float]]) -> LiftedEquations:
+def _collect(
+    pattern: RotationPattern, polynomials: Iterable[tuple[Polynomial, float]]
+) -> LiftedEquations:
     """Turn polynomials in R, each with its constant, into equations; drop those without any free entry."""
     position, r = _positions(pattern), pattern.num_entries
     quadratic: list[tuple[int, int, float]] = []
@@ -234,4 +242,6 @@ def _collect(pattern: RotationPattern, polynomials: Iterable[tuple[Polynomial, f
 
 def _sparse(entries: list[tuple[int, int, float]], shape: tuple[int, int]) -> csr_array:
     rows, cols, values = zip(*entries, strict=True) if entries else ((), (), ())
-    return coo_array((np.array(values, float), (np.array(rows, int), np.array(cols, int))), shape=shape).tocsr()
+    return coo_array(
+        (np.array(values, float), (np.array(rows, int), np.array(cols, int))), shape=shape
+    ).tocsr()

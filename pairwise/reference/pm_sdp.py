@@ -169,7 +169,9 @@ def matching_constraints(problem: Problem, i: IntArray, j: IntArray, x: Any) -> 
     return [_incidence(j, problem.num_source) @ x == 1.0, rows]
 
 
-def rotation_constraints(problem: Problem, c: Any, entries: Any, *, cross_products: bool) -> list[Any]:
+def rotation_constraints(
+    problem: Problem, c: Any, entries: Any, *, cross_products: bool
+) -> list[Any]:
     """Return orthogonality of the lifted R, and its hull or its cross products for rotation blocks."""
     cp = cvxpy_module()
 
@@ -200,10 +202,14 @@ def solve_model(
     cp = cvxpy_module()
 
     program = cp.Problem(cp.Minimize(model.objective), [*model.linear, *model.blocks])
-    status = solve_program(program, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
+    status = solve_program(
+        program, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s
+    )
     if status is Status.FAILED or model.x.value is None:
         return _failed(model, status)
-    x, b, c, r_entries = (np.asarray(v.value, dtype=float) for v in (model.x, model.b, model.c, model.entries))
+    x, b, c, r_entries = (
+        np.asarray(v.value, dtype=float) for v in (model.x, model.b, model.c, model.entries)
+    )
     problem = model.problem
     matches = np.zeros((problem.num_target, problem.num_source))
     matches[model.target_index, model.source_index] = x
@@ -221,7 +227,9 @@ def solve_model(
     )
 
 
-def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tuple[Any, float, float]:
+def _objective(
+    problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any
+) -> tuple[Any, float, float]:
     """Return the linear energy of the allowed matches divided by a scale, that scale, and the constant."""
     cp = cvxpy_module()
 
@@ -236,7 +244,9 @@ def _objective(problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any) -> tu
 
 def _incidence(labels: IntArray, num: int) -> csr_array:
     """Return the (num, m) matrix that sums matches with the same label."""
-    return coo_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(num, len(labels))).tocsr()
+    return coo_array(
+        (np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(num, len(labels))
+    ).tocsr()
 
 
 def _failed(model: Model, status: Status) -> RelaxationResult:

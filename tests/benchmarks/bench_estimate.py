@@ -40,7 +40,9 @@ def shapes_of(name, num):
             generate(num, folder, 0)
         else:
             folder.mkdir()
-            for file in sorted(FOLDERS[name].iterdir(), key=lambda path: natural_key(path.name))[:num]:
+            for file in sorted(FOLDERS[name].iterdir(), key=lambda path: natural_key(path.name))[
+                :num
+            ]:
                 shutil.copy(file, folder)
         yield folder
 
@@ -52,7 +54,11 @@ def measure(name, num):
         start = time.process_time()
         estimate = estimate_job(
             BatchJob(
-                folders=(folder,), out=folder.parent / "out", recursive=False, parts=False, options=AlignOptions()
+                folders=(folder,),
+                out=folder.parent / "out",
+                recursive=False,
+                parts=False,
+                options=AlignOptions(),
             ),
             run,
         )
@@ -66,11 +72,15 @@ def measure(name, num):
     print(f"factor {estimate.seconds / total_s:.2f}; the trial took {trial_s:.1f} s")
     print("  estimated", {stage: round(seconds, 1) for stage, seconds in estimate.stages_s.items()})
     stages = dict(collection.run.times_s) | {"outputs": total_s - aligned_s}
-    print("  actual   ", {stage: round(seconds, 1) for stage, seconds in stages.items()}, flush=True)
+    print(
+        "  actual   ", {stage: round(seconds, 1) for stage, seconds in stages.items()}, flush=True
+    )
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME-NUM")
     arguments = parser.parse_args()
     unlimited = {"time_limit_s": None, "memory_limit_bytes": None}  # no worker processes

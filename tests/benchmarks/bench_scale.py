@@ -26,7 +26,10 @@ def generate(num, folder, seed):
     """Write chairs of varied proportions in random poses and return ``R_common_shape`` of each, in natural order."""
     rng = np.random.default_rng(seed)
     width = len(str(num))
-    family = [bumped(chair(rng, resolution=1, name=f"chair{i:0{width}d}"), rng, rms=0.015) for i in range(num)]
+    family = [
+        bumped(chair(rng, resolution=1, name=f"chair{i:0{width}d}"), rng, rms=0.015)
+        for i in range(num)
+    ]
     planted = planted_collection(family, rng, scale_range=(0.7, 1.5))
     write_collection(folder, planted)
     return planted.rotations
@@ -62,7 +65,10 @@ def measure(num, jobs, seed):
     ]
     stages = {stage: round(value, 1) for stage, value in collection.run.times_s.items()}
     stages["outputs"] = round(seconds - aligned_s, 1)
-    print(f"N = {num}: {seconds:.0f} s {stages}, processor {used_s:.0f} s, {len(collection.pairs)} pairs", end=", ")
+    print(
+        f"N = {num}: {seconds:.0f} s {stages}, processor {used_s:.0f} s, {len(collection.pairs)} pairs",
+        end=", ",
+    )
     parent, worker = gibibytes(resource.RUSAGE_SELF), gibibytes(resource.RUSAGE_CHILDREN)
     print(f"peak memory {parent:.2f} GiB, largest worker {worker:.2f} GiB", end=", ")
     print(f"error median {np.median(errors):.2f} deg, worst {max(errors):.1f}", flush=True)
@@ -82,7 +88,9 @@ def plot(sizes, seconds, exponent, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sizes", type=int, nargs="+", default=[100, 300, 1000])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)

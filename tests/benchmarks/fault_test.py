@@ -59,8 +59,13 @@ class Watch:
                         store.require(kind, key)
             self._done = done
         if (self._out / "alignment.json").exists():
-            names = [shape["name"] for shape in json.loads((self._out / "alignment.json").read_text())["shapes"]]
-            missing = [name for name in names if not (self._out / "meshes" / f"{name}.ply").is_file()]
+            names = [
+                shape["name"]
+                for shape in json.loads((self._out / "alignment.json").read_text())["shapes"]
+            ]
+            missing = [
+                name for name in names if not (self._out / "meshes" / f"{name}.ply").is_file()
+            ]
             if missing:
                 raise RuntimeError(f"there is a summary, but no mesh of {missing}")
 
@@ -79,7 +84,11 @@ def snapshot(folder):
 
 def outputs(out):
     """Return the outputs that may not differ between runs."""
-    paths = [out / "alignment.json", out / "pairs.csv", *sorted((out / "meshes").glob("chair*.ply"))]
+    paths = [
+        out / "alignment.json",
+        out / "pairs.csv",
+        *sorted((out / "meshes").glob("chair*.ply")),
+    ]
     return {path.name: path.read_bytes() for path in paths}
 
 
@@ -89,7 +98,9 @@ def main():
     parser.add_argument("--signals", type=int, default=20)
     parser.add_argument("--shapes", type=int, default=24)
     parser.add_argument("--points", type=int, default=40)
-    parser.add_argument("--delay", type=float, nargs=2, default=(1.0, 8.0), help="seconds between disturbances")
+    parser.add_argument(
+        "--delay", type=float, nargs=2, default=(1.0, 8.0), help="seconds between disturbances"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -126,7 +137,9 @@ def compare(folder, options):
         )
         watch.check_end()
         if outputs(out) != expected:
-            raise RuntimeError(f"the results of round {rounds} differ from those of an undisturbed run")
+            raise RuntimeError(
+                f"the results of round {rounds} differ from those of an undisturbed run"
+            )
         total.parents, total.workers = total.parents + log.parents, total.workers + log.workers
         total.signals += log.signals
         rounds += 1
@@ -143,7 +156,17 @@ def compare(folder, options):
 
 def command(shapes, out, options):
     """Return the command that aligns the shapes, with its store in the output folder."""
-    words = [sys.executable, "-m", "collalign", "align", str(shapes), "--out", str(out), "--jobs", "2"]
+    words = [
+        sys.executable,
+        "-m",
+        "collalign",
+        "align",
+        str(shapes),
+        "--out",
+        str(out),
+        "--jobs",
+        "2",
+    ]
     return [
         *words,
         "--pairs",

@@ -53,10 +53,20 @@ num_points = 16
 
 def test_jobs_share_options_and_override_them(folder):
     first, second = read_batch(batch_file(folder, GOOD))
-    assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (3, 20, "auto")
-    assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (3, 16, "O")
+    assert (first.options.seed, first.options.sampling.num_points, first.options.group) == (
+        3,
+        20,
+        "auto",
+    )
+    assert (second.options.seed, second.options.sampling.num_points, second.options.group) == (
+        3,
+        16,
+        "O",
+    )
     assert second.options.sampling.num_dense_points == 50
-    (several,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = ['a', '@b.txt']\nout = 'c'\nrecursive = true\n"))
+    (several,) = read_batch(
+        batch_file(folder, "[[jobs]]\nfolder = ['a', '@b.txt']\nout = 'c'\nrecursive = true\n")
+    )
     assert several.folders == (folder / "a", Path(f"@{folder / 'b.txt'}"))
     assert (several.recursive, several.parts) == (True, False)
     assert (second.recursive, second.parts) == (False, False)
@@ -76,12 +86,20 @@ def test_jobs_share_options_and_override_them(folder):
         ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nparts = 1", InputError, "true or false"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nextra = 1", InputError, "job 1"),
-        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'", InputError, "same folder"),
+        (
+            "[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'",
+            InputError,
+            "same folder",
+        ),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ngruop = 'O'", OptionsError, "gruop"),
         ("[option]\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "option"),
         ("options = 1\n[[jobs]]\nfolder = 'x'\nout = 'y'", InputError, "table"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\noptions = 1", InputError, "job 1"),
-        ("[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\nstrict = 'no'", OptionsError, "strict"),
+        (
+            "[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\nstrict = 'no'",
+            OptionsError,
+            "strict",
+        ),
         (
             "[[jobs]]\nfolder = 'x'\nout = 'y'\n[jobs.options]\ncertify_budget_s = inf",
             OptionsError,
@@ -89,7 +107,11 @@ def test_jobs_share_options_and_override_them(folder):
         ),
         ("not toml", InputError, "TOML"),
         ("a = " + "[" * 5000 + "]" * 5000, InputError, "nested too deeply"),
-        ("[options]\nsampling = 5\n[[jobs]]\nfolder = 'x'\nout = 'y'", OptionsError, "sampling: expected a table"),
+        (
+            "[options]\nsampling = 5\n[[jobs]]\nfolder = 'x'\nout = 'y'",
+            OptionsError,
+            "sampling: expected a table",
+        ),
     ],
 )
 def test_bad_files_are_refused_by_name(text, error, word, tmp_path):
@@ -135,7 +157,8 @@ def test_one_bad_folder_does_not_stop_the_others(folder):
 
 
 @pytest.mark.parametrize(
-    ("incomplete", "num_shapes", "looked_for"), [("auto", 40, True), ("auto", 2, False), ("none", 40, False)]
+    ("incomplete", "num_shapes", "looked_for"),
+    [("auto", 40, True), ("auto", 2, False), ("none", 40, False)],
 )
 def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
     costs = 1.0

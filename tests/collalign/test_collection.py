@@ -50,7 +50,9 @@ def test_shapes_are_found_by_name_and_position(result, made):
     assert [shape.name for shape in result[1:]] == ["points", "two"]
     assert ("two" in result, "nobody" in result, result["two"] in result) == (True, False, True)
     for error in (InputError, KeyError):
-        with pytest.raises(error, match=r"^no shape is called 'nobody'; the collection has <one>, points, two$"):
+        with pytest.raises(
+            error, match=r"^no shape is called 'nobody'; the collection has <one>, points, two$"
+        ):
             result["nobody"]
     with pytest.raises(IndexError):
         result[3]
@@ -63,10 +65,15 @@ def test_maps_poses_and_pairs_are_asked_by_name(result, made):
     assert np.array_equal(result.reflected, made.reflected)
     assert result.pairs["two", "<one>"] is result.pairs["<one>", "two"]
     assert result.pairs["two", "points"].energy == made.pairs["two", "points"].energy
-    assert {("two", "points")} == {pair for pair in (("two", "points"), ("two", "two")) if pair in result.pairs}
+    assert {("two", "points")} == {
+        pair for pair in (("two", "points"), ("two", "two")) if pair in result.pairs
+    }
     assert result.pairs[0] in result.pairs
     assert len(result.pairs[1:]) == 2
-    assert pickle.loads(pickle.dumps(result.pairs))["two", "points"].target == result.pairs["two", "points"].target
+    assert (
+        pickle.loads(pickle.dumps(result.pairs))["two", "points"].target
+        == result.pairs["two", "points"].target
+    )
     with pytest.raises(KeyError, match="two and nobody were not matched"):
         result.pairs["two", "nobody"]
     with pytest.raises(KeyError, match="'nobody'"):
@@ -104,7 +111,14 @@ def test_a_loaded_result_says_that_it_is_saved(folder, made, tmp_path):
 
 def test_a_loaded_result_is_the_one_that_was_made(folder, made):
     loaded = collalign.load(folder)
-    for name in ("samples", "positions", "landmarks", "consensus", "part_numbers", "cycle_errors_deg"):
+    for name in (
+        "samples",
+        "positions",
+        "landmarks",
+        "consensus",
+        "part_numbers",
+        "cycle_errors_deg",
+    ):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(made, name))
     assert (loaded.options, loaded.group, loaded.notes) == (made.options, made.group, made.notes)
     for one, two in zip(loaded.pairs, made.pairs, strict=True):
@@ -118,10 +132,15 @@ def test_it_introduces_itself_in_a_line_and_a_notebook_shows_pictures(result):
     shown = doubtful._repr_html_()
     assert re.findall("<td>(.*?)</td>", shown) == ["points", "unknown", "&lt;one&gt;", "50 %"]
     assert "<one>" not in shown
-    assert b64decode(re.search('src="data:image/png;base64,(.*?)"', shown)[1]).startswith(b"\x89PNG")
+    assert b64decode(re.search('src="data:image/png;base64,(.*?)"', shown)[1]).startswith(
+        b"\x89PNG"
+    )
     assert '<iframe sandbox="allow-scripts allow-downloads"' in shown
     assert "<table" not in replace(result, confidence=np.ones(3))._repr_html_()
-    assert "iframe" not in replace(result, fresh=None, folder=None, vertices=(), faces=())._repr_html_()
+    assert (
+        "iframe"
+        not in replace(result, fresh=None, folder=None, vertices=(), faces=())._repr_html_()
+    )
 
 
 def test_the_report_opens_in_the_browser_and_in_a_frame_of_a_notebook(result, monkeypatch):
@@ -157,7 +176,9 @@ def test_meshes_lie_in_the_common_frame(result, made):
     assert [type(mesh).__name__ for mesh in meshes.values()] == ["Trimesh", "PointCloud", "Trimesh"]
     for at, mesh in enumerate(meshes.values()):
         np.testing.assert_allclose(
-            np.asarray(mesh.vertices)[made.samples[at]], made.positions[at], atol=1e-5 * np.ptp(made.positions)
+            np.asarray(mesh.vertices)[made.samples[at]],
+            made.positions[at],
+            atol=1e-5 * np.ptp(made.positions),
         )
     assert list(result.to_trimesh(["two"])) == ["two"]
 

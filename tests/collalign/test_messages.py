@@ -31,7 +31,22 @@ def folder(tmp_path_factory):
 
 def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsys):
     out, log = tmp_path / "out", tmp_path / "run.log"
-    assert main(["align", str(folder), "--out", str(out), *FLAGS, "--json", "--quiet", "--log", str(log)]) == 3
+    assert (
+        main(
+            [
+                "align",
+                str(folder),
+                "--out",
+                str(out),
+                *FLAGS,
+                "--json",
+                "--quiet",
+                "--log",
+                str(log),
+            ]
+        )
+        == 3
+    )
     said = capsys.readouterr()
     told = json.loads(said.out)
     assert (told["command"], told["exit_code"], told["shapes"], told["pairs"]) == ("align", 3, 3, 3)
@@ -91,9 +106,12 @@ def test_errors_are_told_as_well(wrong, capsys):
 
 def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
     jobs = "".join(
-        f"[[jobs]]\nfolder = '{at}'\nout = '{tmp_path / out}'\n" for at, out in ((folder, "x"), ("no", "y"))
+        f"[[jobs]]\nfolder = '{at}'\nout = '{tmp_path / out}'\n"
+        for at, out in ((folder, "x"), ("no", "y"))
     )
-    (tmp_path / "batch.toml").write_text("[options.sampling]\nnum_points = 12\nnum_dense_points = 0\n" + jobs)
+    (tmp_path / "batch.toml").write_text(
+        "[options.sampling]\nnum_points = 12\nnum_dense_points = 0\n" + jobs
+    )
     assert main(["batch", str(tmp_path / "batch.toml"), "--jobs", "1", "--json"]) == 3
     first, second = json.loads(capsys.readouterr().out)["jobs"]
     assert (first["shapes"], first["exit_code"], second["exit_code"]) == (3, 3, 2)
@@ -110,13 +128,23 @@ def test_what_is_unknown_is_null_for_programs(capsys):
             nested={"x": (np.float64("nan"),)},
         )
         assert end(3) == 3
-    told = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
-    assert told == {"exit_code": 3, "confidence": [0.5, None], "bound": None, "path": "a", "nested": {"x": [None]}}
+    told = json.loads(
+        capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
+    )
+    assert told == {
+        "exit_code": 3,
+        "confidence": [0.5, None],
+        "bound": None,
+        "path": "a",
+        "nested": {"x": [None]},
+    }
 
 
 def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp_path):
     log = tmp_path / "run.jsonl"
-    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS, "--log", str(log)]) == 3
+    assert (
+        main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS, "--log", str(log)]) == 3
+    )
     lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
     assert lines[0] == {"format": "collalign-log", "version": 1}
     assert [line.get("exit_code") for line in lines].count(3) == 1
@@ -173,12 +201,22 @@ def test_control_characters_in_names_reach_no_output(tmp_path, capsys):
         np.savetxt(shapes / f"{name}.xyz", points)
     (shapes / f"{red}bad\n.ply").write_bytes(b"rubbish")
     (shapes / f"{red}note.md").touch()
-    assert main(["align", str(shapes), "--out", str(out), *FLAGS, "--log", str(tmp_path / "log")]) == 3
+    assert (
+        main(["align", str(shapes), "--out", str(out), *FLAGS, "--log", str(tmp_path / "log")]) == 3
+    )
     assert main(["align", str(tmp_path / f"{red}\ngone.ply"), "--out", str(out), *FLAGS]) == 2
     assert main(["status", str(out)]) == 3
     said = capsys.readouterr()
-    texts = [said.out, said.err, *(path.read_text("utf-8") for path in out.iterdir() if path.suffix in TEXTS)]
-    assert not [text for text in (*texts, (tmp_path / "log").read_text()) if "\x1b" in text or "d.xyz: c" in text]
+    texts = [
+        said.out,
+        said.err,
+        *(path.read_text("utf-8") for path in out.iterdir() if path.suffix in TEXTS),
+    ]
+    assert not [
+        text
+        for text in (*texts, (tmp_path / "log").read_text())
+        if "\x1b" in text or "d.xyz: c" in text
+    ]
     assert "\\x1b[31mbad\\n.ply" in said.err
     assert "\\x1b[31m\\ngone.ply: " in said.err
     assert json.loads((out / "alignment.json").read_text())["shapes"][0]["name"] == "\\x1b[31mb"

@@ -15,7 +15,15 @@ from pairwise.local.rotation_sets import random_rotations
 from pairwise.options import MatchOptions, PairOptions
 
 OPTIONS = (
-    *(AlignOptions, TwoShapeOptions, PairOptions, RunOptions, CleaningOptions, SamplingOptions, EmbeddingOptions),
+    *(
+        AlignOptions,
+        TwoShapeOptions,
+        PairOptions,
+        RunOptions,
+        CleaningOptions,
+        SamplingOptions,
+        EmbeddingOptions,
+    ),
     *(MatchOptions, SurfaceOptions, NonrigidOptions, StabilityOptions),
 )
 #: What no field takes, whatever its type, but those of names and paths, which are looked up later.
@@ -35,7 +43,10 @@ def test_options_are_frozen_keyword_only_and_check_every_field(kind):
             setattr(options, field.name, None)
         value = getattr(options, field.name)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        for wrong in (NOTHING, *((-(10**9), float("nan"), float("inf"), str(value)) if is_number else ())):
+        for wrong in (
+            NOTHING,
+            *((-(10**9), float("nan"), float("inf"), str(value)) if is_number else ()),
+        ):
             if (field.name, wrong) in ALLOWED or field.name in NAMES or isinstance(value, tuple):
                 continue
             with pytest.raises(CollalignError, match=field.name):
@@ -62,7 +73,9 @@ def test_impossible_values_are_refused_by_name(kind, field, value):
 
 
 def test_kinds_say_what_they_need():
-    needs = {kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")}
+    needs = {
+        kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")
+    }
     assert [o.has_eigenfunctions for o in needs.values()] == [False, True, False, True]
     assert [o.has_invariants for o in needs.values()] == [False, False, True, True]
 
@@ -73,7 +86,10 @@ def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypat
 
 
 def test_there_are_no_more_options_than_anybody_reads():
-    flat = [value if isinstance(value, dict) else [value] for value in dataclasses.asdict(AlignOptions()).values()]
+    flat = [
+        value if isinstance(value, dict) else [value]
+        for value in dataclasses.asdict(AlignOptions()).values()
+    ]
     assert sum(map(len, flat)) <= 37
 
 
@@ -84,7 +100,9 @@ def test_the_preset_of_the_paper_sets_what_the_paper_did():
     assert (paper.sampling.num_points, paper.sampling.num_dense_points) == (20, 0)
     assert paper.embedding == EmbeddingOptions(kind="xyz+lb")
     assert paper.matching == PairOptions(strategy="relaxation", row_sums=False, num_draws=0)
-    own = AlignOptions(preset="paper", group="O", sampling={"num_points": 30}, matching={"max_candidates": 3})
+    own = AlignOptions(
+        preset="paper", group="O", sampling={"num_points": 30}, matching={"max_candidates": 3}
+    )
     assert (own.group, own.sampling.num_points, own.sampling.num_dense_points) == ("O", 30, 0)
     assert own.matching == dataclasses.replace(paper.matching, max_candidates=3)
     assert dataclasses.replace(paper, seed=1) == AlignOptions(preset="paper", seed=1)
@@ -93,9 +111,14 @@ def test_the_preset_of_the_paper_sets_what_the_paper_did():
 
 def test_the_preset_of_the_paper_relaxes_every_pair_and_the_default_none(rng):
     points, turns = rng.random((20, 3)), np.stack([np.eye(3), *random_rotations(3, 2, rng)])
-    clouds = {f"s{i}": (points + 0.01 * rng.standard_normal((20, 3))) @ turn for i, turn in enumerate(turns)}
+    clouds = {
+        f"s{i}": (points + 0.01 * rng.standard_normal((20, 3))) @ turn
+        for i, turn in enumerate(turns)
+    }
     paper, default = (
-        collalign.align_collection(clouds, preset=preset, embedding={"kind": "xyz"}, jobs=1, progress=False)
+        collalign.align_collection(
+            clouds, preset=preset, embedding={"kind": "xyz"}, jobs=1, progress=False
+        )
         for preset in ("paper", "default")
     )
     assert np.isfinite([pair.lower_bound for pair in paper.pairs]).tolist() == [True] * 3
@@ -113,7 +136,10 @@ def test_options_of_two_shapes_may_be_keywords_and_tables():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"sampling": "many"}, "sampling: expected a table of options or SamplingOptions, got 'many'"),
+        (
+            {"sampling": "many"},
+            "sampling: expected a table of options or SamplingOptions, got 'many'",
+        ),
         ({"sampling": {"num_pionts": 3}}, "did you mean 'num_points'"),
         ({"options": "fast"}, "options: expected a table of options or AlignOptions"),
         ({"sed": 1}, "no option 'sed'; did you mean 'seed'"),

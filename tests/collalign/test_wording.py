@@ -25,15 +25,24 @@ EXAMPLES = [
     Note("all-incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
     Note("incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
     Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
-    *(Note("copies", (*"abcdefghijkl",), {"kind": kind}) for kind in ("identical", "moved", "mirrored")),
+    *(
+        Note("copies", (*"abcdefghijkl",), {"kind": kind})
+        for kind in ("identical", "moved", "mirrored")
+    ),
     Note("few-for-sides", values={"most": 0.8}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
-    Note("given", values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1}),
+    Note(
+        "given",
+        values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1},
+    ),
     Note("groups-of-one", PAIR, {"column": "x", "groups": ("f", "m")}),
     Note("mirror-part-fits-better", PAIR[:1], {"chance": 0.62}),
     Note("much-larger", PAIR, {"times": (1e3, 25.4)}),
     Note("much-smaller", PAIR, {"times": (1e3, 25.4)}),
-    *(Note("not-reflected-unclear", PAIR, {**SIDES, "cause": cause}) for cause in ("surfaces", "few-shapes")),
+    *(
+        Note("not-reflected-unclear", PAIR, {**SIDES, "cause": cause})
+        for cause in ("surfaces", "few-shapes")
+    ),
     Note("not-reflected-unclear", PAIR, {**SIDES, "cause": "no-outer-side"}),
     Note("open-borders", PAIR),
     *(
@@ -56,7 +65,13 @@ EXAMPLES = [
     Note("resembles-none", PAIR, {"mismatch": 0.95, "median": 0.68}),
     Note(
         "symmetric",
-        values={"num": 4, "total": 5, "rotations": "180 deg about (0.00, 0.00, 1.00)", "up_to": 0.9, "absolute": 0.4},
+        values={
+            "num": 4,
+            "total": 5,
+            "rotations": "180 deg about (0.00, 0.00, 1.00)",
+            "up_to": 0.9,
+            "absolute": 0.4,
+        },
     ),
     Note("vertex-maps-doubtful", PAIR, {"confidences": (0.31, 0.4)}),
     Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ()}),
@@ -70,11 +85,15 @@ EXAMPLES = [
 def fields(template):
     """Return values for the fields of a template, by how it formats them."""
     found = re.findall(r"\{(\w+)(?::([^}]*))?\}", template)
-    return {name: 0.5 if spec else "x" for name, spec in found if name not in ("shapes", "num_shapes")}
+    return {
+        name: 0.5 if spec else "x" for name, spec in found if name not in ("shapes", "num_shapes")
+    }
 
 
 def every_note():
-    plain = [Note(code, PAIR, fields(text)) for code, text in TEXTS.items() if isinstance(text, str)]
+    plain = [
+        Note(code, PAIR, fields(text)) for code, text in TEXTS.items() if isinstance(text, str)
+    ]
     return [*plain, *EXAMPLES]
 
 
@@ -90,7 +109,9 @@ def codes_in(source):
 
 
 def test_every_branch_has_an_example():
-    assert {note.code for note in EXAMPLES} == {code for code, text in TEXTS.items() if not isinstance(text, str)}
+    assert {note.code for note in EXAMPLES} == {
+        code for code, text in TEXTS.items() if not isinstance(text, str)
+    }
     assert len(TEXTS) == len(SHAPE_TEXTS) + len(COLLECTION_TEXTS) + len(TOOL_TEXTS)
 
 
@@ -106,20 +127,29 @@ def test_a_note_is_worded(note):
 
 def test_sentences_are_short():
     texts = [note_text(note) for note in every_note()]
-    counts = [len(one.split()) for text in texts for one in re.split(r"(?<=[.:;])\s+(?=[A-Z])", text)]
+    counts = [
+        len(one.split()) for text in texts for one in re.split(r"(?<=[.:;])\s+(?=[A-Z])", text)
+    ]
     assert sum(counts) / len(counts) <= MEAN
     assert max(counts) < 2 * MEAN
 
 
 def test_notes_that_are_made_have_a_text_and_texts_have_notes():
     made = set().union(*(codes_in(file.read_text("utf-8")) for package, file in sources()))
-    composed = {code for code in TEXTS if code.startswith(("arrangement-", "coordinates-", "landmarks-", "much-"))}
+    composed = {
+        code
+        for code in TEXTS
+        if code.startswith(("arrangement-", "coordinates-", "landmarks-", "much-"))
+    }
     assert TEXTS.keys() - made - composed == {COARSE, COMPONENTS_KEPT, NOT_KEPT}
     assert {code for code in made if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)} <= TEXTS.keys()
 
 
 def test_codes_are_found_in_source():
-    assert codes_in('Note("a-b" if x else "c-d", (name,), {"num": 3})\nother("e-f")') == {"a-b", "c-d"}
+    assert codes_in('Note("a-b" if x else "c-d", (name,), {"num": 3})\nother("e-f")') == {
+        "a-b",
+        "c-d",
+    }
 
 
 def test_a_note_of_another_version_or_damaged_shows_its_fields():
@@ -140,7 +170,10 @@ def test_names_that_look_like_fields_stay_names():
 
 
 def test_a_note_of_a_part_names_it_first():
-    assert note_text(Note("duplicates-merged", ("jaw",), {"num": 3})) == "jaw: merged 3 duplicate vertices"
+    assert (
+        note_text(Note("duplicates-merged", ("jaw",), {"num": 3}))
+        == "jaw: merged 3 duplicate vertices"
+    )
 
 
 @pytest.mark.parametrize("kind", ["raw", "raw-sides", "unscaled", "aligned", "procrustes"])

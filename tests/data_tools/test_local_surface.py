@@ -72,7 +72,10 @@ def test_a_mirrored_surface_has_the_descriptors_of_the_mirrored_points():
     points, normals = bumpy()
     flip = np.array([-1.0, 1.0, 1.0])
     surface = LocalSurface.from_user(points, normals, 0.14)
-    mirrored, again = surface.mirrored(), LocalSurface.from_user(points * flip, normals * flip, 0.14)
+    mirrored, again = (
+        surface.mirrored(),
+        LocalSurface.from_user(points * flip, normals * flip, 0.14),
+    )
     np.testing.assert_array_equal(mirrored.points, again.points)
     np.testing.assert_array_equal(mirrored.normals, again.normals)
     np.testing.assert_allclose(mirrored.features, again.features, atol=1e-6)
@@ -89,7 +92,10 @@ def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
 
 
 def test_large_surfaces_are_compared_at_an_even_choice():
-    for num, compared in ((MOST_COMPARED, MOST_COMPARED), (MOST_COMPARED + 1, MOST_COMPARED // 2 + 1)):
+    for num, compared in (
+        (MOST_COMPARED, MOST_COMPARED),
+        (MOST_COMPARED + 1, MOST_COMPARED // 2 + 1),
+    ):
         points, normals = bumpy(num)
         assert len(points[LocalSurface.from_user(points, normals, 0.05).compared]) == compared
 

@@ -17,7 +17,9 @@ def some_poses(rng, num=5):
 
 def about_z(degrees):
     angle = np.deg2rad(degrees)
-    return np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    return np.array(
+        [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
+    )
 
 
 def test_several_poses_move_points_as_each_alone_and_as_their_matrices():

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
-from data_tools.rotations import nearest_orthogonal, random_rotation, rotation_angle_deg, rotation_angles
+from data_tools.rotations import (
+    nearest_orthogonal,
+    random_rotation,
+    rotation_angle_deg,
+    rotation_angles,
+)
 from tests.data_tools.test_poses import about_z
 
 
@@ -27,7 +32,9 @@ def test_random_rotations_are_uniform(rng):
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 1.0, 90.0, 179.9999, 180.0])
 def test_angles_of_known_turns(angle):
     assert rotation_angle_deg(about_z(angle)) == pytest.approx(angle, rel=1e-6, abs=1e-9)
-    assert rotation_angle_deg(about_z(20), about_z(20 + angle)) == pytest.approx(angle, rel=1e-6, abs=1e-6)
+    assert rotation_angle_deg(about_z(20), about_z(20 + angle)) == pytest.approx(
+        angle, rel=1e-6, abs=1e-6
+    )
 
 
 def test_no_angle_between_hands():
@@ -55,4 +62,6 @@ def test_no_orthogonal_matrix_is_nearer_than_the_nearest(rng, dim):
             np.testing.assert_allclose(np.linalg.det(found), determinant)
         distances = np.linalg.norm(matrices[:, None] - allowed, axis=(2, 3))
         assert (np.linalg.norm(matrices - found, axis=(1, 2)) <= distances.min(axis=1)).all()
-        np.testing.assert_array_equal(nearest_orthogonal(matrices[0], determinant=determinant), found[0])
+        np.testing.assert_array_equal(
+            nearest_orthogonal(matrices[0], determinant=determinant), found[0]
+        )

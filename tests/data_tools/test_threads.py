@@ -116,7 +116,9 @@ NOT_COMPUTING = {"collalign.note_text"}
 def public_functions():
     exported = {f"{p.__name__}.{name}": getattr(p, name) for p in PACKAGES for name in p.__all__}
     computing = {name: value for name, value in exported.items() if name not in NOT_COMPUTING}
-    return DOORS | {name: value for name, value in computing.items() if isinstance(value, FunctionType)}
+    return DOORS | {
+        name: value for name, value in computing.items() if isinstance(value, FunctionType)
+    }
 
 
 @pytest.mark.parametrize("name", public_functions())
@@ -132,7 +134,9 @@ def test_the_check_sees_a_function_without_a_door(monkeypatch):
 @pytest.mark.usefixtures("three_threads")
 @pytest.mark.parametrize("num_jobs", [1, 2])
 def test_tasks_have_one_thread(num_jobs):
-    results = [result.value for result in run_jobs(num_threads, [("a", 0), ("b", 1)], num_jobs=num_jobs)]
+    results = [
+        result.value for result in run_jobs(num_threads, [("a", 0), ("b", 1)], num_jobs=num_jobs)
+    ]
     assert results == [{1}, {1}]
 
 
@@ -151,13 +155,33 @@ def test_the_environment_changes_no_byte(tmp_path):
     written = []
     for threads_asked, jobs in (("1", "1"), ("8", "2")):
         out = tmp_path / threads_asked
-        flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "150", "--jobs", jobs]
+        flags = [
+            "--sampling.num-points",
+            "24",
+            "--sampling.num-dense-points",
+            "150",
+            "--jobs",
+            jobs,
+        ]
         subprocess.run(
-            [sys.executable, "-m", "collalign", "align", str(tmp_path / "shapes"), "--out", str(out), *flags],
+            [
+                sys.executable,
+                "-m",
+                "collalign",
+                "align",
+                str(tmp_path / "shapes"),
+                "--out",
+                str(out),
+                *flags,
+            ],
             check=True,
             cwd=ROOT,
             capture_output=True,
-            env={**os.environ, "OMP_NUM_THREADS": threads_asked, "OPENBLAS_NUM_THREADS": threads_asked},
+            env={
+                **os.environ,
+                "OMP_NUM_THREADS": threads_asked,
+                "OPENBLAS_NUM_THREADS": threads_asked,
+            },
         )
         written.append(outputs(out))
     assert len(written[0]) > 10

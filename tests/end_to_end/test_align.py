@@ -60,7 +60,10 @@ def out(finished, tmp_path):
 @pytest.fixture(scope="module")
 def run(finished, tmp_path_factory):
     """Runs that find all shapes and pairs in a store."""
-    return RunOptions(jobs=1, store=Path(shutil.copy(finished[0] / "store.sqlite", tmp_path_factory.mktemp("store"))))
+    return RunOptions(
+        jobs=1,
+        store=Path(shutil.copy(finished[0] / "store.sqlite", tmp_path_factory.mktemp("store"))),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -70,14 +73,21 @@ def aligned(folder, run):
 
 def worst_error_deg(rotations, planted):
     pairs = itertools.combinations(range(len(rotations)), 2)
-    errors = [rotation_angle_deg(rotations[i].T @ rotations[j], planted.relative_rotation(i, j)) for i, j in pairs]
+    errors = [
+        rotation_angle_deg(rotations[i].T @ rotations[j], planted.relative_rotation(i, j))
+        for i, j in pairs
+    ]
     return float(np.max(errors))
 
 
-def test_rotations_are_recovered_up_to_one_common_rotation_and_a_wrong_one_is_seen(aligned, planted):
+def test_rotations_are_recovered_up_to_one_common_rotation_and_a_wrong_one_is_seen(
+    aligned, planted
+):
     assert worst_error_deg(aligned.rotations, planted) < 15
     assert not aligned.excluded
-    assert (aligned.group, aligned.reflected.any()) == ("SO", False), "bilateral shapes are not mirrored"
+    assert (aligned.group, aligned.reflected.any()) == ("SO", False), (
+        "bilateral shapes are not mirrored"
+    )
     assert np.allclose(aligned.rotations[0], np.eye(3))
     turned = aligned.rotations.copy()
     turned[2] = np.diag([1.0, -1.0, -1.0]) @ turned[2]
@@ -97,7 +107,9 @@ def test_maps_are_consistent_and_samples_lie_on_the_shapes(aligned, planted):
 
 def test_a_reference_and_fixed_poses_are_respected_and_rigid_keeps_sizes(folder, aligned, run):
     name = aligned.names[3]
-    rigid = align_collection(folder, options=replace(OPTIONS, reference=name, scaling="rigid"), run=run)
+    rigid = align_collection(
+        folder, options=replace(OPTIONS, reference=name, scaling="rigid"), run=run
+    )
     assert np.allclose(rigid.rotations[3], np.eye(3))
     assert np.allclose(np.linalg.det(rigid.transforms[:, :3, :3]), 1)
     pose = np.diag([-1.0, -1.0, 1.0])
@@ -111,7 +123,9 @@ def test_the_common_frame_can_be_the_principal_axes(folder, aligned, run):
     posed = align_collection(folder, options=replace(OPTIONS, gauge="axes"), run=run)
     turn = posed.rotations[0] @ aligned.rotations[0].T
     assert np.allclose(posed.rotations, turn @ aligned.rotations)
-    assert np.allclose(posed.alternatives[1][0].rotation, turn @ aligned.alternatives[1][0].rotation)
+    assert np.allclose(
+        posed.alternatives[1][0].rotation, turn @ aligned.alternatives[1][0].rotation
+    )
     # Shapes of one size weigh alike: the axes of all samples together are those of the normalised samples.
     variances = np.cov(posed.positions.reshape(-1, 3).T)
     assert np.allclose(variances, np.diag(np.diag(variances)), atol=0.02 * variances[0, 0])
@@ -136,7 +150,13 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     moved = original.vertices @ aligned.transforms[1, :3, :3].T + aligned.transforms[1, :3, 3]
     assert np.allclose(mesh.vertices, moved, atol=1e-5)
     assert (out / "contact_sheet.png").read_bytes().startswith(b"\x89PNG")
-    for name in ("alignment.json", "correspondences.npz", "pairs.csv", "meshes", "contact_sheet.png"):
+    for name in (
+        "alignment.json",
+        "correspondences.npz",
+        "pairs.csv",
+        "meshes",
+        "contact_sheet.png",
+    ):
         assert str(out / name) in printed
     assert not list(out.glob(".collalign-*"))
 
@@ -144,13 +164,20 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
 def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
     first = (out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()
     assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
-    assert ((out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()) == first
+    assert (
+        (out / "alignment.json").read_bytes(),
+        (out / "correspondences.npz").read_bytes(),
+    ) == first
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
 def contents(out, names):
     """Return the content of each file but run.json, which holds the seconds that writing took."""
-    found = {name: (out / name).read_bytes() for name in names if name.name not in ("run.json", "manifest.json")}
+    found = {
+        name: (out / name).read_bytes()
+        for name in names
+        if name.name not in ("run.json", "manifest.json")
+    }
     files = json.loads((out / ".collalign" / "manifest.json").read_text())["files"]
     return found | {name: entry for name, entry in files.items() if name != "run.json"}
 
@@ -160,7 +187,9 @@ def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
     shapes = tmp_path / "shapes"
     write_collection(shapes, replace(planted, shapes=planted.shapes[:3]))
     with lasting_workers():
-        alone, found = (align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=jobs)) for jobs in (1, 2))
+        alone, found = (
+            align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=jobs)) for jobs in (1, 2)
+        )
         for jobs in (1, 2):
             found.save(tmp_path / str(jobs), run=RunOptions(jobs=jobs))
         (shapes / "chair1.ply").unlink()
@@ -169,7 +198,9 @@ def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
                 found.save(tmp_path / "again", run=RunOptions(jobs=jobs))
     assert not (tmp_path / "again" / "alignment.json").exists()
     assert found.transforms.tobytes() == alone.transforms.tobytes()
-    names = sorted(p.relative_to(tmp_path / "1") for p in (tmp_path / "1").rglob("*") if p.is_file())
+    names = sorted(
+        p.relative_to(tmp_path / "1") for p in (tmp_path / "1").rglob("*") if p.is_file()
+    )
     assert {"report.html", "contact_sheet.png", "evidence.npz"} <= {name.name for name in names}
     assert contents(tmp_path / "1", names) == contents(tmp_path / "2", names)
 
@@ -207,7 +238,9 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
         (["--config", "missing.toml", "align", ".", "--out", "out"], "missing.toml"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_name_the_cause(arguments, word, tmp_path, monkeypatch, capfd):
+def test_bad_arguments_exit_with_2_and_name_the_cause(
+    arguments, word, tmp_path, monkeypatch, capfd
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.xyz").write_text("0 0 0\n")
     assert main(arguments) == 2
@@ -226,7 +259,11 @@ def test_status_counts(finished, capsys):
     assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     # Ten pairs, and five of these once more to see whether shapes are mirrored.
-    assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (5, 15, 0)
+    assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (
+        5,
+        15,
+        0,
+    )
     assert report["run"] == {"files": "5", "stage": "finished"}
     assert (report["command"], report["exit_code"], report["finished"]) == ("status", 0, True)
     assert main(["status", str(out), "--json"]) == 0
@@ -265,7 +302,9 @@ def grown(planted, tmp_path_factory):
     root = tmp_path_factory.mktemp("grown")
     write_collection(root / "old", replace(planted, shapes=planted.shapes[:4]))
     write_mesh(root / "new" / "late.ply", planted.shapes[4])
-    assert main(["align", str(root / "old"), "--out", str(root / "out"), *FLAGS, "--no-report"]) == 0
+    assert (
+        main(["align", str(root / "old"), "--out", str(root / "out"), *FLAGS, "--no-report"]) == 0
+    )
     before = json.loads((root / "out" / "alignment.json").read_text())["shapes"]
     assert main(["add", str(root / "out"), str(root / "new"), "--jobs", "1", "--no-report"]) == 0
     return root, before
@@ -291,10 +330,14 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
     assert main(["add", str(out), str(inbox), "--jobs", "1", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["known"]) == 5
     assert (out / "alignment.json").read_bytes() == before
-    write_mesh(inbox / "late.ply", read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])))
+    write_mesh(
+        inbox / "late.ply",
+        read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])),
+    )
     assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
     assert (
-        "Skipped 5 files that the collection has already: another name.ply (as chair1), " in capsys.readouterr().out
+        "Skipped 5 files that the collection has already: another name.ply (as chair1), "
+        in capsys.readouterr().out
     )
     assert len(json.loads((out / "run.json").read_text())["known"]) == 5
     assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
@@ -316,7 +359,9 @@ def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatc
         original(source, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr("data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace}))
+        patch.setattr(
+            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace})
+        )
         assert main(["add", str(out), str(new), "--jobs", "1"]) == 130
     assert not (out / "alignment.json").exists()
     assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
@@ -336,7 +381,9 @@ def test_a_file_that_changes_during_a_run_is_named(planted, tmp_path, stage):
         return contextlib.nullcontext(lambda outcome: None)
 
     found = align_collection(tmp_path / "in", options=OPTIONS, jobs=1, progress=display)
-    with pytest.raises(InputError, match=r"chair3\.ply: has changed since the run began; run again"):
+    with pytest.raises(
+        InputError, match=r"chair3\.ply: has changed since the run began; run again"
+    ):
         found.save(tmp_path / "out")
     assert not list((tmp_path / "out").glob("*.json"))
 
@@ -357,11 +404,16 @@ def test_a_file_that_changes_while_it_is_added_is_named(out, tmp_path):
 
 
 def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_path, capsys):
-    old, new, out = (Path(shutil.copytree(grown[0] / name, tmp_path / name)) for name in ("old", "new", "out"))
+    old, new, out = (
+        Path(shutil.copytree(grown[0] / name, tmp_path / name)) for name in ("old", "new", "out")
+    )
     command = ["align", str(old), "--out", str(out), *FLAGS, "--no-report"]
     before = (out / "alignment.json").read_bytes()
     assert main(command) == 2
-    assert "has 1 more shapes, which would be lost: late. Name their files too" in capsys.readouterr().err
+    assert (
+        "has 1 more shapes, which would be lost: late. Name their files too"
+        in capsys.readouterr().err
+    )
     assert (out / "alignment.json").read_bytes() == before
     assert main([command[0], str(new), *command[1:]]) == 0
     assert main([*command, "--exclude", "chair1"]) == 2
@@ -374,11 +426,29 @@ def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_
 def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
     labels = tmp_path / "labels.csv"
     labels.write_text("name,sex\nchair1,f\nnobody,m\n")
-    assert main(["align", str(folder), "--out", str(out), *FLAGS, "--no-report", "--labels", str(labels)]) == 0
+    assert (
+        main(
+            [
+                "align",
+                str(folder),
+                "--out",
+                str(out),
+                *FLAGS,
+                "--no-report",
+                "--labels",
+                str(labels),
+            ]
+        )
+        == 0
+    )
     notes = json.loads((out / "alignment.json").read_text())["notes"]
-    assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [["nobody"]]
+    assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [
+        ["nobody"]
+    ]
     assert main(["export", str(out), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
-    assert {note["text"] for note in notes} <= set((tmp_path / "csv" / "notes-csv.txt").read_text().splitlines())
+    assert {note["text"] for note in notes} <= set(
+        (tmp_path / "csv" / "notes-csv.txt").read_text().splitlines()
+    )
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
@@ -387,12 +457,24 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     linear = np.array(shapes[2]["transform"])[:3, :3]
     flipped = np.diag([1.0, -1.0, -1.0]) @ linear / np.cbrt(np.linalg.det(linear))
     first, third = shapes[0]["name"], shapes[2]["name"]
-    pose = {"shape": third, "decision": "pose", "rotation": flipped.tolist(), "compared_with": first}
+    pose = {
+        "shape": third,
+        "decision": "pose",
+        "rotation": flipped.tolist(),
+        "compared_with": first,
+    }
     frame = {first: np.eye(3).tolist()}
-    decisions = {"format": "collalign-corrections", "version": 1, "frame": frame, "decisions": [pose]}
+    decisions = {
+        "format": "collalign-corrections",
+        "version": 1,
+        "frame": frame,
+        "decisions": [pose],
+    }
     (tmp_path / "decisions.json").write_text(json.dumps(decisions))
     assert main([*command, "--corrections", str(tmp_path / "decisions.json")]) == 0
-    corrected = np.array(json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"])[:3, :3]
+    corrected = np.array(
+        json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"]
+    )[:3, :3]
     assert np.allclose(corrected / np.cbrt(np.linalg.det(corrected)), flipped)
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
     again = json.loads((out / "alignment.json").read_text())["shapes"]
@@ -409,7 +491,9 @@ def check_certificates(out, capsys):
     assert main(["certify", str(out), "--verify", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     with open(out / "pairs.csv", newline="") as table:
-        energies = {(row["target"], row["source"]): float(row["energy"]) for row in csv.DictReader(table)}
+        energies = {
+            (row["target"], row["source"]): float(row["energy"]) for row in csv.DictReader(table)
+        }
     assert found["holds"]
     assert found["num_stated"] >= len(found["pairs"]) > 0
     for pair in found["pairs"]:
@@ -421,7 +505,15 @@ def check_certificates(out, capsys):
 def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
     folder, out = tmp_path / "in", tmp_path / "out"
     write_collection(folder, replace(planted, shapes=planted.shapes[:3]))
-    flags = ["--sampling.num-points", "7", "--sampling.num-dense-points", "0", "--jobs", "1", "--certify"]
+    flags = [
+        "--sampling.num-points",
+        "7",
+        "--sampling.num-dense-points",
+        "0",
+        "--jobs",
+        "1",
+        "--certify",
+    ]
     flags += ["--certify-pair-s", "60", "--certify-budget-s", "240"]
     assert main(["align", str(folder), "--out", str(out), *flags]) == 0
     with open(out / "pairs.csv", newline="") as table:
@@ -430,13 +522,20 @@ def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
         assert not float(row["lower_bound"]) > float(row["energy"]) * (1 + 1e-9)
     proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
     notes = json.loads((out / "alignment.json").read_text())["notes"]
-    assert [one["values"]["num_optimal"] for one in notes if one["code"] == "pairs-proven"] == [proven]
+    assert [one["values"]["num_optimal"] for one in notes if one["code"] == "pairs-proven"] == [
+        proven
+    ]
     check_certificates(out, capsys)
-    assert main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"]) == 2
+    assert (
+        main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"])
+        == 2
+    )
 
 
 def test_the_published_synchronization_runs_with_eigenfunctions(folder, planted):
-    options = replace(OPTIONS, synchronization="spectral", embedding=EmbeddingOptions(kind="xyz+lb"))
+    options = replace(
+        OPTIONS, synchronization="spectral", embedding=EmbeddingOptions(kind="xyz+lb")
+    )
     published = align_collection(folder, options=options, run=RunOptions(jobs=1))
     assert worst_error_deg(published.rotations, planted) < 20
     assert np.isnan(published.confidence).all()

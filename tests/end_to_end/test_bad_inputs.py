@@ -15,11 +15,30 @@ from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 
 NUM_GOOD = 3
-OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False)
+OPTIONS = AlignOptions(
+    sampling=SamplingOptions(num_points=12, num_dense_points=0), pairs="sparse", refine=False
+)
 #: Names that are no text, long, empty stems, commands and markup.
 NAMES = (
-    *("x" * 250 + ".ply", "=cmd.ply", "-rf.ply", "$(id).ply", "<b>.ply", "a\nb.ply", "a\\b.ply", "%s%n.ply", " .ply"),
-    *("CON.ply", "é.PLY", os.fsdecode(b"\xff\xfe.ply"), "a.ply.ply", "a..ply", "'; DROP TABLE shapes;.ply"),
+    *(
+        "x" * 250 + ".ply",
+        "=cmd.ply",
+        "-rf.ply",
+        "$(id).ply",
+        "<b>.ply",
+        "a\nb.ply",
+        "a\\b.ply",
+        "%s%n.ply",
+        " .ply",
+    ),
+    *(
+        "CON.ply",
+        "é.PLY",
+        os.fsdecode(b"\xff\xfe.ply"),
+        "a.ply.ply",
+        "a..ply",
+        "'; DROP TABLE shapes;.ply",
+    ),
 )
 
 
@@ -33,7 +52,11 @@ def folder(tmp_path_factory):
             stream.write(b"ply\nnonsense")
     os.mkfifo(path / "pipe.ply")
     (path / "folder.ply").mkdir()
-    for name, target in (("dangling.ply", "nowhere"), ("loop.ply", "loop.ply"), ("zero.ply", "/dev/zero")):
+    for name, target in (
+        ("dangling.ply", "nowhere"),
+        ("loop.ply", "loop.ply"),
+        ("zero.ply", "/dev/zero"),
+    ):
         (path / name).symlink_to(target)
     with (path / "terabyte.ply").open("wb") as stream:
         stream.truncate(10**12)
@@ -42,13 +65,20 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def collection(folder):
-    return align_collection(folder, options=OPTIONS, run=RunOptions(memory_limit_gib=4.0), progress=False)
+    return align_collection(
+        folder, options=OPTIONS, run=RunOptions(memory_limit_gib=4.0), progress=False
+    )
 
 
 def unaccounted(folder, collection):
     """Return the entries of a folder that a result says nothing about."""
-    told = {Path(file).name for file in collection.files} | {item.file for item in collection.excluded}
-    readable = {os.fsencode(entry).decode("utf-8", "backslashreplace"): entry for entry in os.listdir(folder)}
+    told = {Path(file).name for file in collection.files} | {
+        item.file for item in collection.excluded
+    }
+    readable = {
+        os.fsencode(entry).decode("utf-8", "backslashreplace"): entry
+        for entry in os.listdir(folder)
+    }
     told |= set(collection.run.skipped)
     return {name for name, entry in readable.items() if not {name, entry, printable(name)} & told}
 
@@ -57,12 +87,18 @@ def test_every_bad_input_is_named_or_aligned(folder, collection, tmp_path):
     assert not unaccounted(folder, collection)
     assert collection.names == tuple(f"good{i}" for i in range(NUM_GOOD))
     assert len(collection.excluded) == len(NAMES) + len(READERS) + 1
-    assert all(len(item.reason) > 10 and "Traceback" not in item.reason for item in collection.excluded)
-    assert not [item for item in collection.excluded if "time limit" in item.reason or "died" in item.reason]
+    assert all(
+        len(item.reason) > 10 and "Traceback" not in item.reason for item in collection.excluded
+    )
+    assert not [
+        item for item in collection.excluded if "time limit" in item.reason or "died" in item.reason
+    ]
     collection.save(tmp_path / "out")
 
 
 def test_an_input_that_is_passed_over_is_noticed(folder, collection):
     forgotten = collection.excluded[7].file
-    short = dataclasses.replace(collection, excluded=tuple(e for e in collection.excluded if e.file != forgotten))
+    short = dataclasses.replace(
+        collection, excluded=tuple(e for e in collection.excluded if e.file != forgotten)
+    )
     assert len(unaccounted(folder, short)) == 1

@@ -45,7 +45,9 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(result
     assert html.escape(said[0]) in (result / "report.html").read_text("utf-8")
     assert 0.9 < record["share"] <= 1.0
     assert record["lower_bound"] <= record["energy"]["cheapest_known"]
-    assert record["energy"]["cheapest_known"] <= record["energy"]["near"] <= record["energy"]["stated"]
+    assert (
+        record["energy"]["cheapest_known"] <= record["energy"]["near"] <= record["energy"]["stated"]
+    )
     with Store.open(result / "store.sqlite") as store:
         num_proofs = len(store.keys("proofs"))
     assert num_proofs == 6 * len(record["bound_of_each_round"])
@@ -74,12 +76,16 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tm
     refuted = certification_notes(found)[1]
     assert (refuted.code, refuted.shapes) == ("arrangement-refuted", view.names[2:3])
     assert (refuted.values["doubtful"] == ()) == (view.confidence[2] >= 0.95)
-    sure, unsure = (certification_notes(replace(found, confidence=np.full(4, one)))[1] for one in (1.0, 0.5))
+    sure, unsure = (
+        certification_notes(replace(found, confidence=np.full(4, one)))[1] for one in (1.0, 0.5)
+    )
     assert sure.values["doubtful"] == ()
     assert unsure.values["doubtful"] == view.names[2:3]
 
 
-def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, tmp_path, monkeypatch):
+def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
+    result, tmp_path, monkeypatch
+):
     monkeypatch.setattr("collalign.tools.certify.rounds._SETTLED", -1.0)
     run = collalign.RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     shutil.copy(result / "store.sqlite", tmp_path)
@@ -99,7 +105,9 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(result, 
 
 def test_what_a_part_of_the_pairs_proves_passes_verification(result, tmp_path, monkeypatch):
     shutil.copytree(result, tmp_path / "out")
-    monkeypatch.setattr("collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5))
+    monkeypatch.setattr(
+        "collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5)
+    )
     store = str(tmp_path / "other.sqlite")
     assert main(["certify", str(tmp_path / "out"), "--jobs", "1", "--store", store]) == 0
     stated = json.loads((tmp_path / "out" / "certification.json").read_bytes())["lower_bound"]

@@ -32,7 +32,9 @@ def surveyed(tmp_path_factory):
         points += 0.01 * rng.normal(size=points.shape)
         lines = ["v " + " ".join(f"{value:.4f}" for value in point) for point in points]
         lines += ["f " + " ".join(map(str, face + 1)) for face in shape.faces]
-        (folder / "in" / f"s{at}.obj").write_text("vt 0 0\nusemtl stone\n" + "\n".join(lines) + "\n")
+        (folder / "in" / f"s{at}.obj").write_text(
+            "vt 0 0\nusemtl stone\n" + "\n".join(lines) + "\n"
+        )
     assert main(["align", str(folder / "in"), "--out", str(folder / "out"), *FLAGS]) == 0
     return folder
 
@@ -60,7 +62,9 @@ def test_landmarks_in_raw_space_are_points_of_the_files(surveyed, tmp_path):
     export(surveyed / "out", "csv", tmp_path, space="raw")
     rows = list(csv.DictReader((tmp_path / "landmarks.csv").read_text().splitlines()))
     for name in ("s0", "s3"):
-        points = np.array([[float(row[axis]) for axis in "xyz"] for row in rows if row["name"] == name])
+        points = np.array(
+            [[float(row[axis]) for axis in "xyz"] for row in rows if row["name"] == name]
+        )
         assert len(points) == 12
         assert near(points, surveyed / "in" / f"{name}.obj")
     for format, ending in (("slicer-json", "json"), ("tps", "tps"), ("morphologika", "txt")):
@@ -93,7 +97,10 @@ def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path, capsys)
         single = shape.vertices.astype(np.float32)
         np.savez(tmp_path / "in" / f"{file.stem}.npz", vertices=single, faces=shape.faces)
     for more in (["--check"], []):
-        assert main(["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS, *more]) == 0
+        assert (
+            main(["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS, *more])
+            == 0
+        )
         said = capsys.readouterr().out
         assert "Coordinates come in coarse steps" in said
         assert "s0 (0.5)" in said

@@ -25,7 +25,9 @@ pytestmark = pytest.mark.usefixtures("quick_search")
 def files(tmp_path, rng):
     shape = figure(resolution=1)
     turn = random_rotation(rng)
-    moved = Shape.from_arrays(3.0 * shape.vertices @ turn + [1.0, 2.0, 3.0], shape.faces, name="moved")
+    moved = Shape.from_arrays(
+        3.0 * shape.vertices @ turn + [1.0, 2.0, 3.0], shape.faces, name="moved"
+    )
     return write_mesh(tmp_path / "a.ply", shape), write_mesh(tmp_path / "b.ply", moved), turn
 
 
@@ -36,7 +38,9 @@ def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("b -> a: energy")
     np.testing.assert_allclose(
-        [[float(word) for word in line.split()] for line in printed[1:5]], record["transform"], rtol=1e-4
+        [[float(word) for word in line.split()] for line in printed[1:5]],
+        record["transform"],
+        rtol=1e-4,
     )
     assert printed[5:] == [str(tmp_path / "out" / name) for name in ("match.json", "match.png")]
     transform = np.array(record["candidates"][0]["transform"])
@@ -56,13 +60,18 @@ def test_a_mirror_image_that_fits_much_better_is_said(tmp_path, capsys):
     assert np.linalg.det(np.array(record["transform"])[:3, :3]) > 0
     assert "Note: The mirror image of d fits much better" in printed
     assert record["mirror_score"] < record["score"] / 1.5
-    energies = [float(word) for word in re.findall(r"(?:energy|poses:) ([-+.e\d]+)", printed.splitlines()[0])]
+    energies = [
+        float(word)
+        for word in re.findall(r"(?:energy|poses:) ([-+.e\d]+)", printed.splitlines()[0])
+    ]
     assert energies == sorted(energies)
     assert main(["match", str(target), str(source), "--group", "O"]) == 0
     printed = capsys.readouterr().out
     assert "Note" not in printed
     assert "mirrored" in printed
-    found = np.array([[float(word) for word in line.split()] for line in printed.splitlines()[1:4]])[:, :3]
+    found = np.array(
+        [[float(word) for word in line.split()] for line in printed.splitlines()[1:4]]
+    )[:, :3]
     assert rotation_angle_deg(np.diag([-1.0, 1.0, 1.0]) @ found, turn) < 1.0
 
 
@@ -112,18 +121,40 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     target = write_mesh(tmp_path / "a.ply", shape)
     source = write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3))
     flags = f"--nonrigid --surface.num-functions 40 --surface.num-dense 200 --out {tmp_path / 'o'}".split()
-    assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "stranger.csv")]) == 2
+    assert (
+        main(
+            [
+                "match",
+                str(target),
+                str(source),
+                *flags,
+                "--landmarks",
+                str(tmp_path / "stranger.csv"),
+            ]
+        )
+        == 2
+    )
     assert not (tmp_path / "o").exists() or not any((tmp_path / "o").glob("map*"))
-    assert main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "a.csv")]) == 0
+    assert (
+        main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "a.csv")])
+        == 0
+    )
     with np.load(tmp_path / "o" / "map.npz", allow_pickle=False) as arrays:
         there, back = arrays["point_map_target_source"], arrays["point_map_source_target"]
         confidence = arrays["vertex_confidence"]
     with (tmp_path / "o" / "map_landmarks.csv").open(newline="") as stream:
         carried = list(csv.DictReader(stream))
     places = np.array([[float(row[axis]) for axis in "xyz"] for row in carried])
-    np.testing.assert_allclose(places, read_shape(source).vertices[back[marked]], rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose([float(row["confidence"]) for row in carried], confidence[back[marked]], rtol=1e-4)
-    coloured = {end: trimesh.load(tmp_path / "o" / f"map_{end}.ply", process=False) for end in ("target", "source")}
+    np.testing.assert_allclose(
+        places, read_shape(source).vertices[back[marked]], rtol=1e-4, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        [float(row["confidence"]) for row in carried], confidence[back[marked]], rtol=1e-4
+    )
+    coloured = {
+        end: trimesh.load(tmp_path / "o" / f"map_{end}.ply", process=False)
+        for end in ("target", "source")
+    }
     colours = {end: mesh.visual.vertex_colors[:, :3] for end, mesh in coloured.items()}
     assert np.array_equal(colours["source"], colours["target"][there])
     assert len(np.unique(colours["target"], axis=0)) > 100
@@ -149,7 +180,9 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     whole, turn = crown(rng, num_vertices=700), random_rotation(rng)
     files = [str(write_mesh(tmp_path / "a.ply", whole))]
     part = cut(whole, np.array([1.0, 0.2, 0.0]), 0.3)
-    files.append(str(write_mesh(tmp_path / "b.ply", moved(part, turn, 1.0, np.array([2.0, 0.0, 1.0])))))
+    files.append(
+        str(write_mesh(tmp_path / "b.ply", moved(part, turn, 1.0, np.array([2.0, 0.0, 1.0]))))
+    )
     flags = ["--partial", "--sampling.normalisation", "none"]
     assert main(["match", *files, *flags, "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
@@ -166,7 +199,12 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     files.append(str(write_mesh(tmp_path / "c.ply", other)))
     assert main(["match", files[0], files[2], *flags]) == 0
     assert "Note: The mirror image of c fits much better" in capsys.readouterr().out
-    for wrong in ("--landmarks a.csv", "--surface.num-dense 900", "--nonrigid --partial", "--nonrigid --group O"):
+    for wrong in (
+        "--landmarks a.csv",
+        "--surface.num-dense 900",
+        "--nonrigid --partial",
+        "--nonrigid --group O",
+    ):
         assert main(["match", *files[:2], *wrong.split(), "--out", str(tmp_path / "o")]) == 2
         assert "--nonrigid" in capsys.readouterr().err
     assert main(["match", *files[:2], "--partial", "--certify"]) == 2

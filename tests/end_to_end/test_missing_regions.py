@@ -44,10 +44,14 @@ class Teeth:
             write_mesh(folder / "shapes" / f"{name}.ply", moved(part, turn, scale, shift))
             self.whole[name] = moved(tooth, turn, scale, shift).vertices
         options = collalign.AlignOptions(
-            group="SO", incomplete=BROKEN, sampling=SamplingOptions(num_points=24, num_dense_points=200)
+            group="SO",
+            incomplete=BROKEN,
+            sampling=SamplingOptions(num_points=24, num_dense_points=200),
         )
         self.result = folder / "result"
-        aligned = collalign.align_collection(folder / "shapes", options=options, jobs=1, progress=False)
+        aligned = collalign.align_collection(
+            folder / "shapes", options=options, jobs=1, progress=False
+        )
         aligned.save(self.result, report=False)
         left = read_shape(folder / "shapes" / f"{BROKEN}.ply")
         self.broken, self.broken_faces = left.vertices, left.faces
@@ -102,7 +106,8 @@ def test_dense_correspondence_has_no_place_where_the_shape_has_nothing(teeth):
 def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
     labels = tuple(f"p{at}" for at in LANDMARKS)
     given = {
-        name: Landmarks(labels=labels, points=teeth.whole[name][LANDMARKS]) for name in ("tooth0", "tooth1", "tooth4")
+        name: Landmarks(labels=labels, points=teeth.whole[name][LANDMARKS])
+        for name in ("tooth0", "tooth1", "tooth4")
     }
     found = collalign.transfer_landmarks(teeth.result, given, run=teeth.run, progress=False)
     row = found.names.index(BROKEN)
@@ -115,7 +120,10 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
     assert inside.sum() >= 5
     assert (np.isnan(found.points[row]).any(axis=1) == missing).all()
     assert np.isnan(found.radii[row][missing]).all()
-    kept = np.linalg.norm(found.points[row] - teeth.whole[BROKEN][LANDMARKS], axis=1)[~missing] / teeth.size
+    kept = (
+        np.linalg.norm(found.points[row] - teeth.whole[BROKEN][LANDMARKS], axis=1)[~missing]
+        / teeth.size
+    )
     assert np.median(kept) < 0.15
     assert found.status[found.names.index("tooth2")] == (CARRIED,) * len(labels)
 
@@ -127,21 +135,41 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     result = tmp_path / "result"
     shutil.copytree(teeth.result, result)
     doubted = next(name for name in view.names if name != BROKEN)
-    write_result(replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result)
+    write_result(
+        replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result
+    )
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
-    assert f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)" in capsys.readouterr().err
+    assert (
+        f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)"
+        in capsys.readouterr().err
+    )
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
-    (tmp_path / "labels.csv").write_text("\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n")
-    classify = ["variation", str(result), "--labels", str(tmp_path / "labels.csv"), "--classify", "kind", "--json"]
+    (tmp_path / "labels.csv").write_text(
+        "\n".join(["name,kind", *(f"{name},a" for name in view.names)]) + "\n"
+    )
+    classify = [
+        "variation",
+        str(result),
+        "--labels",
+        str(tmp_path / "labels.csv"),
+        "--classify",
+        "kind",
+        "--json",
+    ]
     assert main(classify) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
     assert main([*classify, "--include-doubtful", "--exclude", doubted, BROKEN]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["scored"], {*found["left_out"].values()}) == (NUM_SHAPES - 2, {"excluded by name"})
+    assert (found["scored"], {*found["left_out"].values()}) == (
+        NUM_SHAPES - 2,
+        {"excluded by name"},
+    )
     write_result(replace(view, confidence=np.full(len(view), 0.5)), result)
-    with pytest.raises(CollectionError, match="0 shapes are complete and sure, at least 2 are needed"):
+    with pytest.raises(
+        CollectionError, match="0 shapes are complete and sure, at least 2 are needed"
+    ):
         collalign.write_surface_variation(result, tmp_path / "out", progress=False)

@@ -57,7 +57,9 @@ def test_landmarks_turn_all_shapes_and_set_the_origin(align, planted, marks):
     found = align(up="floor:top", front="left:right", origin="floor", marks={name: marks})
     assert found.options.reference == name
     again = align(found.options)
-    np.testing.assert_array_equal(again.transforms, found.transforms)  # the options alone repeat the run
+    np.testing.assert_array_equal(
+        again.transforms, found.transforms
+    )  # the options alone repeat the run
     floor, top, left, right = (moved_by(found.transforms[1], marks[label]) for label in marks)
     np.testing.assert_allclose(floor, 0.0, atol=1e-12)
     np.testing.assert_allclose((top - floor) / np.linalg.norm(top - floor), UP, atol=1e-12)
@@ -66,7 +68,9 @@ def test_landmarks_turn_all_shapes_and_set_the_origin(align, planted, marks):
     assert across[0] > 0
     plain = align(reference=name)
     np.testing.assert_allclose(
-        found.rotations[0].T @ found.rotations[2], plain.rotations[0].T @ plain.rotations[2], atol=1e-9
+        found.rotations[0].T @ found.rotations[2],
+        plain.rotations[0].T @ plain.rotations[2],
+        atol=1e-9,
     )
 
 
@@ -91,10 +95,28 @@ def test_the_command_line_reads_landmarks_and_added_shapes_keep_the_frame(plante
     with landmarks.open("w", newline="") as stream:
         rows = [[label, *point.tolist()] for label, point in marks.items()]
         csv.writer(stream).writerows([["label", "x", "y", "z"], *rows])
-    options = ["--up", "floor:top", "--front", "left:right", "--origin", "top", "--marks", str(landmarks)]
-    options += ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--incomplete", "never"]
+    options = [
+        "--up",
+        "floor:top",
+        "--front",
+        "left:right",
+        "--origin",
+        "top",
+        "--marks",
+        str(landmarks),
+    ]
+    options += [
+        "--sampling.num-points",
+        "24",
+        "--sampling.num-dense-points",
+        "0",
+        "--incomplete",
+        "never",
+    ]
     out = tmp_path / "out"
-    assert main(["align", str(first), "--out", str(out), "--jobs", "1", "--no-report", *options]) == 0
+    assert (
+        main(["align", str(first), "--out", str(out), "--jobs", "1", "--no-report", *options]) == 0
+    )
     before = collalign.load(out)
     np.testing.assert_allclose(moved_by(before["chair2"].transform, marks["top"]), 0.0, atol=1e-6)
     assert main(["add", str(out), str(rest), "--jobs", "1", "--no-report"]) == 0

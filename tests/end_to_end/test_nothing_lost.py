@@ -48,13 +48,29 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished, tmp_
     assert snapshot(finished / "out") == before
 
 
-@pytest.mark.parametrize("name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"])
-def test_foreign_files_under_our_names_are_refused_before_the_work(project, tmp_path, name, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    "name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"]
+)
+def test_foreign_files_under_our_names_are_refused_before_the_work(
+    project, tmp_path, name, capsys, monkeypatch
+):
     monkeypatch.setattr("collalign.align_collection", lambda *_, **__: pytest.fail("was run"))
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir(parents=True)
     foreign.write_text("mine")
-    assert main(["align", str(project / "meshes"), "--out", str(tmp_path / "out"), "--no-report", *FLAGS]) == 2
+    assert (
+        main(
+            [
+                "align",
+                str(project / "meshes"),
+                "--out",
+                str(tmp_path / "out"),
+                "--no-report",
+                *FLAGS,
+            ]
+        )
+        == 2
+    )
     assert "move it away" in capsys.readouterr().err
     assert foreign.read_text() == "mine"
 
@@ -64,8 +80,15 @@ def test_other_files_stay_and_former_results_go(finished, project, tmp_path):
     shutil.copytree(finished / "out", out)
     (out / "meshes" / "mine.txt").write_text("mine")
     (project / "meshes" / "chair3.ply").unlink()
-    assert main(["align", str(project / "meshes"), "--out", str(out), *FLAGS, "--no-report", "--drop"]) == 0
-    assert sorted(p.name for p in (out / "meshes").iterdir()) == ["chair1.ply", "chair2.ply", "mine.txt"]
+    assert (
+        main(["align", str(project / "meshes"), "--out", str(out), *FLAGS, "--no-report", "--drop"])
+        == 0
+    )
+    assert sorted(p.name for p in (out / "meshes").iterdir()) == [
+        "chair1.ply",
+        "chair2.ply",
+        "mine.txt",
+    ]
     assert not (out / "report.html").exists()
     assert sorted(p.name for p in (out / ".collalign").iterdir()) == ["manifest.json"]
 
@@ -77,7 +100,9 @@ def test_exports_do_not_overwrite_originals(finished, tmp_path):
             export(finished / "out", "ply", finished / to)
     with pytest.raises(InputError, match=r"meshes/chair1\.ply: .*`align`"):
         export(finished / "out", "shapeworks", finished / "out")
-    assert {name: data for name, data in snapshot(finished).items() if "staging" not in name} == before
+    assert {
+        name: data for name, data in snapshot(finished).items() if "staging" not in name
+    } == before
     export(finished / "out", "ply", tmp_path)
     export(finished / "out", "tps", tmp_path)
     assert len(export(finished / "out", "ply", tmp_path)) == 3
@@ -85,7 +110,11 @@ def test_exports_do_not_overwrite_originals(finished, tmp_path):
 
 
 def test_names_in_forged_evidence_lead_nowhere(finished, tmp_path):
-    result, new, out = tmp_path / "a" / "b" / "result", tmp_path / "new", tmp_path / "a" / "b" / "to"
+    result, new, out = (
+        tmp_path / "a" / "b" / "result",
+        tmp_path / "new",
+        tmp_path / "a" / "b" / "to",
+    )
     shutil.copytree(finished / "out", result)
     names = ("../../../escaped", str(tmp_path / "absolute"), "..")
     write_result(dataclasses.replace(load(result), names=names), result)
@@ -112,8 +141,14 @@ def test_names_that_are_long_or_no_text_go_through_every_output(tmp_path):
     for format in FORMATS:
         for path in export(out, format, tmp_path / format):
             assert path.stat().st_size > 0
-    tables = [out / "pairs.csv", *(tmp_path / "csv").glob("*.csv"), tmp_path / "tps" / "specimens.csv"]
+    tables = [
+        out / "pairs.csv",
+        *(tmp_path / "csv").glob("*.csv"),
+        tmp_path / "tps" / "specimens.csv",
+    ]
     for table in tables:
         cells = table.read_text("utf-8").replace("\n", ",").split(",")
-        assert not [cell for cell in cells if cell.strip('"').startswith(("=", "@", "+", "-cmd"))], table
+        assert not [
+            cell for cell in cells if cell.strip('"').startswith(("=", "@", "+", "-cmd"))
+        ], table
     assert "'=cmd" in tables[0].read_text("utf-8")

@@ -49,16 +49,22 @@ def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
 
 
 @pytest.mark.usefixtures("from_memory")
-def test_the_store_knows_shapes_by_their_content_and_a_bad_one_is_left_out_by_its_name(planted, store):
+def test_the_store_knows_shapes_by_their_content_and_a_bad_one_is_left_out_by_its_name(
+    planted, store
+):
     found = align([*planted.shapes, np.full((30, 3), 2.0)], store=store)
     assert found.run.num_reused == 6
-    assert [(item.file, item.reason) for item in found.excluded] == [("shape4", "all points lie in one place")]
+    assert [(item.file, item.reason) for item in found.excluded] == [
+        ("shape4", "all points lie in one place")
+    ]
 
 
 def test_saved_results_say_that_there_are_no_files(from_memory, tmp_path):
     out, to = tmp_path / "out", tmp_path / "to"
     from_memory.save(out)
-    assert [shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]] == ["", "", ""]
+    assert [
+        shape["file"] for shape in json.loads((out / "alignment.json").read_text())["shapes"]
+    ] == ["", "", ""]
     assert len(read_shape(out / "meshes" / "b.ply").vertices)
     export(out, "tps", to)
     with pytest.raises(InputError, match="a: came from memory"):

@@ -49,7 +49,9 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
 def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path):
     pose_family(FAMILIES["boxes"], 5, tmp_path, rng)
     sampling = SamplingOptions(num_points=24, num_dense_points=400)
-    found = align_collection(tmp_path, options=replace(OPTIONS, sampling=sampling), run=RunOptions(jobs=1))
+    found = align_collection(
+        tmp_path, options=replace(OPTIONS, sampling=sampling), run=RunOptions(jobs=1)
+    )
     assert (found.confidence < 0.3).all()
     assert only(found.notes, "symmetric").values["num"] == 5
 
@@ -70,9 +72,13 @@ def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch,
     assert np.isfinite(shapes[3]["transform"]).all()
 
 
-def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_what(planted, tmp_path, capsys):
+def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_what(
+    planted, tmp_path, capsys
+):
     fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
-    stored = [np.vstack([fragment, shape.vertices, shape.vertices[:5]]) for shape in planted.shapes[:3]]
+    stored = [
+        np.vstack([fragment, shape.vertices, shape.vertices[:5]]) for shape in planted.shapes[:3]
+    ]
     stored[1][[3, 6], 1] = np.nan
     for shape, vertices in zip(planted.shapes, stored, strict=False):
         faces = np.vstack([[[0, 1, 2]], shape.faces + 3])
@@ -80,11 +86,16 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_
     assert main(["align", str(tmp_path), "--out", f"{tmp_path}-out", *FLAGS]) == 0
     said = capsys.readouterr().out
     assert "dropped" in said
-    notes = json.loads((tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json").read_text())["shape_notes"]
+    notes = json.loads((tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json").read_text())[
+        "shape_notes"
+    ]
     assert "non-finite-dropped" in codes(notes[planted.shapes[1].name])
     assert all("components-kept" in codes(notes[shape.name]) for shape in planted.shapes[:3])
     with np.load(f"{tmp_path}-out/correspondences.npz") as found:
         transforms = load(f"{tmp_path}-out").transforms
         for i, vertices in enumerate(stored):
-            moved = vertices[found["vertex_indices"][i]] @ transforms[i, :3, :3].T + transforms[i, :3, 3]
+            moved = (
+                vertices[found["vertex_indices"][i]] @ transforms[i, :3, :3].T
+                + transforms[i, :3, 3]
+            )
             assert np.allclose(moved, found["positions"][i], atol=1e-5)

@@ -49,7 +49,12 @@ def test_a_pose_of_its_own_becomes_a_candidate_and_is_judged_by_its_energy(plant
     few = {"matching": {"strategy": "search", "max_candidates": 1}}
     wrong = random_rotation(np.random.default_rng(1))
     right = planted.relative_rotation(0, 1)
-    found = align(planted, store=store, candidates={(second, first): [right.T, wrong.T], tuple(others): wrong}, **few)
+    found = align(
+        planted,
+        store=store,
+        candidates={(second, first): [right.T, wrong.T], tuple(others): wrong},
+        **few,
+    )
     pair = found.pairs[first, second]
     assert len(pair.energies) > 1
     assert (np.diff(pair.energies) >= 0).all()
@@ -72,13 +77,18 @@ def test_matched_vertices_give_a_pose_of_the_pair(planted, store):
     assert only(found.notes, "given").values == {"num_posed": 1, "num_near": 1, "near_deg": 20.0}
     assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
     one, other = ((shape.vertices, shape.faces) for shape in planted.shapes[:2])
-    shifted = np.vstack([np.zeros((1, 3)), one[0]]), one[1] + 1  # its first vertex is of no triangle
+    shifted = (
+        np.vstack([np.zeros((1, 3)), one[0]]),
+        one[1] + 1,
+    )  # its first vertex is of no triangle
     later = {(second, first): np.add(rows, [0, 1])}
     found = collalign.align_collection(
         {first: shifted, second: other}, correspondences=later, jobs=1, progress=False, **few
     )
     assert rotation_angle_deg(found.pairs[first, second].rotations, right).min() < 15
-    with pytest.raises(InputError, match=r"correspondences\[.*\]: expected three or more matches that do not lie"):
+    with pytest.raises(
+        InputError, match=r"correspondences\[.*\]: expected three or more matches that do not lie"
+    ):
         align(planted, store=store, correspondences={(second, first): rows[[0, 0, 0]]})
     with pytest.raises(InputError, match=r"of .*: indices run from .* to 99999"):
         align(planted, store=store, correspondences={(second, first): [[0, 99999], [1, 1], [2, 2]]})
@@ -93,7 +103,10 @@ def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted, 
     assert sorted(graph.weights.tolist()) == [0.25] + [1.0] * (len(found.pairs) - 1)
     again = collalign.synchronize_graph(graph).rotations
     for i in range(NUM):
-        assert rotation_angle_deg(again[0].T @ again[i], found.rotations[0].T @ found.rotations[i]) < 10
+        assert (
+            rotation_angle_deg(again[0].T @ again[i], found.rotations[0].T @ found.rotations[i])
+            < 10
+        )
 
 
 def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted, plain):
@@ -133,7 +146,9 @@ def test_invariants_take_the_place_of_descriptors_at_the_samples(planted, plain,
         assert np.corrcoef(rows[:, 0], heights(shape)[at, 0])[0, 1] > 1 - 1e-9
 
 
-def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(planted, tmp_path, capsys):
+def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
+    planted, tmp_path, capsys
+):
     write_collection(tmp_path / "shapes", planted)
     (tmp_path / "values").mkdir()
     for shape in planted.shapes:
@@ -141,27 +156,67 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(plante
     first, second, third = names(planted, 0, 1, 2)
     pairs = [
         {"target": first, "source": second, "weight": 0},
-        {"target": first, "source": third, "rotations": [planted.relative_rotation(0, 2).tolist()], "weight": 2},
+        {
+            "target": first,
+            "source": third,
+            "rotations": [planted.relative_rotation(0, 2).tolist()],
+            "weight": 2,
+        },
         {"target": second, "source": third, "vertices": [[0, 0], [1, 1], [2, 2], [9, 9]]},
     ]
     own, out = tmp_path / "own.json", tmp_path / "out"
     own.write_text(json.dumps({"pairs": pairs, "invariants": "values"}))
-    flags = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
-    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
+    flags = [
+        "--sampling.num-points",
+        "24",
+        "--sampling.num-dense-points",
+        "0",
+        "--jobs",
+        "1",
+        "--no-report",
+    ]
+    assert (
+        main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
+    )
     said = "Given by you: invariants (1 columns of weight 0.4); poses of 2 pairs, "
     assert said in capsys.readouterr().out
     record = json.loads((out / "alignment.json").read_text())
-    assert record["decided"]["own"] == ["invariants", "candidates", "correspondences", "pair_weights"]
-    assert collalign.load(out).own == ("invariants", "candidates", "correspondences", "pair_weights")
+    assert record["decided"]["own"] == [
+        "invariants",
+        "candidates",
+        "correspondences",
+        "pair_weights",
+    ]
+    assert collalign.load(out).own == (
+        "invariants",
+        "candidates",
+        "correspondences",
+        "pair_weights",
+    )
     assert main(["stability", str(out)]) == 2
-    assert "aligned with invariants of the caller's own, which a result does not keep" in capsys.readouterr().err
+    assert (
+        "aligned with invariants of the caller's own, which a result does not keep"
+        in capsys.readouterr().err
+    )
     own.write_text(json.dumps({"pairs": [{"source": first}]}))
     assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
     assert "own.json: no 'target' is given" in capsys.readouterr().err
     own.write_text(json.dumps({"candidates": []}))
     assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
     assert "there is no entry 'candidates'" in capsys.readouterr().err
-    assert main(["align", str(tmp_path / "shapes"), "--out", str(tmp_path / "values"), "--own", str(own)]) == 2
+    assert (
+        main(
+            [
+                "align",
+                str(tmp_path / "shapes"),
+                "--out",
+                str(tmp_path / "values"),
+                "--own",
+                str(own),
+            ]
+        )
+        == 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -171,24 +226,51 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(plante
         ({"candidates": {("a", "b"): np.eye(3) * 2}}, r"candidates\[a, b\]: not orthogonal"),
         ({"candidates": {"ab": np.eye(3)}}, "candidates: expected pairs of two names, got 'ab'"),
         ({"candidates": {("a", "x"): np.eye(3)}}, "candidates: no shape is called 'x'"),
-        ({"candidates": {("a", "b"): -np.eye(3)}, "group": "SO"}, r"candidates\[a, b\]: contains a reflection"),
-        ({"pair_weights": {("a", "b"): -1}}, r"pair_weights\[a, b\]: expected a number of at least 0"),
-        ({"pair_weights": {("a", "b"): 1, ("b", "a"): 2}}, "b and a are there twice|a and b are there twice"),
+        (
+            {"candidates": {("a", "b"): -np.eye(3)}, "group": "SO"},
+            r"candidates\[a, b\]: contains a reflection",
+        ),
+        (
+            {"pair_weights": {("a", "b"): -1}},
+            r"pair_weights\[a, b\]: expected a number of at least 0",
+        ),
+        (
+            {"pair_weights": {("a", "b"): 1, ("b", "a"): 2}},
+            "b and a are there twice|a and b are there twice",
+        ),
         ({"samples": {"a": [0, 1, 2, 3]}}, "samples: every shape needs its own, 'b' has none"),
         (
             {"samples": {"a": [0, 1, 2, 2], "b": [0, 1, 2, 3]}},
             r"samples\[a\]: expected at least 4 different vertices",
         ),
-        ({"samples": {"a": range(4), "b": range(5)}}, "samples: a has 4 columns or vertices, b has 5"),
-        ({"samples": {"a": [0, 1, 2, 900], "b": range(4)}, "strict": True}, "a: samples: vertex 900 is none of the"),
+        (
+            {"samples": {"a": range(4), "b": range(5)}},
+            "samples: a has 4 columns or vertices, b has 5",
+        ),
+        (
+            {"samples": {"a": [0, 1, 2, 900], "b": range(4)}, "strict": True},
+            "a: samples: vertex 900 is none of the",
+        ),
         (
             {"invariants": {"a": np.ones((3, 2)), "b": np.ones((40, 2))}, "strict": True},
             "a: invariants: 3 rows for 40",
         ),
-        ({"invariants": lambda shape: shape.vertices[:, 0]}, r"invariants\[a\]: expected shape \(any, any\)"),
-        ({"candidates": {(0, 1): np.eye(3)}}, r"candidates: expected pairs of two names, got \(0, 1\)"),
-        ({"correspondences": {("a", "b"): [[0, 0.5]]}}, r"correspondences\[a, b\]: expected integer indices"),
-        ({"correspondences": {("a", "b"): [0, 1, 2]}}, r"correspondences\[a, b\]: expected shape \(any, 2\)"),
+        (
+            {"invariants": lambda shape: shape.vertices[:, 0]},
+            r"invariants\[a\]: expected shape \(any, any\)",
+        ),
+        (
+            {"candidates": {(0, 1): np.eye(3)}},
+            r"candidates: expected pairs of two names, got \(0, 1\)",
+        ),
+        (
+            {"correspondences": {("a", "b"): [[0, 0.5]]}},
+            r"correspondences\[a, b\]: expected integer indices",
+        ),
+        (
+            {"correspondences": {("a", "b"): [0, 1, 2]}},
+            r"correspondences\[a, b\]: expected shape \(any, 2\)",
+        ),
         ({"invariants": [np.eye(3)]}, "invariants: expected values by the names of shapes"),
         ({"n_jobs": 2}, "there is no option 'n_jobs'; did you mean 'jobs'"),
         ({"candidate": {}}, "there is no option 'candidate'; did you mean 'candidates'"),
@@ -202,7 +284,8 @@ def test_what_cannot_be_meant_is_refused_by_its_name(given, words):
 
 def test_the_order_in_which_things_are_given_changes_nothing(planted, store):
     given = {
-        names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j)) for i, j in ((0, 1), (2, 1), (3, 0))
+        names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j))
+        for i, j in ((0, 1), (2, 1), (3, 0))
     }
     found = align(planted, store=store, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
     turned = {pair[::-1]: given[pair].T for pair in reversed(given)}

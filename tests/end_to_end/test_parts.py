@@ -37,10 +37,15 @@ def folder(poses, tmp_path_factory):
     for number, pose in enumerate(poses):
         parts = {"cranium": skull.vertices, "mandible": 0.4 * jaw.vertices + [1.5, 0.0, -1.0]}
         for part, vertices in parts.items():
-            moved = (vertices + 0.01 * rng.standard_normal(vertices.shape)) @ pose  # R_common_shape is the pose
+            moved = (
+                vertices + 0.01 * rng.standard_normal(vertices.shape)
+            ) @ pose  # R_common_shape is the pose
             name = f"s{number}/{part}.ply" if number < 2 else f"s{number}.{part}.stl"
             (path / name).parent.mkdir(exist_ok=True)
-            write_mesh(path / name, Shape.from_arrays(moved, skull.faces if part == "cranium" else jaw.faces))
+            write_mesh(
+                path / name,
+                Shape.from_arrays(moved, skull.faces if part == "cranium" else jaw.faces),
+            )
     return path
 
 
@@ -62,15 +67,24 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses)
     assert worst_deg(collection, poses) < 5
     for name, transform in zip(collection.names, collection.transforms, strict=True):
         whole = read_shape(out / "meshes" / f"{name}.ply")
-        parts = {part: read_shape(out / "meshes" / name / f"{part}.ply") for part in ("cranium", "mandible")}
+        parts = {
+            part: read_shape(out / "meshes" / name / f"{part}.ply")
+            for part in ("cranium", "mandible")
+        }
         for part, file in parts_of(folder / f"{name}.*").items():
             expected = read_shape(file).transformed(transform)
             np.testing.assert_allclose(parts[part].area, expected.area, rtol=1e-4)
-            np.testing.assert_allclose(parts[part].vertices.mean(0), expected.vertices.mean(0), atol=1e-4)
-        assert whole.area < sum(part.area for part in parts.values())  # read as usual, its largest part alone
+            np.testing.assert_allclose(
+                parts[part].vertices.mean(0), expected.vertices.mean(0), atol=1e-4
+            )
+        assert whole.area < sum(
+            part.area for part in parts.values()
+        )  # read as usual, its largest part alone
     assert main(["export", str(out), "--format", "stl", "--to", str(out.with_name("stl"))]) == 0
     exported = read_shape(out.with_name("stl") / "s2" / "mandible.stl")
-    np.testing.assert_allclose(exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4)
+    np.testing.assert_allclose(
+        exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4
+    )
     record = json.loads((out / "alignment.json").read_text())
     assert [shape["file"] for shape in record["shapes"]] == ["s0.*", "s1.*", "s2.*", "s3.*"]
     assert record["shape_notes"]["s0"][0]["values"] == {"parts": ["cranium", "mandible"]}
@@ -81,7 +95,9 @@ def test_without_being_asked_files_are_shapes_of_their_own(folder):
         *("s0/cranium", "s0/mandible", "s1/cranium", "s1/mandible"),
         *("s2.cranium", "s2.mandible", "s3.cranium", "s3.mandible"),
     )
-    assert list_shapes([folder, folder / "s0"], parts=True).names[0] == "cranium"  # a folder that is named is a place
+    assert (
+        list_shapes([folder, folder / "s0"], parts=True).names[0] == "cranium"
+    )  # a folder that is named is a place
     assert parts_of(folder / "s2.cranium.stl") == {}
 
 
@@ -92,7 +108,12 @@ def test_vertices_of_the_mean_are_told_apart_by_part(out):
         names=collection.names[:2],
         faces=copies[0].faces,
         mean=copies[0].vertices,
-        vertices=np.stack([moved_by(T, one.vertices) for T, one in zip(collection.transforms, copies, strict=False)]),
+        vertices=np.stack(
+            [
+                moved_by(T, one.vertices)
+                for T, one in zip(collection.transforms, copies, strict=False)
+            ]
+        ),
         completed=np.empty(0),
         residual=np.empty(0),
         quality=np.empty(0),
@@ -108,7 +129,9 @@ def test_samples_are_spread_over_the_parts_by_area(folder, out):
     first = dict(shape.parts)["cranium"]
     share = (load(out).samples[0] < first).mean()
     assert abs(share - cranium.area / (cranium.area + mandible.area)) < 0.15
-    np.testing.assert_array_equal(shape.faces, np.concatenate([cranium.faces, mandible.faces + first]))
+    np.testing.assert_array_equal(
+        shape.faces, np.concatenate([cranium.faces, mandible.faces + first])
+    )
     np.testing.assert_array_equal(shape.vertices[first:], mandible.vertices)
 
 

@@ -22,7 +22,9 @@ OPTIONS = AlignOptions(group="auto", sampling=SamplingOptions(num_points=48))
 def family(rng, num_vertices):
     """Return blobs of three different widths that vary."""
     base = blob(rng, num_vertices=num_vertices)
-    return deformed_family(replace(base, vertices=base.vertices * [1.6, 1.0, 0.75]), NUM_SHAPES, rng, rms=0.03)
+    return deformed_family(
+        replace(base, vertices=base.vertices * [1.6, 1.0, 0.75]), NUM_SHAPES, rng, rms=0.03
+    )
 
 
 def inside_out(rng):
@@ -36,7 +38,9 @@ def inside_out(rng):
 def scanned(rng):
     """Clouds, some sampled evenly, some as scanners do: dense on one side, with noise and points from elsewhere."""
     for at, shape in enumerate(family(rng, 600)):
-        samples, _ = trimesh.sample.sample_surface(trimesh.Trimesh(shape.vertices, shape.faces), 9000, seed=at)
+        samples, _ = trimesh.sample.sample_surface(
+            trimesh.Trimesh(shape.vertices, shape.faces), 9000, seed=at
+        )
         if at % 2:
             samples = samples[rng.random(len(samples)) < np.where(samples[:, 1] > 0.2, 1.0, 1 / 8)]
             samples = samples + 0.01 * rng.standard_normal(samples.shape)
@@ -86,7 +90,13 @@ def on_stands(rng):
 
 @pytest.mark.parametrize(
     ("kind", "said"),
-    [(inside_out, {"much-smaller"}), (scanned, set()), (blades, set()), (broken, set()), (on_stands, set())],
+    [
+        (inside_out, {"much-smaller"}),
+        (scanned, set()),
+        (blades, set()),
+        (broken, set()),
+        (on_stands, set()),
+    ],
 )
 def test_poses_are_right_on_a_map(kind, said):
     """All are at the coordinates of a map, metres and millimetres alike."""
@@ -94,7 +104,9 @@ def test_poses_are_right_on_a_map(kind, said):
     turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
     sizes = rng.uniform(0.5, 2.0, NUM_SHAPES)
     given = [
-        (size * points @ turn.T + PLACE, faces) if faces is not None else size * points @ turn.T + PLACE
+        (size * points @ turn.T + PLACE, faces)
+        if faces is not None
+        else size * points @ turn.T + PLACE
         for (points, faces), turn, size in zip(kind(rng), turns, sizes, strict=True)
     ]
     found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
@@ -112,13 +124,21 @@ def test_poses_about_an_axis_are_said_to_be_in_doubt():
     height, around = np.linspace(0, 1, 25), np.linspace(0, 2 * np.pi, 32, endpoint=False)
     at = np.arange(24 * 32).reshape(24, 32)
     next_to = np.roll(at, -1, axis=1)
-    faces = np.concatenate([np.stack([at, next_to, next_to + 32], -1), np.stack([at, next_to + 32, at + 32], -1)])
+    faces = np.concatenate(
+        [np.stack([at, next_to, next_to + 32], -1), np.stack([at, next_to + 32, at + 32], -1)]
+    )
     turns, given = [random_rotation(rng) for _ in range(NUM_SHAPES)], []
     for turn in turns:
-        radii = np.array([0.0, 0.3, 0.55, 0.8, 0.78, 0.45, 0.25, 0.32]) * (1 + 0.05 * rng.standard_normal(8))
+        radii = np.array([0.0, 0.3, 0.55, 0.8, 0.78, 0.45, 0.25, 0.32]) * (
+            1 + 0.05 * rng.standard_normal(8)
+        )
         radius = np.interp(height, np.linspace(0, 1, 8), radii)[:, None]
         points = np.stack(
-            [radius * np.cos(around), radius * np.sin(around), 1.8 * height[:, None] + 0 * radius * around]
+            [
+                radius * np.cos(around),
+                radius * np.sin(around),
+                1.8 * height[:, None] + 0 * radius * around,
+            ]
         )
         given.append((points.reshape(3, -1).T @ turn.T, faces.reshape(-1, 3)))
     found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)

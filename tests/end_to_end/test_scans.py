@@ -34,7 +34,9 @@ def views():
     whole = blob(np.random.default_rng(1), num_vertices=1500)
     turns, clouds = np.stack([random_rotation(rng) for _ in range(NUM)]), {}
     for i, angle in enumerate(2.0 * np.pi * np.arange(NUM) / NUM):
-        points = range_view(whole, np.array([np.cos(angle), np.sin(angle), 0.2]), noise=0.002, rng=rng)
+        points = range_view(
+            whole, np.array([np.cos(angle), np.sin(angle), 0.2]), noise=0.002, rng=rng
+        )
         clouds[f"view{i}"] = points @ turns[i].T + rng.standard_normal(3)
     return clouds, turns
 
@@ -45,7 +47,9 @@ def aligned(tmp_path_factory):
     run = RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
 
     def align(clouds, fixed=None, **options):
-        return align_collection(clouds, options=replace(OPTIONS, **options), fixed=fixed, run=run, progress=False)
+        return align_collection(
+            clouds, options=replace(OPTIONS, **options), fixed=fixed, run=run, progress=False
+        )
 
     return align
 
@@ -100,7 +104,9 @@ def test_fixed_poses_are_refused_for_scans(views, aligned):
         aligned(views[0], fixed={"view0": np.eye(3)}, incomplete="all")
 
 
-def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(views, aligned, monkeypatch):
+def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(
+    views, aligned, monkeypatch
+):
     few = dict([*views[0].items()][::4]) | {"view2": views[0]["view2"]}
     monkeypatch.setattr(scanning, "MOST_SURE", 1.1)
     assert "all-incomplete" not in codes(aligned(few).notes)
@@ -110,7 +116,9 @@ def test_complete_open_shapes_are_no_scans():
     rng = np.random.default_rng(2)
     teeth = deformed_family(crown(rng, num_vertices=500), 4, rng, rms=0.03)
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
-        shapes = prepare_shapes(session, list_shapes([replace(t, name=f"t{i}") for i, t in enumerate(teeth)]))
+        shapes = prepare_shapes(
+            session, list_shapes([replace(t, name=f"t{i}") for i, t in enumerate(teeth)])
+        )
         pairs, _ = match_pairs(session, shapes, np.array([[0, 1], [0, 2], [1, 3], [2, 3]]))
     assert all(item.rim == "open" for item in shapes.samples)
     assert not may_be_scans(shapes, pairs)
@@ -120,10 +128,17 @@ def test_complete_open_shapes_are_no_scans():
 def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
     def said(rims, mismatches, num_seen=0, num_points=100):
         points = np.zeros((num_points, 3))
-        local = [SimpleNamespace(points=points, sights=np.zeros((int(n < num_seen), 3))) for n in range(len(rims))]
-        samples = [SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)]
+        local = [
+            SimpleNamespace(points=points, sights=np.zeros((int(n < num_seen), 3)))
+            for n in range(len(rims))
+        ]
+        samples = [
+            SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)
+        ]
         shapes = SimpleNamespace(names=rims, samples=samples)
-        return may_be_scans(shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches])
+        return may_be_scans(
+            shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches]
+        )
 
     assert said(["open"] * 3, [[0.8]] * 3)
     assert said(["open", "unknown", "closed"], [[0.8], [0.9], [0.2]])
@@ -154,7 +169,10 @@ def test_shapes_that_were_all_seen_from_the_front_are_no_scans():
 
 
 def test_cells_hardly_depend_on_which_shapes_there_are():
-    sizes = [SimpleNamespace(samples=[samples_at(size * np.eye(3)) for size in few]) for few in ((1.0,), (1.0, 1.02))]
+    sizes = [
+        SimpleNamespace(samples=[samples_at(size * np.eye(3)) for size in few])
+        for few in ((1.0,), (1.0, 1.02))
+    ]
     first, second = (common_cell(shapes) for shapes in sizes)
     assert first == second
     assert 0.9 < first / PART_CELL < 1.1

@@ -21,7 +21,17 @@ from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs, finished_run, made_once
 from tests.view_problems import write_result
 
-FEW = ["--num-points", "24", "--num-seeds", "1", "--num-subsets", "1", "--jobs", "1", "--include-doubtful"]
+FEW = [
+    "--num-points",
+    "24",
+    "--num-seeds",
+    "1",
+    "--num-subsets",
+    "1",
+    "--jobs",
+    "1",
+    "--include-doubtful",
+]
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=16, num_dense_points=200))
 
 
@@ -32,7 +42,11 @@ def result(tmp_path_factory):
 
 
 def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result, capsys):
-    before = {path.name: path.read_bytes() for path in result.iterdir() if path.suffix in (".json", ".npz", ".csv")}
+    before = {
+        path.name: path.read_bytes()
+        for path in result.iterdir()
+        if path.suffix in (".json", ".npz", ".csv")
+    }
     assert main(["stability", str(result), *FEW]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "5 of 5 poses stayed within 20 deg of the others' in every repetition."
@@ -61,7 +75,9 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result
 
 def test_a_pose_that_only_the_result_has_is_found(result, tmp_path, monkeypatch):
     align_once = made_once(align_listing, lambda session, listing: (session.options, listing.names))
-    monkeypatch.setattr("collalign.tools.stability.run.align_listing", align_once)  # all checks repeat the same two
+    monkeypatch.setattr(
+        "collalign.tools.stability.run.align_listing", align_once
+    )  # all checks repeat the same two
     view = load(result)
     transforms = view.transforms.copy()
     transforms[2, :3, :3] = np.diag([-1.0, -1.0, 1.0]) @ transforms[2, :3, :3]
@@ -94,7 +110,9 @@ def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path)
     shutil.copytree(result, copy)
     view = load(result)
     write_result(replace(view, files=(*view.files[:-1], str(tmp_path / "gone.ply"))), copy)
-    with pytest.raises(InputError, match=r"gone\.ply: a shape of the collection is not there any more"):
+    with pytest.raises(
+        InputError, match=r"gone\.ply: a shape of the collection is not there any more"
+    ):
         collalign.check_stability(copy)
     write_result(view, copy)
     (copy / "stability.csv").write_text("mine")

@@ -42,7 +42,9 @@ def specimens():
     return shapes
 
 
-PLANTED_COLLECTION = planted_collection(specimens(), np.random.default_rng(4), scale_range=(0.5, 2.0))
+PLANTED_COLLECTION = planted_collection(
+    specimens(), np.random.default_rng(4), scale_range=(0.5, 2.0)
+)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,9 @@ def rows(path):
 
 def check_planted(folder, names):
     """The asymmetry of each specimen follows its bump."""
-    found = {row["name"]: float(row["asymmetry"]) for row in rows(folder / "symmetry/asymmetric.csv")}
+    found = {
+        row["name"]: float(row["asymmetry"]) for row in rows(folder / "symmetry/asymmetric.csv")
+    }
     planted = np.array([PLANTED[int(name[1:])] for name in names])
     asymmetry = np.array([found[name] for name in names])
     assert np.corrcoef(asymmetry, planted)[0, 1] > 0.95
@@ -69,7 +73,18 @@ def test_the_planted_asymmetry_is_found(result, tmp_path):
     labels = tmp_path / "labels.csv"
     labels.write_text("name,owner\n" + "".join(f"{name},{name}\n" for name in names))
     to = tmp_path / "variation"
-    words = ["variation", str(result), "--to", str(to), "--symmetry", "auto", "--jobs", "1", "--labels", str(labels)]
+    words = [
+        "variation",
+        str(result),
+        "--to",
+        str(to),
+        "--symmetry",
+        "auto",
+        "--jobs",
+        "1",
+        "--labels",
+        str(labels),
+    ]
     assert main([*words, "--individuals", "owner"]) == 0
     check_planted(to, names)
     anova = {row["effect"]: row for row in rows(to / "symmetry/procrustes_anova.csv")}
@@ -85,13 +100,19 @@ def test_landmark_pairs_say_where_the_mirror_plane_is(result, tmp_path):
     """The right pairs lead to the planted asymmetry like the search; pairs that are no mirror image are refused."""
     marks = landmarks("s0")
     table = tmp_path / "pairs.csv"
-    table.write_text("left,right\n" + "".join(f"left {at},right {at}\n" for at in range(len(SIDES))))
+    table.write_text(
+        "left,right\n" + "".join(f"left {at},right {at}\n" for at in range(len(SIDES)))
+    )
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
-    collalign.write_surface_variation(result, tmp_path / "given", landmarks=marks, symmetry=table, run=run)
+    collalign.write_surface_variation(
+        result, tmp_path / "given", landmarks=marks, symmetry=table, run=run
+    )
     check_planted(tmp_path / "given", collalign.load(result).names)
     wrong = [("left 0", "right 1"), ("left 1", "left 2"), ("right 0", "right 2")]
     with pytest.raises(InputError, match="mirror image"):
-        collalign.write_surface_variation(result, tmp_path / "no", landmarks=marks, symmetry=wrong, run=run)
+        collalign.write_surface_variation(
+            result, tmp_path / "no", landmarks=marks, symmetry=wrong, run=run
+        )
     with pytest.raises(InputError, match="name files"):
         collalign.write_surface_variation(result, tmp_path / "no", symmetry=table, run=run)
     assert not (tmp_path / "no").exists()
@@ -101,9 +122,14 @@ def landmarks(name):
     """Return the horns of a specimen as landmarks in its file's coordinates."""
     sphere = sphere_mesh(900)[0]
     sides = np.concatenate([SIDES * [-1, 1, 1], SIDES])
-    chosen = [int(np.linalg.norm(sphere - place / np.linalg.norm(place), axis=1).argmin()) for place in sides]
+    chosen = [
+        int(np.linalg.norm(sphere - place / np.linalg.norm(place), axis=1).argmin())
+        for place in sides
+    ]
     at = int(name[1:])
     origin = PLANTED_COLLECTION.origins[at]
     rows_in_file = [int(np.flatnonzero(origin == vertex)[0]) for vertex in chosen]
     labels = tuple(f"{side} {number}" for side in ("left", "right") for number in range(len(SIDES)))
-    return {name: Landmarks(labels=labels, points=PLANTED_COLLECTION.shapes[at].vertices[rows_in_file])}
+    return {
+        name: Landmarks(labels=labels, points=PLANTED_COLLECTION.shapes[at].vertices[rows_in_file])
+    }

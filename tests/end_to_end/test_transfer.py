@@ -37,7 +37,10 @@ HAND = 0.02
 
 def true_landmarks(planted):
     """Return every shape's landmarks in its own coordinates, shape (N, l, 3)."""
-    rows = [[int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES] for origin in planted.origins]
+    rows = [
+        [int(np.flatnonzero(origin == v)[0]) for v in LANDMARK_VERTICES]
+        for origin in planted.origins
+    ]
     return np.stack([shape.vertices[row] for shape, row in zip(planted.shapes, rows, strict=True)])
 
 
@@ -48,7 +51,10 @@ def errors(found, planted):
 
 
 def slicer_file(path, points, labels):
-    controls = [{"label": label, "position": point.tolist()} for label, point in zip(labels, points, strict=True)]
+    controls = [
+        {"label": label, "position": point.tolist()}
+        for label, point in zip(labels, points, strict=True)
+    ]
     path.write_text(json.dumps({"markups": [{"type": "Fiducial", "controlPoints": controls}]}))
     return path
 
@@ -101,18 +107,26 @@ def test_radii_of_single_templates_hold(result, templates, planted, run):
     assert np.mean(inside) > 0.8, inside
 
 
-def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(result, monkeypatch):
+def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(
+    result, monkeypatch
+):
     module = "collalign.tools.correspond.run.correspond"
     monkeypatch.setattr(module, lambda session, files, lender, maps: (files, lender))
     files, chosen = collalign.dense_correspondence(result, run={"jobs": 1}, progress=False)
     for factor in (0.5, 2.0):
         transform = np.array(files[chosen].transform)
         transform[:3] *= factor
-        moved = [replace(file, transform=transform) if at == chosen else file for at, file in enumerate(files)]
+        moved = [
+            replace(file, transform=transform) if at == chosen else file
+            for at, file in enumerate(files)
+        ]
         assert choose_template(moved) == chosen
     left_out = [replace(file, incomplete=at == chosen) for at, file in enumerate(files)]
     assert choose_template(left_out) != chosen
-    changed = [replace(file, digest="another" if at == chosen else file.digest) for at, file in enumerate(files)]
+    changed = [
+        replace(file, digest="another" if at == chosen else file.digest)
+        for at, file in enumerate(files)
+    ]
     assert choose_template(changed) != chosen
 
 
@@ -126,16 +140,29 @@ def test_several_templates_err_less_and_know_by_how_much(result, templates, plan
     assert 0.6 <= inside.mean() <= 1
 
 
-def test_the_command_writes_landmarks_tables_and_a_plot(result, templates, planted, tmp_path, capsys):
+def test_the_command_writes_landmarks_tables_and_a_plot(
+    result, templates, planted, tmp_path, capsys
+):
     to = tmp_path / "all"
-    words = ["transfer", str(result), "--landmarks", *map(str, templates), "--to", str(to), "--leave-one-out"]
+    words = [
+        "transfer",
+        str(result),
+        "--landmarks",
+        *map(str, templates),
+        "--to",
+        str(to),
+        "--leave-one-out",
+    ]
     assert main([*words, "--jobs", "1"]) == 0
     last = read_landmarks(to / f"{planted.shapes[-1].name}.mrk.json")
     assert last.labels == tuple(f"tip {i}" for i in range(6))
     found = np.array(true_landmarks(planted))
     found[-1] = last.points
     assert errors(found, planted)[-1].mean() < 3 * HAND
-    assert f"{NUM_SHAPES} of {NUM_SHAPES} specimens have all 6 landmarks" in (to / "landmarks.html").read_text()
+    assert (
+        f"{NUM_SHAPES} of {NUM_SHAPES} specimens have all 6 landmarks"
+        in (to / "landmarks.html").read_text()
+    )
     rows = list(csv.DictReader((to / "transfer.csv").open()))
     assert len(rows) == 6 * NUM_SHAPES
     assert float(rows[-1]["radius"]) > 0
@@ -159,7 +186,9 @@ def edge_path():
 
 def on_file(planted, at, vertices):
     origin = planted.origins[at]
-    return planted.shapes[at].vertices[[int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]]
+    return planted.shapes[at].vertices[
+        [int(np.flatnonzero(origin == vertex)[0]) for vertex in vertices]
+    ]
 
 
 def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_path, run):
@@ -169,10 +198,24 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         drawn = on_file(planted, at, path[:: 1 - 2 * at])
         (tmp_path / "edge").mkdir(exist_ok=True)
         curves.append(tmp_path / "edge" / f"{shape.name}.fcsv")
-        curves[-1].write_text("".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(drawn.tolist())))
+        curves[-1].write_text(
+            "".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(drawn.tolist()))
+        )
     to = tmp_path / "all"
-    words = ["transfer", str(result), "--curves", *map(str, curves), "--curve-points", "9", "--surface-points", "25"]
-    assert main([*words, "--to", str(to), "--jobs", "1", "--store", str(run.store), "--leave-one-out"]) == 0
+    words = [
+        "transfer",
+        str(result),
+        "--curves",
+        *map(str, curves),
+        "--curve-points",
+        "9",
+        "--surface-points",
+        "25",
+    ]
+    assert (
+        main([*words, "--to", str(to), "--jobs", "1", "--store", str(run.store), "--leave-one-out"])
+        == 0
+    )
     names = [shape.name for shape in planted.shapes]
     for at in (0, NUM_SHAPES - 1):
         found = read_landmarks(to / f"{names[at]}.mrk.json")
@@ -180,9 +223,13 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         assert (rim.kind, len(rim.points), len(found.points)) == ("open curve", 9, 25)
         truth, unit = on_file(planted, at, path), radius(planted.shapes[at].vertices)
         assert np.linalg.norm(rim.points[:, None] - truth, axis=2).min(axis=1).mean() < 0.1 * unit
-        assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, "both drawn one way"
+        assert np.linalg.norm(rim.points[[0, -1]] - truth[[0, -1]], axis=1).max() < 0.15 * unit, (
+            "both drawn one way"
+        )
         surface = SurfaceLocator(planted.shapes[at].vertices, planted.shapes[at].faces)
-        np.testing.assert_allclose(surface.closest(found.points).on(surface.vertices), found.points, atol=1e-6)
+        np.testing.assert_allclose(
+            surface.closest(found.points).on(surface.vertices), found.points, atol=1e-6
+        )
     sliders = list(csv.reader((to / "curveslide.csv").open()))
     assert (sliders[:2], len(sliders)) == ([["before", "slide", "after"], ["1", "2", "3"]], 1 + 7)
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
@@ -200,7 +247,9 @@ def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
     for shape in (*planted.shapes[:3], left):
         write_mesh(tmp_path / "shapes" / f"{shape.name}.ply", shape)
     options = collalign.AlignOptions(incomplete="never", sampling=SamplingOptions(num_points=24))
-    collalign.align_collection(tmp_path / "shapes", options=options, run=run).save(tmp_path / "out", report=False)
+    collalign.align_collection(tmp_path / "shapes", options=options, run=run).save(
+        tmp_path / "out", report=False
+    )
     labels = tuple(f"tip {i}" for i in range(6))
     marks = {planted.shapes[0].name: Landmarks(labels=labels, points=true_landmarks(planted)[0])}
     found = collalign.transfer_landmarks(tmp_path / "out", marks, surface_points=60, run=run)
@@ -218,19 +267,42 @@ def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run, cap
     view = load(result)
     write_result(replace(view, confidence=np.array([1.0] * (NUM_SHAPES - 1) + [0.2])), doubted)
     to = tmp_path / "all"
-    words = ["transfer", str(doubted), "--landmarks", str(templates[0]), "--to", str(to), "--jobs", "1"]
+    words = [
+        "transfer",
+        str(doubted),
+        "--landmarks",
+        str(templates[0]),
+        "--to",
+        str(to),
+        "--jobs",
+        "1",
+    ]
     assert main([*words, "--store", str(run.store), "--format", "tps"]) == 3
     assert DOUBTFUL_POSE in capsys.readouterr().out
     assert (to / "landmarks.tps").read_text().count("NaN") == 18
 
 
-def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run, capsys):
+def test_landmarks_in_ras_are_carried_as_those_in_lps(
+    result, templates, planted, tmp_path, run, capsys
+):
     truth = collalign.transfer_landmarks(result, templates[:1], run=run)
     name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
     given = tmp_path / f"{name}.fcsv"
-    rows = "".join(f"{at},{-x},{-y},{z},0,0,0,1,1,1,0,tip {at},,\n" for at, (x, y, z) in enumerate(points.tolist()))
+    rows = "".join(
+        f"{at},{-x},{-y},{z},0,0,0,1,1,1,0,tip {at},,\n"
+        for at, (x, y, z) in enumerate(points.tolist())
+    )
     given.write_text("# CoordinateSystem = RAS\n" + rows)
-    words = ["transfer", str(result), "--landmarks", str(given), "--to", str(tmp_path / "all"), "--jobs", "1"]
+    words = [
+        "transfer",
+        str(result),
+        "--landmarks",
+        str(given),
+        "--to",
+        str(tmp_path / "all"),
+        "--jobs",
+        "1",
+    ]
     assert main([*words, "--format", "slicer-json", "--store", str(run.store)]) == 0
     assert "landmarks converted from RAS to LPS" in capsys.readouterr().out
     for at, path in enumerate(sorted((tmp_path / "all").glob("*.mrk.json"))):
@@ -243,6 +315,9 @@ def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_
     marks = read_landmarks(templates[0])
     far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
     for command in ("transfer", "variation"):
-        assert main([command, str(result), "--landmarks", str(far), "--to", str(tmp_path / command)]) == 2
+        assert (
+            main([command, str(result), "--landmarks", str(far), "--to", str(tmp_path / command)])
+            == 2
+        )
         assert "0.1 times as large they lie on it" in capsys.readouterr().err
         assert not (tmp_path / command).exists()

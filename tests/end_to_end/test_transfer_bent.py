@@ -28,9 +28,15 @@ NAMES = tuple(f"body{i}" for i in range(NUM_SHAPES))
 def planted():
     """Bodies, the last vertex of whose files belongs to no triangle."""
     rng = np.random.default_rng(12)
-    made = planted_collection([replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng)
-    loose = tuple(replace(shape, vertices=np.vstack([shape.vertices, np.zeros(3)])) for shape in made.shapes)
-    return replace(made, shapes=loose, origins=tuple(np.append(one, len(one)) for one in made.origins))
+    made = planted_collection(
+        [replace(bent(BODY, rng, angle=0.8), name=name) for name in NAMES], rng
+    )
+    loose = tuple(
+        replace(shape, vertices=np.vstack([shape.vertices, np.zeros(3)])) for shape in made.shapes
+    )
+    return replace(
+        made, shapes=loose, origins=tuple(np.append(one, len(one)) for one in made.origins)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +75,19 @@ def run(tmp_path_factory):
 
 def carried(out, planted, run):
     """Carry landmarks of the first shape to all and return the errors of the others, in radii, by shape."""
-    true = np.stack([shape.vertices[at[MARKS]] for shape, at in zip(planted.shapes, places(planted), strict=True)])
+    true = np.stack(
+        [
+            shape.vertices[at[MARKS]]
+            for shape, at in zip(planted.shapes, places(planted), strict=True)
+        ]
+    )
     given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
     found = collalign.transfer_landmarks(out, given, run=run, progress=False)
     assert found.names == NAMES
-    units = [np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for s in planted.shapes]
+    units = [
+        np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
+        for s in planted.shapes
+    ]
     errors = np.linalg.norm(found.points - true, axis=2) / np.array(units)[:, None]
     return np.asarray(errors[1:].mean(axis=1))
 
@@ -87,11 +101,17 @@ def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path, run
 
 def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path, run):
     maps = exact_maps(planted, names=NAMES[:3])
-    some = collalign.dense_correspondence(with_maps(result, maps, tmp_path / "some"), run=run, progress=False)
+    some = collalign.dense_correspondence(
+        with_maps(result, maps, tmp_path / "some"), run=run, progress=False
+    )
     assert some.names == NAMES
-    elsewhere = replace(exact_maps(planted, names=NAMES[:1]), names=("elsewhere",), reference="elsewhere")
+    elsewhere = replace(
+        exact_maps(planted, names=NAMES[:1]), names=("elsewhere",), reference="elsewhere"
+    )
     of_none = with_maps(result, elsewhere, tmp_path / "none")
-    bare, own = (collalign.dense_correspondence(out, run=run, progress=False) for out in (result, of_none))
+    bare, own = (
+        collalign.dense_correspondence(out, run=run, progress=False) for out in (result, of_none)
+    )
     np.testing.assert_array_equal(own.vertices, bare.vertices)
 
 
@@ -99,4 +119,6 @@ def test_maps_of_other_files_are_refused(result, planted, tmp_path, run):
     maps = exact_maps(planted)
     fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
-        collalign.dense_correspondence(with_maps(result, fewer, tmp_path / "fewer"), run=run, progress=False)
+        collalign.dense_correspondence(
+            with_maps(result, fewer, tmp_path / "fewer"), run=run, progress=False
+        )

@@ -38,7 +38,12 @@ def test_what_no_switch_reaches_is_computed_once(monkeypatch):
     remembered, ones = Remembered(), np.ones(3)
     before = measured
     with remembered.used():
-        assert [measured(ones), measured(ones + 1), measured(np.ones(3)), measured(ones, scale=2.0)] == [3, 6, 3, 6]
+        assert [
+            measured(ones),
+            measured(ones + 1),
+            measured(np.ones(3)),
+            measured(ones, scale=2.0),
+        ] == [3, 6, 3, 6]
         assert CALLS == [1.0, 1.0, 2.0]
         assert remembered.saved_s >= 0.01
         with switched_off(Switch(patches={f"{__name__}.measured": lambda values: 0})):
@@ -57,7 +62,12 @@ def test_every_collection_has_a_source():
 
 
 def record(pairs, shapes, confidence, **more):
-    return {"pairs": np.array(pairs), "shapes": np.array(shapes), "confidence": np.array(confidence), **more}
+    return {
+        "pairs": np.array(pairs),
+        "shapes": np.array(shapes),
+        "confidence": np.array(confidence),
+        **more,
+    }
 
 
 def test_a_row_counts_runs_that_were_not_switched_as_they_are():
@@ -77,7 +87,9 @@ def test_copies_come_in_poses_that_are_known(tmp_path):
     settings = {"source": "chairs", "shapes": 2, "copies": 2, "seed": 0}
     posed = posed_set(settings, tmp_path, tmp_path)
     assert posed.names[2:] == ("copy0", "copy1")
-    first, copy = (read_shape(tmp_path / f"{name}.ply").vertices for name in (posed.names[0], "copy1"))
+    first, copy = (
+        read_shape(tmp_path / f"{name}.ply").vertices for name in (posed.names[0], "copy1")
+    )
     np.testing.assert_allclose(copy @ posed.relative[0, 3].T, first, atol=1e-4)
     loop = posed.relative[2, 1] @ posed.relative[1, 3] @ posed.relative[3, 2]
     assert rotation_angle_deg(loop, np.eye(3)) < 0.1

@@ -29,7 +29,9 @@ def test_both_values_stand_side_by_side(monkeypatch):
         used.append(collections)
         return {"A": Finding(value=4.0 if quick else 2.0)}
 
-    entry = Calibration(module="somewhere", constants={"A": 1.0}, measure=measure, collections=("all of it",))
+    entry = Calibration(
+        module="somewhere", constants={"A": 1.0}, measure=measure, collections=("all of it",)
+    )
     monkeypatch.setitem(CALIBRATIONS, "mine", entry)
     (row,) = calibrate("mine", Path()).rows
     assert (row["code"], row["measured"]) == ("1", "2")
@@ -96,11 +98,17 @@ def test_radii_of_few_templates_are_fitted_to_ranks_and_hold_in_every_collection
 
     seen = [collection(factor) for factor in (1.0, 2.0)]
     found = radii.fit_few(seen)
-    assert list(found) == [*radii.FEW] == [name for name in CALIBRATIONS["radii"].constants if "OF_FEW" in name]
+    assert (
+        list(found)
+        == [*radii.FEW]
+        == [name for name in CALIBRATIONS["radii"].constants if "OF_FEW" in name]
+    )
     for number, finding in enumerate(found.values()):
         assert finding.best > max(0.9, finding.now)
         assert finding.left_out > 0.9
         factor, *powers = finding.value
         both = [one[number] for one in seen]
-        inside = [np.mean(errors <= factor * np.prod(shown**powers, axis=1)) for shown, errors in both]
+        inside = [
+            np.mean(errors <= factor * np.prod(shown**powers, axis=1)) for shown, errors in both
+        ]
         assert min(inside) == pytest.approx(0.9, abs=0.01)

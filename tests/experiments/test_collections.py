@@ -31,14 +31,18 @@ def chiral_crown(rng):
     shape = crown(num_vertices=700)
     x, y, z = (shape.vertices * [1.5, 1.0, 1.0]).T
     angle = 0.6 * z
-    twisted = np.column_stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z])
+    twisted = np.column_stack(
+        [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z]
+    )
     return deformed_family(Shape.from_arrays(twisted, shape.faces, name="T"), 1, rng, rms=0.03)[0]
 
 
 def write_teeth(folder):
     """Two genera of four crowns each, in random poses, some mirrored, in the layout of the teeth."""
     rng = np.random.default_rng(3)
-    members = [shape for _ in range(2) for shape in deformed_family(chiral_crown(rng), 4, rng, rms=0.003)]
+    members = [
+        shape for _ in range(2) for shape in deformed_family(chiral_crown(rng), 4, rng, rms=0.003)
+    ]
     lines = ["name,file,order,family,genus,chirality_from_landmarks"]
     marks = []
     for i, (shape, side) in enumerate(zip(members, SIDES.tolist(), strict=True)):
@@ -50,7 +54,10 @@ def write_teeth(folder):
     (folder / "labels.csv").write_text("\n".join(lines), "utf-8")
     names = [f"T{i}" for i in range(8)]
     np.savez(
-        folder / "landmarks_mesh_coords.npz", names=names, landmarks=marks, nearest_vertex=np.tile(MARKS, (8, 1))
+        folder / "landmarks_mesh_coords.npz",
+        names=names,
+        landmarks=marks,
+        nearest_vertex=np.tile(MARKS, (8, 1)),
     )
 
 
@@ -89,13 +96,20 @@ def test_quick_run_writes_tables_and_pictures(name, layouts, tmp_path):
 
 def test_alignment_record_knows_the_errors_before_and_after(layouts):
     sizes = {"shapes": 4, "subsets": 1, "subset_size": 4, "points": 20, "seed": 2}
-    settings = {"collection": "glasses", "way": "toolkit", "embedding": "xyz+invariants", "pairs": "all"} | sizes
+    settings = {
+        "collection": "glasses",
+        "way": "toolkit",
+        "embedding": "xyz+invariants",
+        "pairs": "all",
+    } | sizes
     record = aligning.measure_alignment(cell(layouts, **settings))
     assert record["matched"] == 6 == len(record["own_deg"]) == len(record["pair_deg"])
     assert record["group"] == "SO"
     assert record["mirrored"] == record["unnoticed"] == 0
     assert record["within_20"] == 4
-    assert (np.nan_to_num(record["candidate_deg"], nan=180) <= np.nan_to_num(record["own_deg"], nan=180)).all()
+    assert (
+        np.nan_to_num(record["candidate_deg"], nan=180) <= np.nan_to_num(record["own_deg"], nan=180)
+    ).all()
     assert record["subsets"] == [1.0]
     assert decode(encode(record), "record")["matched"] == 6
 
@@ -123,13 +137,22 @@ def test_distances_vanish_for_the_same_surface_only(rng):
     points = rng.standard_normal((60, 3))
     points = (points - points.mean(axis=0)) / np.linalg.norm(points - points.mean(axis=0))
     turn = random_rotation(rng)
-    one, same = DensePoints.from_user(points), DensePoints.from_user(points[rng.permutation(60)] @ turn)
-    assert tooth_distances.one_to_one_distance(one.points, same.points @ turn.T) == pytest.approx(0, abs=1e-6)
+    one, same = (
+        DensePoints.from_user(points),
+        DensePoints.from_user(points[rng.permutation(60)] @ turn),
+    )
+    assert tooth_distances.one_to_one_distance(one.points, same.points @ turn.T) == pytest.approx(
+        0, abs=1e-6
+    )
     assert refined_distance(one, same, turn)[0] == pytest.approx(0, abs=1e-9)
     bent = points * [1.4, 1.0, 0.8]
-    other = DensePoints.from_user((bent - bent.mean(axis=0)) / np.linalg.norm(bent - bent.mean(axis=0)))
+    other = DensePoints.from_user(
+        (bent - bent.mean(axis=0)) / np.linalg.norm(bent - bent.mean(axis=0))
+    )
     one_to_one = tooth_distances.one_to_one_distance(one.points, other.points)
-    assert one_to_one == pytest.approx(tooth_distances.one_to_one_distance(other.points, one.points))
+    assert one_to_one == pytest.approx(
+        tooth_distances.one_to_one_distance(other.points, one.points)
+    )
     there, back = (refined_distance(*pair, np.eye(3))[0] for pair in ((one, other), (other, one)))
     assert there == pytest.approx(back, rel=0.02)
     assert min(one_to_one, there) > 0.05
@@ -140,13 +163,18 @@ def test_teeth_are_classified_from_their_meshes(layouts):
     assert poses["mirrored"] == poses["gross"] == 0
     assert (np.sign(np.linalg.det(poses["rotations"])) * SIDES == SIDES[0]).all()
     common = {"rows": [0, 8], "points": 40}
-    fixed = tooth_distances.measure_at_poses(cell(layouts, poses=poses["rotations"].tolist(), near=3))
+    fixed = tooth_distances.measure_at_poses(
+        cell(layouts, poses=poses["rotations"].tolist(), near=3)
+    )
     assert np.isnan(fixed["posed"]).any()
     assert np.isfinite(np.sort(fixed["posed"], axis=1)[:, :3]).all()
     alone = tooth_distances.measure_pairs(cell(layouts, **common, signs=SIDES.tolist(), coarse=24))
     assert np.nanmedian(alone["error_deg"]) < 5
     marks = tooth_distances.measure_landmarks(cell(layouts, landmarks=18))
-    labels = {level: classification.counted_labels(marks["labels"][level]) for level in classification.LEVELS}
+    labels = {
+        level: classification.counted_labels(marks["labels"][level])
+        for level in classification.LEVELS
+    }
     matrices = [
         marks["distances"],
         fixed["closest"],

@@ -34,7 +34,12 @@ def test_teeth_layout(tmp_path, registered, rng):
         rows.append(f"{name},{name}_sas.off,Primates,F{i},NA,{(-1) ** i}")
     (tmp_path / "labels.csv").write_text("\n".join(rows) + "\n")
     nearest = np.tile(np.arange(18), (3, 1))
-    np.savez(tmp_path / "landmarks_mesh_coords.npz", names=names[::-1], landmarks=marks[::-1], nearest_vertex=nearest)
+    np.savez(
+        tmp_path / "landmarks_mesh_coords.npz",
+        names=names[::-1],
+        landmarks=marks[::-1],
+        nearest_vertex=nearest,
+    )
     teeth = datasets.read_teeth(tmp_path)
     assert teeth.names == ("B1", "A2", "C3")
     np.testing.assert_array_equal(teeth.landmarks, marks[:, :16])
@@ -81,7 +86,9 @@ def test_range_scan_layout(tmp_path, registered, rng):
     assert scans.names == ("scan0", "scan1", "scan2")
     for i, shape in enumerate(registered):
         placed = shape.vertices @ scans.rotations[i].T + scans.translations[i]
-        np.testing.assert_allclose(placed, quaternion_pose(shape, quaternions[i], shifts[i]), atol=1e-9)
+        np.testing.assert_allclose(
+            placed, quaternion_pose(shape, quaternions[i], shifts[i]), atol=1e-9
+        )
     np.testing.assert_allclose(scans.rotation(0, 1), scans.rotations[0].T @ scans.rotations[1])
 
 
@@ -92,7 +99,11 @@ def test_landmark_archive_layout(tmp_path, rng):
     assert len(found) == 4
     assert not found.shape("c").is_mesh
     turn = random_rotation(rng)
-    np.savez(tmp_path / "marks.npz", landmarks=np.stack([points[0], points[0] @ turn.T]), names=["a", "b"])
+    np.savez(
+        tmp_path / "marks.npz",
+        landmarks=np.stack([points[0], points[0] @ turn.T]),
+        names=["a", "b"],
+    )
     pair = datasets.read_landmark_archive(tmp_path / "marks.npz")
     assert rotation_angle_deg(pair.rotation(1, 0), turn) < 1e-9
 
@@ -105,6 +116,8 @@ def test_public_collections_agree_with_their_ground_truth(shared_data):
         assert len(dataset) == count
         shape = dataset.shape(5)
         gap = shape.vertices[dataset.landmark_vertices[5]] - dataset.landmarks[5]
-        assert np.linalg.norm(gap, axis=1).max() < tolerance * np.linalg.norm(np.ptp(shape.vertices, axis=0))
+        assert np.linalg.norm(gap, axis=1).max() < tolerance * np.linalg.norm(
+            np.ptp(shape.vertices, axis=0)
+        )
     signs = [np.linalg.det(teeth.rotation(0, j, group="O")) for j in range(116)]
     np.testing.assert_array_equal(np.sign(signs), teeth.chirality[0] * teeth.chirality)

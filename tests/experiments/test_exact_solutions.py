@@ -21,12 +21,17 @@ def group_of(known):
 
 @pytest.mark.parametrize("known", EXACT, ids=lambda known: known.name)
 def test_all_exact_solutions_are_found(known):
-    found = exact_solutions(known.problem.target, known.problem.source, group=group_of(known), patience=6)
+    found = exact_solutions(
+        known.problem.target, known.problem.source, group=group_of(known), patience=6
+    )
     assert found.status is Status.CONVERGED
     assert len(found.solutions) == known.num_solutions
     assert found.is_group
     for pose in found.solutions:
-        assert check_pose(known.problem, pose.R_target_source, pose.map_target_source, pose.energy) == []
+        assert (
+            check_pose(known.problem, pose.R_target_source, pose.map_target_source, pose.energy)
+            == []
+        )
         assert pose.energy < 1e-12
 
 

@@ -25,10 +25,25 @@ def test_rows_of_collections_count_what_is_cut_apart_from_what_is_whole():
         "processor_s": 3.0,
     }
     row = cut_row(settings, record)
-    assert (row["named"], row["wrongly"], row["right"], row["whole"], row["without"]) == (1, 1, 1, 1, 2)
-    assert (row["worst"], row["noticed"], row["same"], row["way"]) == (90.0, "1 of 2", "no", "looked for")
+    assert (row["named"], row["wrongly"], row["right"], row["whole"], row["without"]) == (
+        1,
+        1,
+        1,
+        1,
+        2,
+    )
+    assert (row["worst"], row["noticed"], row["same"], row["way"]) == (
+        90.0,
+        "1 of 2",
+        "no",
+        "looked for",
+    )
     complete = complete_row(settings, {"same": True, "named": [], "auto_s": 2.2, "never_s": 2.0})
-    assert (complete["same"], complete["named"], complete["ratio"]) == ("yes", 0, pytest.approx(1.1))
+    assert (complete["same"], complete["named"], complete["ratio"]) == (
+        "yes",
+        0,
+        pytest.approx(1.1),
+    )
 
 
 def test_a_quarter_is_cut_off_on_one_side(rng):

@@ -83,17 +83,23 @@ def test_resumed_files_are_those_of_a_fresh_run(bench, tmp_path):
     assert page.endswith("Not measured yet: `missing`.\n")
     details = tmp_path / "fresh" / "results" / "squares.md"
     assert "| cell 3 | 9.0 |  |" in details.read_text("utf-8")
-    assert (details.parent / re.search(r"!\[a line\]\((.*?)\)", details.read_text("utf-8"))[1]).is_file()
+    assert (
+        details.parent / re.search(r"!\[a line\]\((.*?)\)", details.read_text("utf-8"))[1]
+    ).is_file()
 
 
 def test_tables_show_what_was_not_measured_and_what_is_impossible():
-    shown = table({"name": "a|b", "share": None, "seconds": 1.5}, {"name": "c", "share": math.nan}).to_markdown()
+    shown = table(
+        {"name": "a|b", "share": None, "seconds": 1.5}, {"name": "c", "share": math.nan}
+    ).to_markdown()
     assert "| a\\|b |  | 1.50 |" in shown
     assert "| c | – |  |" in shown
 
 
 def test_differences_see_a_wrong_value_but_no_clock():
-    text = table({"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}).to_csv()
+    text = table(
+        {"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}
+    ).to_csv()
     assert differences(table({"name": "a", "share": 50.0 + 1e-9, "seconds": 7.0}), text) == []
     assert differences(table({"name": "b", "share": math.nan}), text) == []
     assert differences(table({"name": "a", "share": 50.1}), text)
@@ -111,7 +117,13 @@ def test_every_experiment_loads_and_says_what_it_is(name):
 
 
 def test_the_command_writes_a_part_of_the_committed_results_again(tmp_path):
-    assert app(["theorem3", "--quick", "--quiet", "--jobs", "1", "--out", str(tmp_path)], exit_on_error=False) == 0
+    assert (
+        app(
+            ["theorem3", "--quick", "--quiet", "--jobs", "1", "--out", str(tmp_path)],
+            exit_on_error=False,
+        )
+        == 0
+    )
     page = (tmp_path / "RESULTS.md").read_text("utf-8")
     assert "](results/theorem3.md) | `python -m experiments theorem3` |" in page
     assert "Not measured yet: `figure3`" in page
@@ -135,12 +147,19 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
 def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
     assert write_headlines(tmp_path) == ""
     (tmp_path / "maps.md").write_text("## Maps\n")
-    (tmp_path / "maps.csv").write_text("set,method,pairs,direct\nscape,slow,6,0.5\nscape,collalign,6,0.0164\n")
+    (tmp_path / "maps.csv").write_text(
+        "set,method,pairs,direct\nscape,slow,6,0.5\nscape,collalign,6,0.0164\n"
+    )
     (tmp_path / "capod.md").write_text("## CAPOD\n")
     rows = "all classes,collalign,21,2.04\nall classes,Open3D pairs + spectral,21,9.96\n"
     (tmp_path / "capod.csv").write_text("class,tool,draws,gross\n" + rows)
     found = write_headlines(tmp_path).splitlines()
-    lines = {name: line for name in ("maps", "capod") for line in found if f"[{name}](results/{name}.md)" in line}
+    lines = {
+        name: line
+        for name in ("maps", "capod")
+        for line in found
+        if f"[{name}](results/{name}.md)" in line
+    }
     assert "mean error 0.016 of" in lines["maps"]
     assert "2.0 % of the pairs" in lines["capod"]
     assert "| 10.0 for Open3D's pairs" in lines["capod"]
@@ -158,7 +177,11 @@ def test_what_can_be_measured_has_been(name, shared_data):
 
 
 def test_pages_say_on_which_of_their_collections_constants_were_chosen():
-    named = {name for name in NAMES if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen}
+    named = {
+        name
+        for name in NAMES
+        if (ROOT / "results" / f"{name}.md").is_file() and load_experiment(name).seen
+    }
     assert {"capod", "figure13", "maps", "teeth_jobs"} <= named
     for name in named:
         section = (ROOT / "results" / f"{name}.md").read_text("utf-8")

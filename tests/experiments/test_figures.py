@@ -45,9 +45,13 @@ def collections(tmp_path_factory, bodies):
 def write_scape(folder, bodies):
     folder.mkdir()
     names = [f"mesh{i:03d}" for i in range(len(bodies))]
-    vertices, faces = (np.stack([getattr(body, key) for body in bodies]) for key in ("vertices", "faces"))
+    vertices, faces = (
+        np.stack([getattr(body, key) for body in bodies]) for key in ("vertices", "faces")
+    )
     np.savez(folder / "all.npz", vertices=vertices, faces=faces, names=names)
-    (folder / "Corr_Scape.query").write_text("SCAPE\n1\n0\nSCAPE\n1\n2\nSCAPE\n1\n1\nSCAPE\n1\n71\n")
+    (folder / "Corr_Scape.query").write_text(
+        "SCAPE\n1\n0\nSCAPE\n1\n2\nSCAPE\n1\n1\nSCAPE\n1\n71\n"
+    )
     (folder / "bim2011_published_errors.csv").write_text(
         "set,method,source,target,average_geodesic_error,fraction_guessed\n"
         "SCAPE,BlendedMap,mesh000,mesh002,0.08,1\nSCAPE,BlendedMap,mesh001,mesh071,0.7,1\n"
@@ -59,14 +63,17 @@ def write_shrec_class(folder, shapes, marks):
     (folder / "landmarks").mkdir(parents=True)
     for name, shape in shapes.items():
         write_mesh(folder / "meshes" / f"{name}.off", shape)
-        rows = [f"{v} {x} {y} {z}" for v, (x, y, z) in zip(marks, shape.vertices[marks], strict=True)]
+        rows = [
+            f"{v} {x} {y} {z}" for v, (x, y, z) in zip(marks, shape.vertices[marks], strict=True)
+        ]
         (folder / "landmarks" / f"{name}.vts").write_text("\n".join(rows))
 
 
 @pytest.fixture
 def bench(collections, monkeypatch):
     monkeypatch.setattr(
-        "experiments.maps.maps.QUICK_SURFACE", {"num_functions": 36, "num_samples": 50, "num_dense": 150}
+        "experiments.maps.maps.QUICK_SURFACE",
+        {"num_functions": 36, "num_samples": 50, "num_dense": 150},
     )
     return Bench(data=collections, store=Store.memory(), quick=True, quiet=True)
 
@@ -89,7 +96,9 @@ def test_figure5(bench, tmp_path, monkeypatch):
     exact = [row for row in histograms if row["sigma"] == 0]
     assert max(max(row["least"], row["pm_sdp"]) for row in exact) < 1e-9
     assert [row["dim"] for row in runs] == [3, 3, 5, 5]
-    assert len(bench.store.keys("measurements")) == len(histograms) + sum(row["runs"] for row in runs)
+    assert len(bench.store.keys("measurements")) == len(histograms) + sum(
+        row["runs"] for row in runs
+    )
     assert all(f"{row['reached']:.0f} % of {row['runs']} runs" in outcome.text for row in runs)
     reused = bench.num_reused
     rows_of(bench, "figure5", tmp_path)
@@ -102,13 +111,18 @@ def test_figure14(bench, tmp_path, monkeypatch):
     assert [row["panel"] for row in rows] == ["a", "b", "c"]
     assert all(row["difference"] < 2 * figure14.TOL for row in rows if row["panel"] == "c")
     settings = {"panel": "c", "seed": 0, "limit_s": 1e-6}
-    stopped = figure14.measure_full_sizes(bench, {"4": {**settings, "size": 4}, "5": {**settings, "size": 5}})
+    stopped = figure14.measure_full_sizes(
+        bench, {"4": {**settings, "size": 4}, "5": {**settings, "size": 5}}
+    )
     assert list(stopped) == ["4"]
     (row,) = figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: stopped["4"]})
     assert str(row["full"]).startswith("stopped at ")
     assert row.get("difference") is None
     done = {"seconds": 9.0, "value": 3.0, "status": Status.CONVERGED.name}
-    assert figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: done})[0]["difference"] == 0.5
+    assert (
+        figure14.rows_of("c", {4: {"seconds": 1.0, "value": 2.0}}, {4: done})[0]["difference"]
+        == 0.5
+    )
 
 
 def test_true_ranks_count_what_is_nearer():
@@ -147,13 +161,22 @@ def test_points_of_cats_are_landmarks_of_dogs(tmp_path, bodies):
     folder.mkdir()
     for name, shape, num in (("cat", bodies[0], 3), ("dog", dog, 2)):
         names = [f"{name}{i}" for i in range(num)]
-        np.savez(folder / f"{name}.npz", names=names, vertices=np.stack([shape.vertices] * num), faces=shape.faces)
-    triangles = np.array([np.flatnonzero((dog.faces == v).any(axis=1))[0] for v in np.argsort(order)])
+        np.savez(
+            folder / f"{name}.npz",
+            names=names,
+            vertices=np.stack([shape.vertices] * num),
+            faces=shape.faces,
+        )
+    triangles = np.array(
+        [np.flatnonzero((dog.faces == v).any(axis=1))[0] for v in np.argsort(order)]
+    )
     corners = (dog.faces[triangles] == np.argsort(order)[:, None]).astype(float)
     np.savez(folder / "cat_to_dog.npz", triangle=triangles, barycentric=corners)
     maps = map_sets.read_map_set(tmp_path, map_sets.ANIMALS)
     assert maps.pairs == (("dog0", "cat0"), ("cat1", "dog1"))
-    on_cat, on_dog = (maps.data.shape(name).vertices[maps.landmarks(name)] for name in ("cat1", "dog1"))
+    on_cat, on_dog = (
+        maps.data.shape(name).vertices[maps.landmarks(name)] for name in ("cat1", "dog1")
+    )
     assert len(on_cat) == map_sets.NUM_ANIMAL_POINTS
     np.testing.assert_array_equal(on_cat, on_dog)
 
@@ -165,14 +188,19 @@ def test_maps_of_registered_bodies_and_of_a_class(bench, tmp_path):
         assert ours["direct"] < 0.05
         assert ours["pairs"] == rows[name, "the paper's fast chain"]["pairs"] == 1
         assert rows[name, "the paper's fast chain"]["ours"] == ours["direct"]
-    assert [row["direct"] for (name, _), row in rows.items() if row["origin"] == "published"] == [0.08, 0.9]
+    assert [row["direct"] for (name, _), row in rows.items() if row["origin"] == "published"] == [
+        0.08,
+        0.9,
+    ]
 
 
 @pytest.mark.parametrize("num", [0, 5])
 def test_pyfm_maps_a_body_with_and_without_landmarks(num, collections):
     pytest.importorskip("pyFM")
     settings = {"set": "scape", "target": "mesh002", "source": "mesh000", "points": 30}
-    images, seconds = map_cells._zoomout(Cell(data=collections, settings=settings), num_landmarks=num)
+    images, seconds = map_cells._zoomout(
+        Cell(data=collections, settings=settings), num_landmarks=num
+    )
     maps = map_sets.read_map_set(collections, "scape")
     assert map_cells.error_measure(maps, settings, None)(images).accepting_flips.mean() < 0.5
     assert seconds > 0

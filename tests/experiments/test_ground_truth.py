@@ -14,14 +14,18 @@ def test_landmarks_give_back_the_planted_rotation(rng):
         truth = random_rotation(rng, group=group)
         target = 3.0 * source @ truth.T + [1, 2, 3]
         target[2] = np.nan
-        np.testing.assert_allclose(landmark_rotation(target, source, group=group), truth, atol=1e-12)
+        np.testing.assert_allclose(
+            landmark_rotation(target, source, group=group), truth, atol=1e-12
+        )
 
 
 def test_mirrored_landmarks_differ_by_group(rng):
     source = rng.standard_normal((8, 3))
     target = source * [-1, 1, 1]
     assert np.linalg.det(landmark_rotation(target, source)) == pytest.approx(1)
-    np.testing.assert_allclose(landmark_rotation(target, source, group="O"), np.diag([-1.0, 1, 1]), atol=1e-12)
+    np.testing.assert_allclose(
+        landmark_rotation(target, source, group="O"), np.diag([-1.0, 1, 1]), atol=1e-12
+    )
 
 
 def test_vertex_indices(tmp_path):

@@ -11,7 +11,9 @@ from experiments.peers.warps import WARPS
 
 def test_rows_count_coverage_ranks_and_gain():
     errors, radii = np.array([[1.0, 2.0], [3.0, np.nan]]), np.array([[2.0, 3.0], [2.5, np.nan]])
-    (row,) = template_rows("teeth", 7, {"carried 7": errors, "radii 7": radii, "closest 7": np.full((2, 2), 4.0)})
+    (row,) = template_rows(
+        "teeth", 7, {"carried 7": errors, "radii 7": radii, "closest 7": np.full((2, 2), 4.0)}
+    )
     assert row["answered"] == 75
     assert row["gain"] == 50
     assert np.isclose(float(str(row["covered"])), 200 / 3)

@@ -20,9 +20,15 @@ SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 def test_the_chain_runs_to_the_end(is_fast):
     rng, shape = np.random.default_rng(3), figure()
     posed = bent(shape, rng, angle=0.6)
-    source, truth = shuffled(Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng)
-    chain = PaperChain(is_fast=is_fast, num_source=20, bandwidth=1, time_limit_s=4.0, num_candidates=2)
-    match, status = match_by_paper(prepare_surface(shape, SMALL), prepare_surface(source, SMALL), chain)
+    source, truth = shuffled(
+        Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng
+    )
+    chain = PaperChain(
+        is_fast=is_fast, num_source=20, bandwidth=1, time_limit_s=4.0, num_candidates=2
+    )
+    match, status = match_by_paper(
+        prepare_surface(shape, SMALL), prepare_surface(source, SMALL), chain
+    )
     assert status in (Status.CONVERGED, Status.TIME_LIMIT, Status.STALLED)
     assert match.candidates[0].origin == ("fast" if is_fast else "paper")
     assert match.functional_map.shape == (31, 31)

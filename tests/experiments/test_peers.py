@@ -48,7 +48,10 @@ def matched(rotations, rng):
     edges = np.array(list(itertools.combinations(range(len(rotations)), 2)))
     transforms = np.linalg.inv(poses[edges[:, 0]]) @ poses[edges[:, 1]]
     return MatchedPairs(
-        num_shapes=len(rotations), edges=edges, transforms=transforms, information=(1000.0 * np.eye(6),) * len(edges)
+        num_shapes=len(rotations),
+        edges=edges,
+        transforms=transforms,
+        information=(1000.0 * np.eye(6),) * len(edges),
     )
 
 
@@ -87,7 +90,9 @@ def test_principal_axes_find_the_rotation_and_the_mirror_image(rng):
         source = (target @ turn)[rng.permutation(60)]
         starts = axis_starts(target, source, group=group)
         assert len(starts) == (4 if group == "SO" else 8)
-        rotation, distance = min((closest_points(target, source, start) for start in starts), key=lambda p: p[1])
+        rotation, distance = min(
+            (closest_points(target, source, start) for start in starts), key=lambda p: p[1]
+        )
         np.testing.assert_allclose(rotation, turn, atol=1e-9)
         assert distance < 1e-9
     wrong, distance = closest_points(target, source, starts[np.linalg.det(starts) > 0][0])
@@ -118,10 +123,15 @@ def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng):
     true = np.stack([random_rotation(rng) for _ in range(6)])
     pairs = matched(true, rng)
     assert worst_deg(open3d_pose_graph(pairs), true) < 1e-4
-    for edge, is_right in ((3, True), (0, False)):  # shapes 0 and 4; shapes 0 and 1, a link of the chain
+    for edge, is_right in (
+        (3, True),
+        (0, False),
+    ):  # shapes 0 and 4; shapes 0 and 1, a link of the chain
         transforms = pairs.transforms.copy()
         transforms[edge, :3, :3] = transforms[edge, :3, :3] @ np.diag([1.0, -1.0, -1.0])
-        assert (worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1) == is_right
+        assert (
+            worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1
+        ) == is_right
 
 
 @pytest.mark.parametrize(("pairs", "package"), [(open3d_pairs, "open3d"), (drift_pairs, "rustcpd")])
@@ -141,7 +151,10 @@ def write_canonical_class(folder, shapes):
     for i, shape in enumerate(shapes):
         pose = np.eye(4)
         pose[:3, :3] = turn if i == 1 else np.eye(3)
-        write_mesh(folder / "meshes" / f"m{i}.ply", replace(shape, vertices=shape.vertices @ pose[:3, :3].T))
+        write_mesh(
+            folder / "meshes" / f"m{i}.ply",
+            replace(shape, vertices=shape.vertices @ pose[:3, :3].T),
+        )
         rows.append({"name": f"m{i}", "file": f"m{i}.ply", "pose_common_to_file": pose.tolist()})
     (folder / "truth.json").write_text(json.dumps({"shapes": rows}))
 
@@ -182,7 +195,12 @@ def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
     assert ours["pairs"] == axes["pairs"] == 6
     assert ours["gross"] == ours["sure_wrong"] == 0
     assert "stated" not in axes
-    record = {"errors": np.array([5.0, 40.0, 180.0]), "processor_s": 1.0, "stated": 0.5, "sure_wrong": 1}
+    record = {
+        "errors": np.array([5.0, 40.0, 180.0]),
+        "processor_s": 1.0,
+        "stated": 0.5,
+        "sure_wrong": 1,
+    }
     row = capod.row_of("gun", "collalign", [record, record])
     assert (row["pairs"], row["sure_wrong"]) == (6, 2)
     assert row["gross"] == pytest.approx(200 / 3)
@@ -200,7 +218,10 @@ def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path):
 @pytest.mark.data
 def test_a_job_of_three_teeth_has_no_gross_pair(shared_data):
     record = teeth_jobs.measure_job(
-        Cell(data=shared_data, settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1, "tool": "collalign"})
+        Cell(
+            data=shared_data,
+            settings={"num": 3, "one_side": True, "seed": 0, "jobs": 1, "tool": "collalign"},
+        )
     )
     assert record["gross"] == record["mirrored"] == 0
     assert 1 < record["landmarks_deg"] < 10

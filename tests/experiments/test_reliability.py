@@ -44,7 +44,9 @@ def record_of(slope, num=400):
     """Return a record whose votes say the truth if the slope is positive, and its contrary if it is negative."""
     rng = np.random.default_rng(5)
     evidence = np.full((num, len(KINDS)), 0.5)
-    evidence[:, KINDS.index("votes")] = evidence[:, KINDS.index("collection votes")] = rng.random(num)
+    evidence[:, KINDS.index("votes")] = evidence[:, KINDS.index("collection votes")] = rng.random(
+        num
+    )
     right = rng.random(num) < 1.0 / (1.0 + np.exp(-slope * (evidence[:, 0] - 0.5)))
     return {
         "evidence": evidence,
@@ -60,8 +62,12 @@ def test_a_collection_is_judged_by_the_others_alone():
     records = {"teeth": record_of(9.0), "ant": record_of(9.0), "fish": record_of(-9.0)}
     judged = stated_by_held_out_weights(records)
     votes = records["fish"]["evidence"][:, 0]
-    assert np.corrcoef(judged["fish"]["stated"], votes)[0, 1] > 0.9  # what teeth and ants say, which is wrong here
-    assert auc_within(judged["fish"]["stated"], records["fish"]["right"], records["fish"]["run"]) < 0.3
+    assert (
+        np.corrcoef(judged["fish"]["stated"], votes)[0, 1] > 0.9
+    )  # what teeth and ants say, which is wrong here
+    assert (
+        auc_within(judged["fish"]["stated"], records["fish"]["right"], records["fish"]["run"]) < 0.3
+    )
 
 
 def test_limits_of_a_confidence_stay_when_others_judge():
@@ -88,5 +94,10 @@ def test_sizes_tell_what_few_shapes_state_and_how_they_are_wrong():
     record["error_deg"][4], record["right"][4] = MIRRORED_DEG, False
     two, three, more = by_size({"teeth": record})
     assert [row["size"] for row in (two, three, more)] == ["2", "3", "7 to 12"]
-    assert (two["wrong_pose"], two["wrong_side"], three["wrong_pose"], three["wrong_side"]) == (1, 0, 0, 1)
+    assert (two["wrong_pose"], two["wrong_side"], three["wrong_pose"], three["wrong_side"]) == (
+        1,
+        0,
+        0,
+        1,
+    )
     assert more["right"] == more["usable"] == 100.0

@@ -28,7 +28,9 @@ def write_scans(folder):
         write_mesh(folder / f"{name}.ply", Shape.from_arrays(whole.vertices[kept] @ turn))
         half = np.trace(turn) + 1.0
         w = 0.5 * np.sqrt(half)
-        x, y, z = (np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])) / (4.0 * w)
+        x, y, z = (
+            np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        ) / (4.0 * w)
         lines.append(f"bmesh {name}.ply 0 0 0 {-x} {-y} {-z} {w}")
     (folder / "scans.conf").write_text("\n".join(lines), "utf-8")
 
@@ -57,7 +59,9 @@ def test_views_are_apart_by_their_angle(layouts):
     assert found.apart[0, 1] == found.apart[0, 14] == 0
     assert found.apart[0, 4] == 3
     assert found.apart[0, 5] == found.apart[0, 0] == -1
-    assert (found.apart[np.triu_indices(scans.NUM_VIEWS, 1)] >= 0).sum() == scans.NUM_VIEWS * len(scans.GAPS)
+    assert (found.apart[np.triu_indices(scans.NUM_VIEWS, 1)] >= 0).sum() == scans.NUM_VIEWS * len(
+        scans.GAPS
+    )
 
 
 def test_pairs_count_within_sixteen_degrees():
@@ -73,7 +77,9 @@ def test_pairs_count_within_sixteen_degrees():
 
 def test_the_quick_run_measures_views_of_a_generated_object(layouts, monkeypatch):
     pytest.importorskip("rustcpd")
-    monkeypatch.setattr(scans, "MATCHERS", {"principal axes + CPD": scans.MATCHERS["principal axes + CPD"]})
+    monkeypatch.setattr(
+        scans, "MATCHERS", {"principal axes + CPD": scans.MATCHERS["principal axes + CPD"]}
+    )
     bench = Bench(data=layouts, store=Store.memory(), quick=True, quiet=True)
     pairs, joined = scans.EXPERIMENT.measure(bench).tables
     assert [row["tool"] for row in pairs.rows] == ["collalign", "principal axes + CPD"]

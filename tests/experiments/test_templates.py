@@ -9,7 +9,9 @@ from experiments.collections.templates import of_others, products, row_of, rv_co
 def test_poses_sizes_and_more_points_of_the_same_shapes_change_nothing():
     rng = np.random.default_rng(0)
     shapes = rng.standard_normal((30, 3)) + 0.1 * rng.standard_normal((8, 30, 3))
-    turned = np.array([rng.uniform(1, 3) * shape @ random_rotation(rng).T + rng.random(3) for shape in shapes])
+    turned = np.array(
+        [rng.uniform(1, 3) * shape @ random_rotation(rng).T + rng.random(3) for shape in shapes]
+    )
     one, two = products(shapes), products(turned)
     assert np.isclose(rv_coefficient(one, two), 1)
     twice = products(np.concatenate([shapes, shapes], axis=1))
@@ -33,7 +35,13 @@ def test_a_template_is_not_judged_on_itself():
     rng = np.random.default_rng(2)
     shapes = rng.standard_normal((30, 3)) + 0.1 * rng.standard_normal((3, 30, 3))
     gram, other = products(shapes), products(shapes[[0, 2, 1]])
-    record = {"products": [gram, gram, other], "landmarks": gram, "errors": errors, "dropped": 1, "processor_s": 2.0}
+    record = {
+        "products": [gram, gram, other],
+        "landmarks": gram,
+        "errors": errors,
+        "dropped": 1,
+        "processor_s": 2.0,
+    }
     row = row_of(record)
     assert np.isclose(row["rv"], (1 + 2 * rv_coefficient(gram, other)) / 3)
     assert np.isclose(row["worst_rv"], rv_coefficient(gram, other))

@@ -43,7 +43,9 @@ def honest_result(folder):
     write_collection(folder / "meshes", chairs(3))
     sampling = SamplingOptions(num_points=8, num_dense_points=50)
     options, run = AlignOptions(sampling=sampling, certify=True, group="SO"), RunOptions(jobs=1)
-    collalign.align_collection(folder / "meshes", options=options, run=run, progress=False).save(out, report=False)
+    collalign.align_collection(folder / "meshes", options=options, run=run, progress=False).save(
+        out, report=False
+    )
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         main(["certify", str(out), "--jobs", "1"])
     return out
@@ -87,13 +89,17 @@ def false_claim(folder, found):
     names = [shape["name"] for shape in record["shapes"]]
     linear = np.array([shape["transform"] for shape in record["shapes"]], dtype=float)[:, :3, :3]
     placed = np.load(folder / "correspondences.npz")["positions"]
-    own = np.stack([(p - p.mean(axis=0)) @ np.linalg.inv(m).T for p, m in zip(placed, linear, strict=True)])
+    own = np.stack(
+        [(p - p.mean(axis=0)) @ np.linalg.inv(m).T for p, m in zip(placed, linear, strict=True)]
+    )
     own /= np.linalg.norm(own, axis=(1, 2))[:, None, None]
     frames = linear / np.cbrt(np.abs(np.linalg.det(linear)))[:, None, None]
 
     def energy(target, source, invariants):
         pair = invariants[target], invariants[source]
-        problem = Problem.from_user(own[target], own[source], group=record["decided"]["group"], invariants=pair)
+        problem = Problem.from_user(
+            own[target], own[source], group=record["decided"]["group"], invariants=pair
+        )
         rotation = (frames[target].T @ frames[source])[None]
         return float(energies_of(problem, rotation, MatchingCosts(problem).assign(rotation))[0])
 
@@ -117,18 +123,28 @@ def false_claim(folder, found):
 def forge(folder, rng):
     """Change one thing in a folder and return what was done."""
     change = drawn((_arrays, _arrays, _moved, _moved, _text, _file), rng)
-    with np.errstate(all="ignore"), suppress(*NOT_FOR_THIS_TYPE, OSError, KeyError, EOFError, zipfile.BadZipFile):
+    with (
+        np.errstate(all="ignore"),
+        suppress(*NOT_FOR_THIS_TYPE, OSError, KeyError, EOFError, zipfile.BadZipFile),
+    ):
         change(folder, rng)
     return change.__name__.strip("_")
 
 
 def _regular(folder, names):
     """Those files that an earlier change has left as files."""
-    return [folder / name for name in names if (folder / name).is_file() and not (folder / name).is_symlink()]
+    return [
+        folder / name
+        for name in names
+        if (folder / name).is_file() and not (folder / name).is_symlink()
+    ]
 
 
 def _archives(folder):
-    return _regular(folder, [*ARCHIVES, *sorted(f"certificates/{i}-{j}.npz" for i in range(3) for j in range(3))])
+    return _regular(
+        folder,
+        [*ARCHIVES, *sorted(f"certificates/{i}-{j}.npz" for i in range(3) for j in range(3))],
+    )
 
 
 def _arrays(folder, rng):
@@ -142,7 +158,11 @@ def _arrays(folder, rng):
 def _moved(folder, rng):
     """Scale, shift, turn or mirror the samples of one shape or all, in one archive or in all that hold them."""
     kind, shape = drawn(("scale", "shift", "turn", "mirror", "swap"), rng), int(rng.integers(4))
-    factor, turn, shift = np.exp(rng.normal()), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+    factor, turn, shift = (
+        np.exp(rng.normal()),
+        Rotation.random(random_state=rng).as_matrix(),
+        rng.normal(size=3),
+    )
     files = _regular(folder, ARCHIVES)
     for file in files if rng.random() < 0.5 else [drawn(files, rng)]:
         with np.load(file) as archive:
@@ -152,8 +172,15 @@ def _moved(folder, rng):
         if kind == "swap":
             points[some] = points[some][:, rng.permutation(points.shape[1])]
         else:
-            change = {"scale": factor * np.eye(3), "turn": turn, "mirror": -np.eye(3), "shift": np.eye(3)}[kind]
-            points[some, :, :3] = points[some, :, :3] @ change.T + (shift if kind == "shift" else 0.0)
+            change = {
+                "scale": factor * np.eye(3),
+                "turn": turn,
+                "mirror": -np.eye(3),
+                "shift": np.eye(3),
+            }[kind]
+            points[some, :, :3] = points[some, :, :3] @ change.T + (
+                shift if kind == "shift" else 0.0
+            )
         np.savez(file, **arrays)
 
 
@@ -164,13 +191,17 @@ def _text(folder, rng):
     at, other = (int(k) for k in rng.integers(len(lines), size=2))
     kind = drawn(("twice", "gone", "number", "number", "number", "exchanged"), rng)
     if kind == "number":
-        numbers = [i for i, c in enumerate(lines[at]) if c.isdigit() and not lines[at][i - 1].isalnum()]
+        numbers = [
+            i for i, c in enumerate(lines[at]) if c.isdigit() and not lines[at][i - 1].isalnum()
+        ]
         start = drawn(numbers, rng)
         number = str(re.match(r"[\d.e+-]*", lines[at][start:])[0])
         new = drawn((*HUGE, str(float(number) * drawn((0.5, -1.0, 1.5, 100.0), rng))), rng)
         lines[at] = lines[at][:start] + new + lines[at][start + len(number) :]
     else:
-        lines[at : at + 1] = {"twice": [lines[at]] * 2, "gone": [], "exchanged": [lines[other]]}[kind]
+        lines[at : at + 1] = {"twice": [lines[at]] * 2, "gone": [], "exchanged": [lines[other]]}[
+            kind
+        ]
     file.write_text("".join(lines))
 
 
@@ -179,7 +210,9 @@ def _file(folder, rng):
     files = [*_archives(folder), *_regular(folder, TABLES)]
     file, other = drawn(files, rng), drawn(files, rng)
     data = other.read_bytes()
-    kind = drawn(("other", "cut", "empty", "gone", "fifo", "folder", "device", "loop", "unnamed"), rng)
+    kind = drawn(
+        ("other", "cut", "empty", "gone", "fifo", "folder", "device", "loop", "unnamed"), rng
+    )
     if kind == "unnamed":
         (folder / "certificates" / f"{rng.integers(3)}-{rng.integers(3)}.npz").write_bytes(data)
         return

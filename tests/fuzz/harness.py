@@ -32,7 +32,9 @@ class Report:
         return report
 
     def __str__(self):
-        return f"{self.counts.total()} cases: " + ", ".join(f"{n} {kind}" for kind, n in sorted(self.counts.items()))
+        return f"{self.counts.total()} cases: " + ", ".join(
+            f"{n} {kind}" for kind, n in sorted(self.counts.items())
+        )
 
 
 def fuzz(kinds, numbers, *, seed=0, num_jobs=1, keep=None):

@@ -28,7 +28,10 @@ def certificate_endings(num, *, seed=0):
         rng = np.random.default_rng((seed, index))
         problem, certificate = victims[index % len(victims)]
         forged = forge(problem, certificate, rng)
-        yield f"{seed}-{index} ({certificate.kind})", judge(problem, forged, bool(rng.random() < 0.5))
+        yield (
+            f"{seed}-{index} ({certificate.kind})",
+            judge(problem, forged, bool(rng.random() < 0.5)),
+        )
 
 
 def judge(problem, forged, states_problem):
@@ -46,9 +49,8 @@ def judge(problem, forged, states_problem):
     scale = float(squares + np.abs(about.constant_cost).max(initial=0.0))
     optimum = brute_force(about).energy
     if not np.ldexp(bound, -unit) <= optimum + TOL * scale:
-        return (
-            f"false: proves {np.ldexp(bound, -unit):.12g} where the optimum is {optimum:.12g}, in units of 2^{unit}"
-        )
+        proven = f"{np.ldexp(bound, -unit):.12g}"
+        return f"false: proves {proven} where the optimum is {optimum:.12g}, in units of 2^{unit}"
     return "true"
 
 
@@ -88,7 +90,9 @@ def honest():
     points = rng.random((4, 5))
     blocks = Problem.from_user(points, points[::-1] + 0.1, rotation_pattern=[3, 2])
     pairs.append((blocks, solve_pm_sdp(blocks).certificate))
-    return tuple((problem, certificate) for problem, certificate in pairs if certificate is not None)
+    return tuple(
+        (problem, certificate) for problem, certificate in pairs if certificate is not None
+    )
 
 
 def forge(problem, certificate, rng):
@@ -97,12 +101,27 @@ def forge(problem, certificate, rng):
     kind = certificate.kind
     is_careful = rng.random() < 0.3
     for _ in range(1 if is_careful else int(rng.geometric(0.4))):
-        with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.suppress(*NOT_FOR_THIS_TYPE):
+        with (
+            warnings.catch_warnings(),
+            np.errstate(all="ignore"),
+            contextlib.suppress(*NOT_FOR_THIS_TYPE),
+        ):
             warnings.simplefilter("ignore")
             arrays = (_cancelling if is_careful else drawn(CHANGES, rng))(arrays, rng)
     if not is_careful and rng.random() < 0.05:
         kind = drawn(["pm-sdp", "cells", "exact", None, 3, ["cells"]], rng)
-    claims = [-1e300, -1.0, certificate.bound, certificate.bound * 1.5, 1e6, np.nan, np.inf, "1", None, 1j]
+    claims = [
+        -1e300,
+        -1.0,
+        certificate.bound,
+        certificate.bound * 1.5,
+        1e6,
+        np.nan,
+        np.inf,
+        "1",
+        None,
+        1j,
+    ]
     claim = drawn(claims[:4] if rng.random() < 0.95 else claims, rng)
     signature = certificate.problem_hash
     if rng.random() < 0.7:
@@ -119,8 +138,14 @@ def drawn(choices, rng):
 
 def _array_name(arrays, rng):
     """Return the name of an array, of one of the dual variables nine times out of ten."""
-    names = sorted(n for n, a in arrays.items() if isinstance(n, str) and isinstance(a, np.ndarray) and a.size)
-    dual = [name for name in names if name not in ("weights", "constant_cost", "pattern", "special_blocks")]
+    names = sorted(
+        n for n, a in arrays.items() if isinstance(n, str) and isinstance(a, np.ndarray) and a.size
+    )
+    dual = [
+        name
+        for name in names
+        if name not in ("weights", "constant_cost", "pattern", "special_blocks")
+    ]
     return str(drawn(dual if dual and rng.random() < 0.9 else names, rng)) if names else ""
 
 
@@ -133,7 +158,24 @@ def _on_one(change):
 
 
 def _other_type(values, rng):
-    names = ["f2", "f4", "f8", ">f8", ">f4", "g", "i4", "i8", "u1", ">i8", "c16", "?", "O", "U8", "S4", "m8[s]"]
+    names = [
+        "f2",
+        "f4",
+        "f8",
+        ">f8",
+        ">f4",
+        "g",
+        "i4",
+        "i8",
+        "u1",
+        ">i8",
+        "c16",
+        "?",
+        "O",
+        "U8",
+        "S4",
+        "m8[s]",
+    ]
     return values.astype(drawn(names, rng))
 
 
@@ -191,7 +233,9 @@ def _one_value(values, rng):
 
 
 def _shifted(values, rng):
-    size = 10.0 ** rng.uniform(-16, 16) * (1.0 if rng.random() < 0.5 else float(np.abs(values).max()))
+    size = 10.0 ** rng.uniform(-16, 16) * (
+        1.0 if rng.random() < 0.5 else float(np.abs(values).max())
+    )
     noise = size * rng.standard_normal(values.shape)
     if values.ndim >= 2 and values.shape[-1] == values.shape[-2] and rng.random() < 0.8:
         noise = noise + np.swapaxes(noise, -1, -2)
@@ -208,14 +252,22 @@ def _scaled(values, rng):
 def _flipped(values, rng):
     changed = values.copy()
     index = int(rng.integers(values.size))
-    changed.flat[index] = not changed.flat[index] if values.dtype == bool else changed.flat[index] + 1
+    changed.flat[index] = (
+        not changed.flat[index] if values.dtype == bool else changed.flat[index] + 1
+    )
     return changed
 
 
 def _cancelling(arrays, rng):
     """Add huge multipliers that cancel, and between them small ones that vanish in a sum of their type."""
-    names = [n for n, a in arrays.items() if isinstance(a, np.ndarray) and a.dtype.kind == "f" and a.ndim > 1]
-    name = drawn([n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng)
+    names = [
+        n
+        for n, a in arrays.items()
+        if isinstance(a, np.ndarray) and a.dtype.kind == "f" and a.ndim > 1
+    ]
+    name = drawn(
+        [n for n in names if arrays[n].size and len(arrays[n]) > 2 and n != "constant_cost"], rng
+    )
     changed = arrays[name].astype(drawn(["f2", "f4", "f4", "f4", "f8", "f8", "f8", "g"], rng))
     size = float(np.abs(changed).max()) * 10.0 ** rng.uniform(6, 16)
     shift = np.eye(*changed[0].shape) if changed.ndim == 3 else np.ones_like(changed[0])
@@ -257,7 +309,9 @@ def _repacked(arrays, rng):
     """Store every array of floating-point numbers in one type."""
     kind = drawn(["f2", "f4", ">f8", "g"], rng)
     return {
-        name: values.astype(kind) if isinstance(values, np.ndarray) and values.dtype.kind == "f" else values
+        name: values.astype(kind)
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f"
+        else values
         for name, values in arrays.items()
     }
 

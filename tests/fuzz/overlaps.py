@@ -35,7 +35,18 @@ COMMANDS = {
     },
     "add": ["add", "{}", "new", "--jobs", "1"],
     "add from": ["add", "out", "{}", "--jobs", "1"],
-    "stability": ["stability", "{}", "--num-points", "12", "--num-seeds", "0", "--num-subsets", "0", "--jobs", "1"],
+    "stability": [
+        "stability",
+        "{}",
+        "--num-points",
+        "12",
+        "--num-seeds",
+        "0",
+        "--num-subsets",
+        "0",
+        "--jobs",
+        "1",
+    ],
     "certify": ["certify", "{}", "--jobs", "1"],
 }
 #: The commands whose place is a result: it is moved or copied there first.
@@ -65,7 +76,9 @@ def run_case(template, command, place):
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         project = Path(folder) / "project"
         shutil.copytree(template, project)
-        if place.startswith("mounted") and not stack.enter_context(mounted(project / "meshes", project / "mounted")):
+        if place.startswith("mounted") and not stack.enter_context(
+            mounted(project / "meshes", project / "mounted")
+        ):
             return "cannot be mounted"
         _prepare(project, command, place)
         before = _mine(project)
@@ -77,7 +90,11 @@ def run_case(template, command, place):
             return f"ends with {code}: {said[-300:]}"
         after = _mine(project)
         lost = [name for name, data in before.items() if after.get(name) != data]
-        mixed = [given for given, known in names.items() if set(read_folder(project / given).names) != known]
+        mixed = [
+            given
+            for given, known in names.items()
+            if set(read_folder(project / given).names) != known
+        ]
         if lost or mixed:
             return f"lost {lost}" if lost else f"mixed into {mixed}"
         return "refused" if code == 2 else "done"
@@ -88,7 +105,10 @@ def mounted(source, target):
     """Mount a folder at a second place, where this system allows it."""
     target.mkdir()
     command = shutil.which("mount")
-    done = command and subprocess.run([command, "--bind", source, target], capture_output=True).returncode == 0
+    done = (
+        command
+        and subprocess.run([command, "--bind", source, target], capture_output=True).returncode == 0
+    )
     try:
         yield bool(done)
     finally:
@@ -111,10 +131,12 @@ def _prepare(project, command, place):
             (to / name).symlink_to(project / "meshes") for name in ("meshes", "specimens", "shapes")
         ],
         "apart/hard": lambda to: [
-            os.link(project / "meshes" / "chair1.ply", to / name) for name in ("chair1.ply", "match.json")
+            os.link(project / "meshes" / "chair1.ply", to / name)
+            for name in ("chair1.ply", "match.json")
         ],
         "apart/mine": lambda to: [
-            (to / name).write_text("mine") for name in ("report.html", "landmarks.csv", "map.npz", "stability.csv")
+            (to / name).write_text("mine")
+            for name in ("report.html", "landmarks.csv", "map.npz", "stability.csv")
         ],
     }
     if place in makers:

@@ -52,9 +52,14 @@ def shape_files(folder):
     (folder / "points.txt").write_text("\n".join(rows))
     (folder / "points.csv").write_text("x,y,z\n" + "\n".join(row.replace(" ", ",") for row in rows))
     ascii_ply = "ply\nformat ascii 1.0\n" + f"element vertex {len(points)}\n"
-    ascii_ply += "property float x\nproperty float y\nproperty float z\n" + f"element face {len(mesh.faces)}\n"
+    ascii_ply += (
+        "property float x\nproperty float y\nproperty float z\n"
+        + f"element face {len(mesh.faces)}\n"
+    )
     ascii_ply += "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows) + "\n"
-    (folder / "ascii.ply").write_text(ascii_ply + "\n".join(f"3 {a} {b} {c}" for a, b, c in mesh.faces) + "\n")
+    (folder / "ascii.ply").write_text(
+        ascii_ply + "\n".join(f"3 {a} {b} {c}" for a, b, c in mesh.faces) + "\n"
+    )
     facets = "".join(
         "facet normal 0 0 0\nouter loop\n"
         + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
@@ -62,17 +67,25 @@ def shape_files(folder):
         for triangle in points[mesh.faces]
     )
     (folder / "ascii.stl").write_text(f"solid a\n{facets}endsolid a\n")
-    (folder / "points.pts").write_text(f"{len(rows)}\n" + "\n".join(f"{row} -7 1 2 3" for row in rows))
-    for name, content in (_mixed_ply(mesh) | _gltf(mesh) | _vtk(mesh) | _vtp(mesh) | _pcd(points)).items():
+    (folder / "points.pts").write_text(
+        f"{len(rows)}\n" + "\n".join(f"{row} -7 1 2 3" for row in rows)
+    )
+    for name, content in (
+        _mixed_ply(mesh) | _gltf(mesh) | _vtk(mesh) | _vtp(mesh) | _pcd(points)
+    ).items():
         (folder / name).write_bytes(content)
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def _mixed_ply(mesh):
     """Return PLY files with texture coordinates of corners, polygons of several sizes, and strips."""
-    head = f"ply\nformat binary_%s_endian 1.0\nelement vertex {len(mesh.vertices)}\nproperty float x\n"
+    head = (
+        f"ply\nformat binary_%s_endian 1.0\nelement vertex {len(mesh.vertices)}\nproperty float x\n"
+    )
     head += "property float y\nproperty float z\nelement {}\nproperty list uchar int vertex_indices\n{}end_header\n"
-    polygons = [(*face, face[0]) if at % 3 == 0 else face for at, face in enumerate(mesh.faces.tolist())]
+    polygons = [
+        (*face, face[0]) if at % 3 == 0 else face for at, face in enumerate(mesh.faces.tolist())
+    ]
     corners = [3, *[0.5] * 3]
     faces = b"".join(struct.pack(f">B{len(p)}iB3f", len(p), *p, *corners) for p in polygons)
     strips = b"".join(struct.pack("<B8i", 8, *face, -1, *face, -1) for face in mesh.faces.tolist())
@@ -99,12 +112,17 @@ def _gltf(mesh):
     positions = packed.accessor(stored, stride=8, normalized=True)
     packed.document["accessors"][positions]["sparse"] = {
         "count": 2,
-        "indices": {"bufferView": packed.view(np.array([3, 5], dtype="<u2")), "componentType": 5123},
+        "indices": {
+            "bufferView": packed.view(np.array([3, 5], dtype="<u2")),
+            "componentType": 5123,
+        },
         "values": {"bufferView": packed.view(stored[:2])},
     }
     indices = packed.accessor(mesh.faces.astype("<u2").ravel())
     primitive = {"attributes": {"POSITION": positions}, "indices": indices}
-    inner = packed.node(root=False, mesh=packed.mesh(primitive, primitive | {"mode": 5}), scale=[size] * 3)
+    inner = packed.node(
+        root=False, mesh=packed.mesh(primitive, primitive | {"mode": 5}), scale=[size] * 3
+    )
     packed.node(children=[inner], translation=[1, 2, 3])
     return {"mesh.gltf": json.dumps(document).encode(), "packed.glb": packed.glb()}
 
@@ -113,7 +131,10 @@ def _vtk(mesh):
     """Return legacy VTK files of both versions and encodings."""
     files, lists = {}, mesh.faces.tolist()
     for binary, version in ((False, 3), (True, 3), (False, 5), (True, 5)):
-        blocks = [vtk.cells("POLYGONS", lists, binary, version), vtk.cells("TRIANGLE_STRIPS", lists, binary, version)]
+        blocks = [
+            vtk.cells("POLYGONS", lists, binary, version),
+            vtk.cells("TRIANGLE_STRIPS", lists, binary, version),
+        ]
         content = vtk.vtk(blocks, binary=binary, version=version, points=mesh.vertices)
         files[f"mesh{version}-{binary}.vtk"] = content
     return files
@@ -171,7 +192,9 @@ def _pair(samples):
 
 def _samples():
     options = SamplingOptions(num_points=8, num_dense_points=9)
-    return [sample_shape(crown(np.random.default_rng(i), num_vertices=80), options) for i in range(2)]
+    return [
+        sample_shape(crown(np.random.default_rng(i), num_vertices=80), options) for i in range(2)
+    ]
 
 
 def store_file(folder):

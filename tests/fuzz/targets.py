@@ -30,7 +30,10 @@ def kinds(folder):
     shapes = seeds.shape_files(folder / "shapes")
     return {
         "shapes": (read_and_sample, shapes),
-        **{end: (read_and_sample, {n: data for n, data in shapes.items() if n.endswith(end)}) for end in READERS},
+        **{
+            end: (read_and_sample, {n: data for n, data in shapes.items() if n.endswith(end)})
+            for end in READERS
+        },
         "landmarks": (read_landmark_file, seeds.landmark_files()),
         "stores": (read_store, {"a.store": seeds.store_file(folder)}),
         "records": (read_record, seeds.records()),
@@ -93,7 +96,9 @@ def read_config(payload):
         shapes = path.parent / "shapes"
         shapes.mkdir()
         with contextlib.redirect_stdout(text):
-            code = main(["--config", str(path), "align", str(shapes), "--out", str(path.parent / "out")])
+            code = main(
+                ["--config", str(path), "align", str(shapes), "--out", str(path.parent / "out")]
+            )
         if code == 2:
             raise InputError(text.getvalue()[-300:])
         return code

@@ -9,7 +9,14 @@ import tempfile
 from pathlib import Path
 
 from tests.goldens.inputs import GOLDENS
-from tests.goldens.record import STORED, aligned_record, changed_files, differences, load_record, store_record
+from tests.goldens.record import (
+    STORED,
+    aligned_record,
+    changed_files,
+    differences,
+    load_record,
+    store_record,
+)
 
 #: Lines that are printed of the values that differ in one collection.
 MOST_LINES = 10
@@ -17,7 +24,9 @@ MOST_LINES = 10
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*GOLDENS, []], metavar="NAME", help=", ".join(GOLDENS))
+    parser.add_argument(
+        "names", nargs="*", choices=[*GOLDENS, []], metavar="NAME", help=", ".join(GOLDENS)
+    )
     parser.add_argument("--write", action="store_true", help="store the results")
     given = parser.parse_args()
     any_changed = False
@@ -28,10 +37,17 @@ def main():
         changed = [*found.hashes] if stored is None else changed_files(stored, found)
         any_changed |= bool(changed)
         for file, value in found.hashes.items():
-            print(f"{name:10} {file:20} {value} {'changed' if file in changed else 'as stored'}", flush=True)
+            print(
+                f"{name:10} {file:20} {value} {'changed' if file in changed else 'as stored'}",
+                flush=True,
+            )
         if changed and stored is not None:
             lines = differences(stored.values, found.values)
-            print(f"{name:10} {len(lines)} values differ beyond the tolerance", *lines[:MOST_LINES], sep="\n  ")
+            print(
+                f"{name:10} {len(lines)} values differ beyond the tolerance",
+                *lines[:MOST_LINES],
+                sep="\n  ",
+            )
         if given.write:
             store_record(name, found)
     return int(any_changed and not given.write)

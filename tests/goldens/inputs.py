@@ -5,7 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.datasets.synthetic import bent, deformed_family, mirrored, planted_collection, point_cloud
+from data_tools.datasets.synthetic import (
+    bent,
+    deformed_family,
+    mirrored,
+    planted_collection,
+    point_cloud,
+)
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
 from data_tools.io.shapes import write_mesh
 from data_tools.surface.shape import Shape
@@ -59,14 +65,19 @@ def bodies():
     rng = np.random.default_rng(4)
     straight = blob(rng, num_vertices=500)
     family = [replace(bent(straight, rng, angle=0.5), name=f"body{i}") for i in range(3)]
-    return Golden(planted_collection(family, rng).shapes, {"group": "SO", "maps": "always", "deformable": True})
+    return Golden(
+        planted_collection(family, rng).shapes,
+        {"group": "SO", "maps": "always", "deformable": True},
+    )
 
 
 def clouds():
     """Return noisy point clouds."""
     rng = np.random.default_rng(5)
     family = deformed_family(crown(rng, num_vertices=400), 6, rng, rms=0.01)
-    return Golden(planted_collection([point_cloud(shape, rng, noise=0.005) for shape in family], rng).shapes)
+    return Golden(
+        planted_collection([point_cloud(shape, rng, noise=0.005) for shape in family], rng).shapes
+    )
 
 
 def kinds():

@@ -51,7 +51,10 @@ def record_of(shapes, out):
     alignment = json.loads((out / ALIGNMENT_FILE).read_text())
     alignment = {name: value for name, value in alignment.items() if name not in LEFT_OUT}
     table = (out / PAIRS_FILE).read_text()
-    pairs = [{name: _number(cell) for name, cell in row.items()} for row in csv.DictReader(table.splitlines())]
+    pairs = [
+        {name: _number(cell) for name, cell in row.items()}
+        for row in csv.DictReader(table.splitlines())
+    ]
     hashes = {
         "shapes": _hash(*(file.read_bytes() for file in sorted(shapes.iterdir()))),
         ALIGNMENT_FILE: _hash(json.dumps(alignment).encode()),
@@ -62,7 +65,9 @@ def record_of(shapes, out):
         if (out / name).exists():
             with np.load(out / name) as arrays:
                 found = {key: arrays[key] for key in sorted(arrays)}
-            hashes[name] = _hash(*(part for key, array in found.items() for part in _contents(key, array)))
+            hashes[name] = _hash(
+                *(part for key, array in found.items() for part in _contents(key, array))
+            )
             values[name] = {key: _some_values(array) for key, array in found.items()}
     return Record(hashes, values)
 
@@ -81,17 +86,31 @@ def store_record(name, record):
 
 def changed_files(stored, found):
     """Return the names of the files whose contents have another hash, or are there in one record only."""
-    return [name for name in stored.hashes | found.hashes if stored.hashes.get(name) != found.hashes.get(name)]
+    return [
+        name
+        for name in stored.hashes | found.hashes
+        if stored.hashes.get(name) != found.hashes.get(name)
+    ]
 
 
 def differences(stored, found, place=""):
     """Return a line for each value that differs by more than the tolerance, or is not there."""
     if isinstance(stored, dict) and isinstance(found, dict):
-        missing = [f"{place}/{name}: only in one of the two" for name in sorted(stored.keys() ^ found.keys())]
-        both = [differences(stored[name], found[name], f"{place}/{name}") for name in stored if name in found]
+        missing = [
+            f"{place}/{name}: only in one of the two"
+            for name in sorted(stored.keys() ^ found.keys())
+        ]
+        both = [
+            differences(stored[name], found[name], f"{place}/{name}")
+            for name in stored
+            if name in found
+        ]
         return [*missing, *(line for lines in both for line in lines)]
     if isinstance(stored, list) and isinstance(found, list) and len(stored) == len(found):
-        both = [differences(*pair, f"{place}/{i}") for i, pair in enumerate(zip(stored, found, strict=True))]
+        both = [
+            differences(*pair, f"{place}/{i}")
+            for i, pair in enumerate(zip(stored, found, strict=True))
+        ]
         return [line for lines in both for line in lines]
     if _is_number(stored) and _is_number(found):
         same = math.isclose(stored, found, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
@@ -121,7 +140,11 @@ def _hash(*contents):
 
 
 def _contents(name, array):
-    return name.encode(), f"{array.dtype.str}{array.shape}".encode(), np.ascontiguousarray(array).tobytes()
+    return (
+        name.encode(),
+        f"{array.dtype.str}{array.shape}".encode(),
+        np.ascontiguousarray(array).tobytes(),
+    )
 
 
 def _some_values(array):

@@ -37,11 +37,19 @@ def test_a_collection_is_aligned_as_it_was(name, tmp_path, rigid):
 
 def test_the_collections_show_what_they_were_made_for():
     alignments = {name: load_record(name).values[ALIGNMENT_FILE] for name in GOLDENS}
-    assert [shape["name"] for shape in alignments["sides"]["shapes"] if shape["reflected"]] == ["crown2", "crown5"]
+    assert [shape["name"] for shape in alignments["sides"]["shapes"] if shape["reflected"]] == [
+        "crown2",
+        "crown5",
+    ]
     assert [one["name"] for one in alignments["fragment"]["incomplete"]] == ["blob4"]
     assert alignments["bodies"]["decided"]["maps"]
-    assert [{name[:4] for name in group} for group in alignments["kinds"]["groups"]] == [{"blob"}, {"figu"}]
-    assert not any(shape["reflected"] for name in ("rigid", "clouds") for shape in alignments[name]["shapes"])
+    assert [{name[:4] for name in group} for group in alignments["kinds"]["groups"]] == [
+        {"blob"},
+        {"figu"},
+    ]
+    assert not any(
+        shape["reflected"] for name in ("rigid", "clouds") for shape in alignments[name]["shapes"]
+    )
 
 
 def test_version_options_and_times_are_no_part_of_the_result(rigid, tmp_path):
@@ -94,7 +102,9 @@ def mirror(values):
 
 
 def add_note(values):
-    values[ALIGNMENT_FILE]["notes"].append({"code": "doubtful", "shapes": [], "values": {}, "text": "One more."})
+    values[ALIGNMENT_FILE]["notes"].append(
+        {"code": "doubtful", "shapes": [], "values": {}, "text": "One more."}
+    )
 
 
 def drop_pair(values):
@@ -130,7 +140,9 @@ def test_another_result_is_noticed(change):
 
 def test_what_is_not_finite_is_stored_and_equals_itself_alone(tmp_path, monkeypatch):
     monkeypatch.setattr("tests.goldens.record.STORED", tmp_path / "stored")
-    store_record("odd", Record({}, {"nan": float("nan"), "bound": float("-inf"), "third": 1.0 / 3.0}))
+    store_record(
+        "odd", Record({}, {"nan": float("nan"), "bound": float("-inf"), "third": 1.0 / 3.0})
+    )
     values = load_record("odd").values
     assert values["third"] == pytest.approx(1.0 / 3.0, abs=1e-5)
     assert differences(values, values) == []

@@ -15,9 +15,15 @@ PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
 
 
 def run_r(code):
-    sources = "".join(f"source({json.dumps(str(file))}); " for file in sorted((PACKAGE / "R").glob("*.R")))
+    sources = "".join(
+        f"source({json.dumps(str(file))}); " for file in sorted((PACKAGE / "R").glob("*.R"))
+    )
     return subprocess.run(
-        ["Rscript", "--vanilla", "-e", sources + code], capture_output=True, text=True, timeout=1200, check=False
+        ["Rscript", "--vanilla", "-e", sources + code],
+        capture_output=True,
+        text=True,
+        timeout=1200,
+        check=False,
     )
 
 
@@ -42,7 +48,11 @@ def out(tmp_path):
     positions = rng.standard_normal((3, 5, 3))
     names = np.array(["a", "zahn-ä", "c"])
     np.savez_compressed(
-        tmp_path / "correspondences.npz", names=names, labels=labels, positions=positions, consensus=positions[0]
+        tmp_path / "correspondences.npz",
+        names=names,
+        labels=labels,
+        positions=positions,
+        consensus=positions[0],
     )
     shapes = [
         {
@@ -73,8 +83,13 @@ def test_coordinates_are_in_the_order_of_the_labels(out):
     )
     assert done.returncode == 0, done.stderr
     with np.load(out / "correspondences.npz") as archive:
-        rows = [p[np.argsort(order)] for p, order in zip(archive["positions"], archive["labels"], strict=True)]
-    expected = np.stack([row / (i + 1) for i, row in enumerate(rows)], axis=2)  # sizes are those of the files
+        rows = [
+            p[np.argsort(order)]
+            for p, order in zip(archive["positions"], archive["labels"], strict=True)
+        ]
+    expected = np.stack(
+        [row / (i + 1) for i, row in enumerate(rows)], axis=2
+    )  # sizes are those of the files
     assert np.allclose(column(out / "coords.csv"), expected.ravel(order="F"))
     assert np.allclose(column(out / "sizes.csv"), centroid_sizes(expected.transpose(2, 0, 1)))
     matrices = np.stack([transform(i) for i in range(3)], axis=2)
@@ -99,7 +114,9 @@ def test_points_that_incomplete_shapes_lack_are_missing(out):
     arrays["labels"][1, [0, 3]] = -1
     np.savez_compressed(out / "correspondences.npz", **arrays)
     record = json.loads((out / "alignment.json").read_text("utf-8"))
-    (out / "alignment.json").write_text(json.dumps(record | {"incomplete": [{"name": "zahn-ä"}]}), encoding="utf-8")
+    (out / "alignment.json").write_text(
+        json.dumps(record | {"incomplete": [{"name": "zahn-ä"}]}), encoding="utf-8"
+    )
     done = run_r(
         f'x <- read_collalign("{out}"); stopifnot(identical(x$shapes$incomplete, c(FALSE, TRUE, FALSE))); '
         f'write.csv(data.frame(as.vector(x$coords)), "{out}/coords.csv", row.names = FALSE, na = "nan")'
@@ -133,7 +150,9 @@ def test_tables_of_excel_have_semicolons_decimal_commas_and_umlauts(out):
 
 
 def test_rows_are_found_by_names_or_files(out):
-    (out / "labels.csv").write_text("name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8")
+    (out / "labels.csv").write_text(
+        "name,file,taxon\nC1,x/c.PLY,Lemur\na.ply,,Indri\nd,d.off,X\n", encoding="utf-8"
+    )
     done = run_r(
         f'x <- read_collalign("{out}", labels = "{out}/labels.csv"); '
         'stopifnot(identical(x$shapes$taxon, c("Indri", NA, "Lemur")), sum(names(x$shapes) == "file") == 1)'

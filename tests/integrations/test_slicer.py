@@ -32,12 +32,18 @@ results, running = load("results"), load("running")
 def out(tmp_path):
     rng = np.random.default_rng(0)
     names = np.array(["a", "b"])
-    labels, positions = np.stack([rng.permutation(4), rng.permutation(4)]), rng.standard_normal((2, 4, 3))
+    labels, positions = (
+        np.stack([rng.permutation(4), rng.permutation(4)]),
+        rng.standard_normal((2, 4, 3)),
+    )
     np.savez(tmp_path / "correspondences.npz", names=names, labels=labels, positions=positions)
     turn = [[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
-    shapes = [{"name": n, "transform": turn, "confidence": c} for n, c in (("a", 0.99), ("b", None))]
+    shapes = [
+        {"name": n, "transform": turn, "confidence": c} for n, c in (("a", 0.99), ("b", None))
+    ]
     (tmp_path / "alignment.json").write_text(
-        json.dumps({"shapes": shapes, "notes": [{"code": "doubtful", "text": "Look."}]}), encoding="utf-8"
+        json.dumps({"shapes": shapes, "notes": [{"code": "doubtful", "text": "Look."}]}),
+        encoding="utf-8",
     )
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.ply").touch()
@@ -90,7 +96,9 @@ def test_a_folder_without_results_is_refused(tmp_path):
 
 def test_the_command_is_one_that_collalign_takes(tmp_path):
     (tmp_path / "in").mkdir()
-    words = running.command("python", tmp_path / "in", tmp_path / "out", mirrored="O", keep_sizes=True)
+    words = running.command(
+        "python", tmp_path / "in", tmp_path / "out", mirrored="O", keep_sizes=True
+    )
     assert words[1:4] == ["-m", "collalign", "align"]
     assert words[-4:] == ["--group", "O", "--scaling", "rigid"]
     with pytest.raises(ValueError, match="among them"):
@@ -108,5 +116,9 @@ def test_the_build_lists_every_file_of_the_module():
     listed = re.findall(r"\S+\.(?:py|png)", (MODULE / "CMakeLists.txt").read_text("utf-8"))
     present = {str(f.relative_to(MODULE)) for f in MODULE.rglob("*") if f.suffix in (".py", ".png")}
     assert {name.replace("${MODULE_NAME}", "Collalign") for name in listed} == present
-    classes = {n.name for n in ast.parse((MODULE / "Collalign.py").read_text("utf-8")).body if hasattr(n, "name")}
+    classes = {
+        n.name
+        for n in ast.parse((MODULE / "Collalign.py").read_text("utf-8")).body
+        if hasattr(n, "name")
+    }
     assert {"Collalign", "CollalignWidget", "CollalignLogic", "CollalignTest"} <= classes

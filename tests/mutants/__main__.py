@@ -42,16 +42,22 @@ def main():
             print(f"equivalent ({EQUIVALENT[str(mutant)]}): {mutant}")
     chosen = [mutant for mutant in chosen if str(mutant) not in EQUIVALENT]
     verdicts = []
-    for verdict in run_mutants(chosen, ROOT, time_limit_s=options.time_limit_s, known_to_pass=bool(options.calls)):
+    for verdict in run_mutants(
+        chosen, ROOT, time_limit_s=options.time_limit_s, known_to_pass=bool(options.calls)
+    ):
         verdicts.append(verdict)
         print(f"{verdict.ending:10} {verdict.seconds:5.1f} s  {verdict.mutant}", flush=True)
     num_killed = sum(verdict.ending == "killed" for verdict in verdicts)
     for verdict in verdicts:
         if verdict.ending != "killed":
             print(f"  {verdict.ending}: {verdict.mutant}")
-    for package, (killed, tried) in by_package([(one.mutant, one.ending) for one in verdicts]).items():
+    for package, (killed, tried) in by_package(
+        [(one.mutant, one.ending) for one in verdicts]
+    ).items():
         print(f"{package}: {killed} of {tried}")
-    print(f"{num_killed} of {len(verdicts)} mutants killed, {num_killed / max(len(verdicts), 1):.1%}")
+    print(
+        f"{num_killed} of {len(verdicts)} mutants killed, {num_killed / max(len(verdicts), 1):.1%}"
+    )
     return int(num_killed < GOAL * len(verdicts))
 
 

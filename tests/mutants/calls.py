@@ -92,7 +92,9 @@ class Calls:
 
     def __init__(self, folder, root):
         read = [json.loads(file.read_text()) for file in sorted(folder.glob("*.json"))]
-        self._tests = {name: one for found in read for name, one in found.items() if one.get("passed")}
+        self._tests = {
+            name: one for found in read for name, one in found.items() if one.get("passed")
+        }
         self._sources = {
             str(path.relative_to(root)): path.read_text("utf-8")
             for package in PACKAGES
@@ -126,9 +128,12 @@ class Calls:
             for node in ast.parse(source).body
             if node.lineno <= last and line <= int(node.end_lineno or 0)
             for name in [node, *ast.walk(node)]
-            if isinstance(name, ast.ClassDef) or (isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store))
+            if isinstance(name, ast.ClassDef)
+            or (isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store))
         ]
-        word = re.compile(rf"\b({'|'.join(map(re.escape, names))})\b") if names else re.compile("(?!)")
+        word = (
+            re.compile(rf"\b({'|'.join(map(re.escape, names))})\b") if names else re.compile("(?!)")
+        )
         return {
             f"{file} {name}"
             for file, text in self._sources.items()

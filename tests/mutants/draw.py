@@ -74,7 +74,9 @@ def draw(root, num, seed):
     places = [(path, change) for path in files for change in changes(path.read_text("utf-8"))]
     chosen = random.Random(seed).sample(places, min(num, len(places)))
     imports = Imports(root)
-    named = [(str(path.relative_to(root)), path.read_text("utf-8"), change) for path, change in chosen]
+    named = [
+        (str(path.relative_to(root)), path.read_text("utf-8"), change) for path, change in chosen
+    ]
     return [as_mutant(name, text, change, imports.tests_of(name)) for name, text, change in named]
 
 
@@ -92,7 +94,9 @@ def _code(node):
         if name in ("annotation", "returns", "decorator_list", "type_params"):
             continue
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.AST) and not isinstance(child, (ast.Import, ast.ImportFrom, ast.JoinedStr)):
+            if isinstance(child, ast.AST) and not isinstance(
+                child, (ast.Import, ast.ImportFrom, ast.JoinedStr)
+            ):
                 yield from _code(child)
 
 
@@ -112,13 +116,17 @@ def _changes_of(node, source, at):
             yield Change(at.start(node), at.end(node), str(not value))
         case ast.Constant(value=int() | float() as number):
             yield Change(
-                at.start(node), at.end(node), repr(number + 1 if isinstance(number, int) else 2 * number or 1.0)
+                at.start(node),
+                at.end(node),
+                repr(number + 1 if isinstance(number, int) else 2 * number or 1.0),
             )
         case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in _NAMES:
             end = at.end(node.func)
             yield Change(end - len(name), end, _NAMES[name])
         case ast.If(test=test):
-            yield Change(at.start(test), at.end(test), f"not ({source[at.start(test) : at.end(test)]})")
+            yield Change(
+                at.start(test), at.end(test), f"not ({source[at.start(test) : at.end(test)]})"
+            )
         case ast.Expr(value=ast.Call()) | ast.AugAssign() | ast.Continue() | ast.Break():
             yield Change(at.start(node), at.end(node), "pass")
 
@@ -157,13 +165,19 @@ class Imports:
     def tests_of(self, file):
         """Return the module's tests, then those of its users; where nobody imports it, those of the folder."""
         folder = str(Path(file).parent)
-        return self._seeing(file) or self._seeing(*(other for other in self._of if str(Path(other).parent) == folder))
+        return self._seeing(file) or self._seeing(
+            *(other for other in self._of if str(Path(other).parent) == folder)
+        )
 
     def _seeing(self, *files):
         level, seen, tests = set(files), set(files), []
         for depth in range(len(self._of)):
-            users = [other for other in self._of if any(_module(one) in self._of[other] for one in level)]
-            tests += [user for user in users if Path(user).name.startswith("test_") and user not in tests]
+            users = [
+                other for other in self._of if any(_module(one) in self._of[other] for one in level)
+            ]
+            tests += [
+                user for user in users if Path(user).name.startswith("test_") and user not in tests
+            ]
             level = {user for user in users if not user.startswith("tests/")} - seen
             seen |= level
             if not level or (tests and depth > 0):

@@ -48,5 +48,8 @@ def function_spans(tree):
         elif isinstance(node, ast.ClassDef):
             for child in node.body:
                 if isinstance(child, ast.FunctionDef):
-                    found[f"{node.name}.{child.name}"] = (child.lineno - 1, int(child.end_lineno or 0))
+                    found[f"{node.name}.{child.name}"] = (
+                        child.lineno - 1,
+                        int(child.end_lineno or 0),
+                    )
     return found

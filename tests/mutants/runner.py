@@ -23,11 +23,28 @@ from tests.mutants.calls import CALLS
 from tests.mutants.place import Mutant
 
 #: What the tests of a mutant need of the project.
-COPIED = ("collalign", "data_tools", "pairwise", "experiments", "tests", "pyproject.toml", "README.md", "docs")
+COPIED = (
+    "collalign",
+    "data_tools",
+    "pairwise",
+    "experiments",
+    "tests",
+    "pyproject.toml",
+    "README.md",
+    "docs",
+)
 #: Seconds for the tests of one mutant; one that hangs is killed.
 TIME_LIMIT_S = 300.0
 #: Imported once, before the processes that run tests are forked.
-_LIBRARIES = ("hypothesis", "networkx", "scipy.optimize", "scipy.sparse.linalg", "scipy.spatial", "trimesh", "joblib")
+_LIBRARIES = (
+    "hypothesis",
+    "networkx",
+    "scipy.optimize",
+    "scipy.sparse.linalg",
+    "scipy.spatial",
+    "trimesh",
+    "joblib",
+)
 #: Exit codes of pytest: passed, and failed or interrupted by an error while tests were collected.
 _PASSED, _FAILED = 0, (1, 2)
 
@@ -52,7 +69,9 @@ def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False
         for mutant in mutants:
             start_s, ending = time.monotonic(), "no verdict"
             if mutant.tests not in passes:
-                passes[mutant.tests] = known_to_pass or _ending(copy, mutant.tests, time_limit_s) == "survived"
+                passes[mutant.tests] = (
+                    known_to_pass or _ending(copy, mutant.tests, time_limit_s) == "survived"
+                )
             if passes[mutant.tests]:
                 ending = _ending_of(copy, mutant, time_limit_s)
             yield Verdict(mutant, ending, time.monotonic() - start_s)
@@ -66,7 +85,11 @@ def _copy(root):
         for name in COPIED:
             source = root / name
             if source.is_dir():
-                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__", "node_modules"))
+                shutil.copytree(
+                    source,
+                    copy / name,
+                    ignore=shutil.ignore_patterns("__pycache__", "node_modules"),
+                )
             elif source.exists():
                 shutil.copy(source, copy / name)
         yield copy
@@ -78,7 +101,9 @@ def record_calls(root, folder, num_workers=2):
     with _copy(root) as copy:
         command = ["-p", "tests.mutants.calls", "-m", "not data", "-n", str(num_workers), "tests"]
         environment = os.environ | {"PYTHONPATH": str(copy), CALLS: str(folder.resolve())}
-        subprocess.run([sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False)
+        subprocess.run(
+            [sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False
+        )
 
 
 def _ending_of(copy, mutant, time_limit_s):
@@ -103,7 +128,9 @@ def _ending(copy, tests, time_limit_s):
     process.join()
     if not ended or int(process.exitcode or 0) < 0:
         return "killed"
-    return {_PASSED: "survived", **dict.fromkeys(_FAILED, "killed")}.get(int(process.exitcode or 0), "no verdict")
+    return {_PASSED: "survived", **dict.fromkeys(_FAILED, "killed")}.get(
+        int(process.exitcode or 0), "no verdict"
+    )
 
 
 def _run_tests(copy, tests):

@@ -32,7 +32,8 @@ def test_the_best_pose_is_the_global_optimum(known):
 
 @pytest.mark.parametrize(
     ("dim", "strategy"),
-    [(d, s) for d in (2, 3) for s in ("search", "relaxation", "portfolio")] + [(5, "relaxation"), (7, "portfolio")],
+    [(d, s) for d in (2, 3) for s in ("search", "relaxation", "portfolio")]
+    + [(5, "relaxation"), (7, "portfolio")],
 )
 def test_every_strategy_recovers_exactly_without_noise(dim, strategy):
     rng = np.random.default_rng(dim)
@@ -102,7 +103,9 @@ def test_the_relaxation_bounds_the_energy(pattern):
     dim = 5 if pattern == (3, 2) else 4
     turn = np.eye(dim) if pattern is not None else None
     group = "O" if pattern == 0 else "SO"
-    problem = planted(rng, rng.random((6, dim)), noise=0.1, rotation=turn, rotation_pattern=pattern, group=group)
+    problem = planted(
+        rng, rng.random((6, dim)), noise=0.1, rotation=turn, rotation_pattern=pattern, group=group
+    )
     result = match_problem(problem, MatchOptions(strategy="relaxation"))
     best = brute_force(problem).energy
     assert 0.0 <= result.lower_bound <= best * (1 + 1e-9)
@@ -140,7 +143,8 @@ def test_row_sums_are_an_option_of_a_match():
     rng = np.random.default_rng(3)
     problem = planted(rng, rng.random((6, 3)), noise=0.1)
     loose, tight = (
-        match_problem(problem, MatchOptions(strategy="relaxation", row_sums=row_sums)) for row_sums in (False, True)
+        match_problem(problem, MatchOptions(strategy="relaxation", row_sums=row_sums))
+        for row_sums in (False, True)
     )
     assert loose.lower_bound < 0.98 * tight.lower_bound
     assert tight.lower_bound <= tight.energy
@@ -149,13 +153,18 @@ def test_row_sums_are_an_option_of_a_match():
 def test_the_log_says_what_was_solved_and_how_it_ended():
     rng = np.random.default_rng(4)
     problem = planted(rng, rng.random((9, 3)), num_source=8, noise=0.1)
-    searched, proven = match_problem(problem, MatchOptions()), match_problem(problem, MatchOptions(certify=True))
+    searched, proven = (
+        match_problem(problem, MatchOptions()),
+        match_problem(problem, MatchOptions(certify=True)),
+    )
     assert len(searched.log) == 1
     assert searched.log[0].startswith("Searched rotations of 8 on 9 points in 3 dimensions: ")
     assert proven.log[:1] == searched.log
     assert proven.log[1].endswith(Status.PROVEN_OPTIMAL.value)
     relaxed = match_problem(problem, MatchOptions(strategy="relaxation"))
-    assert relaxed.log == (f"Solved PM-SDP of 8 on 9 points in 3 dimensions: {Status.CONVERGED.value}",)
+    assert relaxed.log == (
+        f"Solved PM-SDP of 8 on 9 points in 3 dimensions: {Status.CONVERGED.value}",
+    )
 
 
 def test_a_time_limit_holds_within_an_iteration_of_the_relaxation():
@@ -187,24 +196,37 @@ def test_relabelling_and_turning_change_labels_and_turns_only(num_source):
     turns = random_rotations(3, 2, rng)
     orders = rng.permutation(problem.num_target), rng.permutation(problem.num_source)
     plain = match(problem.target, problem.source)
-    moved = match((problem.target @ turns[0].T)[orders[0]], (problem.source @ turns[1].T)[orders[1]])
+    moved = match(
+        (problem.target @ turns[0].T)[orders[0]], (problem.source @ turns[1].T)[orders[1]]
+    )
     assert moved.energy == pytest.approx(plain.energy)
-    np.testing.assert_array_equal(orders[0][moved.map_target_source], plain.map_target_source[orders[1]])
-    np.testing.assert_allclose(turns[0].T @ moved.R_target_source @ turns[1], plain.R_target_source, atol=1e-7)
+    np.testing.assert_array_equal(
+        orders[0][moved.map_target_source], plain.map_target_source[orders[1]]
+    )
+    np.testing.assert_allclose(
+        turns[0].T @ moved.R_target_source @ turns[1], plain.R_target_source, atol=1e-7
+    )
 
 
 @pytest.mark.parametrize("unit", [1e-20, 1e20])
 def test_units_change_energies_only(unit):
     rng = np.random.default_rng(10)
     problem = planted(rng, rng.random((14, 3)) - 0.5, noise=0.2)
-    plain, scaled = match(problem.target, problem.source), match(unit * problem.target, unit * problem.source)
+    plain, scaled = (
+        match(problem.target, problem.source),
+        match(unit * problem.target, unit * problem.source),
+    )
     np.testing.assert_array_equal(scaled.map_target_source, plain.map_target_source)
     assert scaled.energy == pytest.approx(plain.energy * unit**2)
 
 
 def test_clouds_with_other_centroids_are_shifted_on_request():
     rng = np.random.default_rng(13)
-    points, turn, shift = rng.random((12, 3)), random_rotations(3, 1, rng)[0], np.array([5.0, -3.0, 1.0])
+    points, turn, shift = (
+        rng.random((12, 3)),
+        random_rotations(3, 1, rng)[0],
+        np.array([5.0, -3.0, 1.0]),
+    )
     source = (points - shift) @ turn
     result = match(points, source, translation=True)
     np.testing.assert_allclose(result.R_target_source, turn, atol=1e-9)
@@ -226,8 +248,14 @@ def test_clouds_with_other_centroids_are_shifted_on_request():
         ({"target": np.full((3, 3), np.nan), "source": np.ones((3, 3))}, "target"),
         ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "group": "SU"}, "group"),
         ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "strategy": "luck"}, "strategy"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": np.ones((3, 3))}, "starts"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": -np.eye(3)}, "reflection"),
+        (
+            {"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": np.ones((3, 3))},
+            "starts",
+        ),
+        (
+            {"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": -np.eye(3)},
+            "reflection",
+        ),
         ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "time_limit_s": 0}, "time_limit_s"),
         ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "seed": -1}, "seed"),
     ],
@@ -237,7 +265,9 @@ def test_bad_input_is_refused_by_name(arguments, message):
         match(arguments.pop("target"), arguments.pop("source"), **arguments)
 
 
-@pytest.mark.parametrize("fields", [{"candidate_factor": 0.9}, {"max_candidates": 0}, {"num_draws": -1}])
+@pytest.mark.parametrize(
+    "fields", [{"candidate_factor": 0.9}, {"max_candidates": 0}, {"num_draws": -1}]
+)
 def test_impossible_options_are_refused(fields):
     with pytest.raises(OptionsError):
         MatchOptions(**fields)

@@ -24,7 +24,11 @@ def judged(problem, bound, energy):
     """What is said about a pose of that energy once a relaxation has that bound."""
     relaxation = replace(solve_pm_sdp(problem, max_iterations=1), lower_bound=bound)
     pose = Candidate(
-        R_target_source=np.eye(3), map_target_source=np.arange(6), energy=energy, reflected=False, origin="test"
+        R_target_source=np.eye(3),
+        map_target_source=np.arange(6),
+        energy=energy,
+        reflected=False,
+        origin="test",
     )
     return _proven(problem, relaxation, pose)
 
@@ -51,7 +55,9 @@ def test_bounds_are_reported_between_zero_and_the_energy(problem):
 
 def test_banded_patterns_have_no_bound_for_their_poses():
     rng = np.random.default_rng(4)
-    banded = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)), rotation_pattern=1, group="O")
+    banded = Problem.from_user(
+        rng.random((6, 3)), rng.random((6, 3)), rotation_pattern=1, group="O"
+    )
     bound, status = judged(banded, 1.0, 1.0)
     assert np.isnan(bound)
     assert status is Status.LOCAL_OPTIMUM
@@ -59,7 +65,10 @@ def test_banded_patterns_have_no_bound_for_their_poses():
 
 def test_the_relaxation_hands_its_certificate_on(problem):
     result = match(problem.target, problem.source, strategy="relaxation")
-    assert verify_certificate(problem.target, problem.source, result.certificate, problem=problem) >= 0.0
+    assert (
+        verify_certificate(problem.target, problem.source, result.certificate, problem=problem)
+        >= 0.0
+    )
     assert result.lower_bound == pytest.approx(max(result.certificate.bound, 0.0))
     assert match_function(problem.target, problem.source, strategy="search").certificate is None
 

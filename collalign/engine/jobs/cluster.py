@@ -72,10 +72,16 @@ class Cluster:
         with _silent_dask():
             try:
                 client = _within(
-                    _CONNECT_TIMEOUT_S, Client, address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False
+                    _CONNECT_TIMEOUT_S,
+                    Client,
+                    address,
+                    timeout=_CONNECT_TIMEOUT_S,
+                    set_as_default=False,
                 )
             except Exception as error:
-                raise RunLost(f"{address}: no Dask scheduler answers ({_one_line(error)})") from None
+                raise RunLost(
+                    f"{address}: no Dask scheduler answers ({_one_line(error)})"
+                ) from None
             try:
                 cluster = cls(client, address)
                 cluster._wait_for_workers()
@@ -85,7 +91,13 @@ class Cluster:
                 with suppress(Exception):  # a scheduler that is gone needs no farewell
                     _within(_ANSWER_TIMEOUT_S / 5, client.close, timeout=_ANSWER_TIMEOUT_S / 6)
 
-    def ask(self, question: Callable[..., Answer], *arguments: Any, num_bytes: float = 0.0, **options: Any) -> Answer:
+    def ask(
+        self,
+        question: Callable[..., Answer],
+        *arguments: Any,
+        num_bytes: float = 0.0,
+        **options: Any,
+    ) -> Answer:
         """Call a function of the client or of a future.
 
         Parameters
@@ -104,7 +116,9 @@ class Cluster:
         if self.client.status != "running":
             raise self._lost()
         try:
-            return _within(_ANSWER_TIMEOUT_S + num_bytes / _LEAST_BYTES_PER_S, question, *arguments, **options)
+            return _within(
+                _ANSWER_TIMEOUT_S + num_bytes / _LEAST_BYTES_PER_S, question, *arguments, **options
+            )
         except TimeoutError:
             raise self._lost() from None
         except Exception:
@@ -145,11 +159,15 @@ class Cluster:
         """Refuse a cluster whose present workers would compute something else."""
         here = _versions()
         try:
-            everywhere = self.ask(self.client.run, _versions, on_error="ignore")  # a worker may be dying
+            everywhere = self.ask(
+                self.client.run, _versions, on_error="ignore"
+            )  # a worker may be dying
         except CollalignError:
             raise
         except Exception as error:
-            raise CollalignError(f"the cluster's workers do not answer ({_one_line(error)})") from error
+            raise CollalignError(
+                f"the cluster's workers do not answer ({_one_line(error)})"
+            ) from error
         for worker, there in everywhere.items():
             if there != here:
                 names = ", ".join(_PACKAGES)
@@ -161,14 +179,18 @@ class Cluster:
         return RunLost(f"{self._address}: the Dask cluster does not answer any more")
 
 
-def _within(seconds: float, function: Callable[..., Answer], *arguments: Any, **options: Any) -> Answer:
+def _within(
+    seconds: float, function: Callable[..., Answer], *arguments: Any, **options: Any
+) -> Answer:
     """Return what a function returns or raises, or raise TimeoutError; it goes on in a thread of its own then."""
     answers: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
 
     def call() -> None:
         try:
             answers.put((function(*arguments, **options), None))
-        except asyncio.CancelledError:  # no Exception, though Dask lets it out where a worker goes away
+        except (
+            asyncio.CancelledError
+        ):  # no Exception, though Dask lets it out where a worker goes away
             answers.put((None, CancelledError()))
         except BaseException as error:
             answers.put((None, error))
@@ -192,17 +214,23 @@ def _wait_for_listener(address: str) -> None:
             raise ValueError(f"no way to reach port {port} by {scheme}")
         socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (ValueError, OSError, OverflowError) as error:
-        raise OptionsError(f"scheduler: {address!r} is no address such as tcp://host:8786 ({error})") from None
+        raise OptionsError(
+            f"scheduler: {address!r} is no address such as tcp://host:8786 ({error})"
+        ) from None
     if scheme not in ("tcp", "tls"):
         return
     deadline = time.monotonic() + _CONNECT_TIMEOUT_S
     while True:
         try:
-            socket.create_connection((host, port), timeout=max(0.1, deadline - time.monotonic())).close()
+            socket.create_connection(
+                (host, port), timeout=max(0.1, deadline - time.monotonic())
+            ).close()
             return
         except OSError as error:
             if time.monotonic() > deadline:
-                raise RunLost(f"{address}: nobody listens there ({error.strerror or error})") from None
+                raise RunLost(
+                    f"{address}: nobody listens there ({error.strerror or error})"
+                ) from None
         time.sleep(min(0.2, _CONNECT_TIMEOUT_S / 4))
 
 

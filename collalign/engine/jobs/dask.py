@@ -153,7 +153,9 @@ class _DaskRun:
 
     def _submit(self, batch: Batch) -> Future:
         name = None if self._plugin is None else self._plugin.name
-        future = self._cluster.ask(self._cluster.client.submit, run_batch, self._call, name, batch, pure=False)
+        future = self._cluster.ask(
+            self._cluster.client.submit, run_batch, self._call, name, batch, pure=False
+        )
         future.add_done_callback(self._ended.put)
         return future
 
@@ -187,7 +189,9 @@ class _DaskRun:
         except Exception as error:
             self._cluster.check()
             if future.status == "error":  # raised on the worker, not on the way from it
-                raise CollalignError(f"the cluster cannot run the tasks: {type(error).__name__}: {error}") from error
+                raise CollalignError(
+                    f"the cluster cannot run the tasks: {type(error).__name__}: {error}"
+                ) from error
             problem = f"results do not come back from the workers ({type(error).__name__})"
         first = batch[0].token
         self._resubmissions[first] = self._resubmissions.get(first, 0) + 1
@@ -201,19 +205,28 @@ class _DaskRun:
             return
         try:
             num_bytes = len(self._plugin.data) * self._cluster.num_cores()
-            self._cluster.ask(self._cluster.client.register_plugin, self._plugin, num_bytes=num_bytes)
+            self._cluster.ask(
+                self._cluster.client.register_plugin, self._plugin, num_bytes=num_bytes
+            )
         except CollalignError:
             raise
-        except (OSError, CancelledError):  # a worker died meanwhile; the scheduler has the plugin for its successor
+        except (
+            OSError,
+            CancelledError,
+        ):  # a worker died meanwhile; the scheduler has the plugin for its successor
             self._cluster.check()
         except Exception as error:
             self._cluster.check()
-            raise CollalignError(f"the cluster cannot run this program: {type(error).__name__}: {error}") from error
+            raise CollalignError(
+                f"the cluster cannot run this program: {type(error).__name__}: {error}"
+            ) from error
 
     def withdraw(self) -> None:
         """Take the table from the workers, if they are still there."""
         if self._plugin is not None:
-            with suppress(OSError, CollalignError):  # a worker that dies meanwhile needs no cleaning
+            with suppress(
+                OSError, CollalignError
+            ):  # a worker that dies meanwhile needs no cleaning
                 self._cluster.ask(self._cluster.client.unregister_worker_plugin, self._plugin.name)
 
     def _ahead(self) -> int:

@@ -97,7 +97,9 @@ class Results(Mapping[K, T]):
         Why there is no result of the others.
     """
 
-    def __init__(self, store: Store, job: Job[T], wanted: Mapping[K, Wanted], failures: dict[K, str]) -> None:
+    def __init__(
+        self, store: Store, job: Job[T], wanted: Mapping[K, Wanted], failures: dict[K, str]
+    ) -> None:
         self._store, self._job, self._wanted = store, job, wanted
         self.failures = failures
 
@@ -105,7 +107,9 @@ class Results(Mapping[K, T]):
         if name in self.failures:
             raise KeyError(name)
         one = self._wanted[name]
-        return from_record(self._job.reader, self._store.require(self._job.kind, one.key), one.label)
+        return from_record(
+            self._job.reader, self._store.require(self._job.kind, one.key), one.label
+        )
 
     def __contains__(self, name: object) -> bool:
         return name in self._wanted and name not in self.failures
@@ -122,7 +126,10 @@ class Results(Mapping[K, T]):
 
 
 def run_task(
-    run: Callable[..., Any], is_kept: bool, arguments: Mapping[str, Any], table: SharedTable | None = None
+    run: Callable[..., Any],
+    is_kept: bool,
+    arguments: Mapping[str, Any],
+    table: SharedTable | None = None,
 ) -> Any:
     """Call a function with the arguments of one task, inside a worker; a result that the store keeps is a record."""
     value = run(**{name: _looked_up(argument, table) for name, argument in arguments.items()})

@@ -27,7 +27,15 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 from joblib.parallel import get_active_backend
 
-from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, crash, end_with_parent, run_guarded
+from collalign.engine.jobs.worker import (
+    Call,
+    Guard,
+    Outcome,
+    Task,
+    crash,
+    end_with_parent,
+    run_guarded,
+)
 from data_tools.errors import CollalignError
 
 #: Deaths of its worker after which a task is given up; somebody else may have ended it: a person, a system short of
@@ -157,7 +165,9 @@ class _LocalRun:
                 self._suspects.update(guilty)
                 stalls = 0 if guilty else stalls + 1
                 if stalls >= _MAX_STALLS:
-                    raise CollalignError(f"worker processes die before they start a task: {_cause(error)}") from None
+                    raise CollalignError(
+                        f"worker processes die before they start a task: {_cause(error)}"
+                    ) from None
                 tasks = chain((task for task in lost if task.token not in guilty), tasks)
 
     def suspects_alone(self) -> Generator[Outcome]:
@@ -195,7 +205,9 @@ class _LocalRun:
             **limited,
         )
         _BLOCKS.has_workers = True
-        warnings.filterwarnings("ignore", _REPLACED, UserWarning)  # of a thread that outlives every context
+        warnings.filterwarnings(
+            "ignore", _REPLACED, UserWarning
+        )  # of a thread that outlives every context
         if parent_process() is not None:
             _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)
@@ -231,11 +243,15 @@ def _end_idle_workers_at_exit() -> None:
 
 
 def _dismiss_workers() -> None:
-    executor = reusable_executor._executor  # asking for it would make a new one where a worker has died
+    executor = (
+        reusable_executor._executor
+    )  # asking for it would make a new one where a worker has died
     if not isinstance(executor, MemmappingExecutor):
         return
     executor.terminate(kill_workers=True)
-    if parent_process() is not None:  # a child of ``multiprocessing`` ends without what joblib left to ``atexit``
+    if (
+        parent_process() is not None
+    ):  # a child of ``multiprocessing`` ends without what joblib left to ``atexit``
         finalizers: dict[str, Callable[[], None]] = executor._temp_folder_manager._finalizers
         while finalizers:
             _, finalize = finalizers.popitem()
@@ -253,7 +269,10 @@ def _uninterrupted() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    for tracker in (loky_tracker, resource_tracker):  # started within, the second would unblock SIGINT behind it
+    for tracker in (
+        loky_tracker,
+        resource_tracker,
+    ):  # started within, the second would unblock SIGINT behind it
         tracker.ensure_running()
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -68,11 +68,15 @@ def run_jobs(
     if num_jobs < 1:
         raise OptionsError(f"num_jobs: expected at least 1, got {num_jobs}")
     call = Call(function=function, table=shared, **limits)
-    numbered = (Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks))
+    numbered = (
+        Task(token=token, key=key, payload=payload) for token, (key, payload) in enumerate(tasks)
+    )
     return _stream(_outcomes(call, numbered, num_jobs, scheduler), progress)
 
 
-def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None) -> Generator[Outcome]:
+def _outcomes(
+    call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None
+) -> Generator[Outcome]:
     if scheduler is not None:
         from collalign.engine.jobs.dask import run_dask  # an optional dependency
 
@@ -82,7 +86,9 @@ def _outcomes(call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str |
     return run_local(call, tasks, num_jobs=num_jobs)
 
 
-def _stream(outcomes: Generator[Outcome], progress: Callable[[Outcome], None] | None) -> Generator[Outcome]:
+def _stream(
+    outcomes: Generator[Outcome], progress: Callable[[Outcome], None] | None
+) -> Generator[Outcome]:
     try:
         for outcome in outcomes:
             if progress is not None:

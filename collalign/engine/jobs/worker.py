@@ -58,9 +58,13 @@ class Call:
     def __post_init__(self) -> None:
         seconds, num_bytes = self.time_limit_s, self.memory_limit_bytes
         if seconds is not None and not 0 < seconds < float("inf"):
-            raise OptionsError(f"time_limit_s: expected a positive number of seconds or None, got {seconds}")
+            raise OptionsError(
+                f"time_limit_s: expected a positive number of seconds or None, got {seconds}"
+            )
         if num_bytes is not None and num_bytes < 2**20:
-            raise OptionsError(f"memory_limit_bytes: expected at least 1 MiB or None, got {num_bytes}")
+            raise OptionsError(
+                f"memory_limit_bytes: expected at least 1 MiB or None, got {num_bytes}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +145,14 @@ def run_in_process(call: Call, task: Task) -> Outcome:
     except Exception as error:
         failure, crashed = describe(error), isinstance(error, _OF_THE_MACHINE)
     seconds = time.perf_counter() - started
-    return Outcome(key=task.key, value=value, failure=failure, seconds=seconds, crashed=crashed, token=task.token)
+    return Outcome(
+        key=task.key,
+        value=value,
+        failure=failure,
+        seconds=seconds,
+        crashed=crashed,
+        token=task.token,
+    )
 
 
 def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
@@ -165,7 +176,14 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
 
 def crash(task: Task, reason: str) -> Outcome:
     """Return the outcome of a task that has ended its workers."""
-    return Outcome(key=task.key, value=None, failure=reason, seconds=float("nan"), crashed=True, token=task.token)
+    return Outcome(
+        key=task.key,
+        value=None,
+        failure=reason,
+        seconds=float("nan"),
+        crashed=True,
+        token=task.token,
+    )
 
 
 def describe(error: BaseException) -> str:
@@ -225,7 +243,9 @@ def _memory_limit(num_bytes: int | None) -> Iterator[None]:
 
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     wanted = mapped + num_bytes
-    resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+    resource.setrlimit(
+        resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard)
+    )
     try:
         yield
     finally:

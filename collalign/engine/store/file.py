@@ -10,7 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data_tools.errors import InputError, StoreError, UnavailableError
-from data_tools.io.files import MAX_TEXT_BYTES, open_regular, own_copy, resolved, system_reason, write_atomic
+from data_tools.io.files import (
+    MAX_TEXT_BYTES,
+    open_regular,
+    own_copy,
+    resolved,
+    system_reason,
+    write_atomic,
+)
 
 #: Name of the store that a result's folder holds unless another one is named.
 STORE_FILE = "store.sqlite"
@@ -100,7 +107,9 @@ def open_connection(path: Path, *, read_only: bool) -> sqlite3.Connection:
     try:
         _harden(connection)
         if not read_only:
-            _check_layout(connection, path)  # before anything is written to a file that may be somebody else's
+            _check_layout(
+                connection, path
+            )  # before anything is written to a file that may be somebody else's
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = NORMAL")
         _check_layout(connection, path)
@@ -129,7 +138,9 @@ def reason_of(error: Exception) -> str:
     name = str(getattr(error, "sqlite_errorname", ""))
     if name.startswith("SQLITE_FULL"):
         return "cannot be written, the disk is full; make room or name a store on another disk"
-    if name.startswith(("SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_BUSY", "SQLITE_PERM")):
+    if name.startswith(
+        ("SQLITE_IOERR", "SQLITE_CANTOPEN", "SQLITE_READONLY", "SQLITE_BUSY", "SQLITE_PERM")
+    ):
         return f"cannot be read or written ({error}, {name}); look at the disk, its free space and the permissions"
     return f"not a store, or damaged ({error}); name another file"
 
@@ -159,10 +170,17 @@ def _prepare(path: Path, read_only: bool) -> None:
         if not header and not read_only:
             with closing(open_memory()) as connection:
                 write_atomic(path, connection.serialize())
-        elif not header or header[:16] != b"SQLite format 3\0" or header[68:72] != APPLICATION_ID.to_bytes(4):
+        elif (
+            not header
+            or header[:16] != b"SQLite format 3\0"
+            or header[68:72] != APPLICATION_ID.to_bytes(4)
+        ):
             raise StoreError(f"{path}: not a store of this program; name another file")
         elif not read_only:
-            for file in (path, *(path.with_name(path.name + ending) for ending in ("-wal", "-journal"))):
+            for file in (
+                path,
+                *(path.with_name(path.name + ending) for ending in ("-wal", "-journal")),
+            ):
                 own_copy(file)
     except InputError as error:
         raise StoreError(f"{path}: cannot be opened ({error})") from None

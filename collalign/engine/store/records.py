@@ -17,7 +17,17 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import msgpack
 import numpy as np
@@ -126,7 +136,9 @@ def _plain(value: Any, name: str, depth: int) -> Any:
 def _array_to_bytes(array: NDArray[Any], name: str) -> bytes:
     code = _CODES.get(array.dtype)
     if code is None or array.ndim > _MAX_DIMENSIONS:
-        raise TypeError(f"{name}: a record cannot hold {array.dtype} arrays with {array.ndim} dimensions")
+        raise TypeError(
+            f"{name}: a record cannot hold {array.dtype} arrays with {array.ndim} dimensions"
+        )
     header = struct.pack(f"<BB{array.ndim}Q", code, array.ndim, *array.shape)
     return header + array.tobytes(order="C")
 
@@ -141,7 +153,9 @@ def _array_from_bytes(extension: int, data: bytes) -> NDArray[Any]:
     shape = struct.unpack_from(f"<{num_dimensions}Q", data, 2)
     dtype = np.dtype(_DTYPES[code])
     if max(shape, default=0) >= 2**31 or math.prod(shape) * dtype.itemsize != len(data) - start:
-        raise ValueError(f"{len(data) - start} bytes for an array of shape {shape} and type {dtype}")
+        raise ValueError(
+            f"{len(data) - start} bytes for an array of shape {shape} and type {dtype}"
+        )
     if dtype.kind == "b" and data[start:].strip(b"\x00\x01"):
         raise ValueError("a boolean array with other bytes than 0 and 1")
     return read_only(np.frombuffer(data, dtype=dtype, offset=start).reshape(shape).copy())
@@ -173,7 +187,11 @@ MAX_INDEX = int(np.iinfo(np.int32).max) + 1
 
 def to_record(value: Any) -> Record:
     """Return the fields of a dataclass as a record, all but ``name``: records depend on contents alone."""
-    return {field.name: _of_field(getattr(value, field.name)) for field in fields(value) if field.name != "name"}
+    return {
+        field.name: _of_field(getattr(value, field.name))
+        for field in fields(value)
+        if field.name != "name"
+    }
 
 
 def from_record(reader: Reader[T], record: Record, name: str) -> T:
@@ -255,7 +273,10 @@ def _checked(hint: Any, value: Any, name: str, sizes: dict[str, int]) -> Any:
     if origin in (tuple, Sequence):
         return tuple(_checked(inner[0], item, name, sizes) for item in _instance(list, value, name))
     if origin in (dict, Mapping):
-        return {key: _checked(inner[1], item, name, sizes) for key, item in _instance(dict, value, name).items()}
+        return {
+            key: _checked(inner[1], item, name, sizes)
+            for key, item in _instance(dict, value, name).items()
+        }
     if hint is Note:
         return Note.from_record(_instance(dict, value, name))
     if is_dataclass(hint):

@@ -19,7 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.file import KINDS, MAX_TEXT, Failure, open_connection, open_memory, reason_of, table_of
+from collalign.engine.store.file import (
+    KINDS,
+    MAX_TEXT,
+    Failure,
+    open_connection,
+    open_memory,
+    reason_of,
+    table_of,
+)
 from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 from data_tools.io.files import system_reason
@@ -37,7 +45,9 @@ class Store:
     read_only : bool
     """
 
-    def __init__(self, connection: sqlite3.Connection, path: Path | None, lock: LockFile | None) -> None:
+    def __init__(
+        self, connection: sqlite3.Connection, path: Path | None, lock: LockFile | None
+    ) -> None:
         self._connection = connection
         self._lock = lock
         self._planned = set[str]()
@@ -95,14 +105,18 @@ class Store:
         StoreError
             If the record is damaged; it is taken out, so that the next run makes it anew.
         """
-        rows = self._query(f"SELECT label, digest, record FROM {table_of(kind)} WHERE key = ?", (key,))
+        rows = self._query(
+            f"SELECT label, digest, record FROM {table_of(kind)} WHERE key = ?", (key,)
+        )
         for label, digest, data in rows:
             name = f"{self._name}: {kind} {key} ({str(label)[:80]!r})"
             if not isinstance(data, bytes) or digest != _digest(kind, key, data):
                 if not self.read_only:
                     with self._transaction() as connection:
                         connection.execute(f"DELETE FROM {table_of(kind)} WHERE key = ?", (key,))
-                raise StoreError(f"{name}: damaged; run the same command again, which makes it anew")
+                raise StoreError(
+                    f"{name}: damaged; run the same command again, which makes it anew"
+                )
             return decode(data, name)
         return None
 
@@ -119,7 +133,9 @@ class Store:
             raise StoreError(f"{self._name}: {kind} {key} has vanished while the run was using it")
         return record
 
-    def put(self, kind: str, key: str, record: Record, *, label: str = "", seconds: float = float("nan")) -> None:
+    def put(
+        self, kind: str, key: str, record: Record, *, label: str = "", seconds: float = float("nan")
+    ) -> None:
         """Keep a record and forget its failure, in one transaction.
 
         Parameters
@@ -146,7 +162,9 @@ class Store:
         """Return the keys of all records of a kind."""
         return frozenset(str(key) for (key,) in self._query(f"SELECT key FROM {table_of(kind)}"))
 
-    def put_failure(self, kind: str, key: str, reason: str, *, label: str = "", crashed: bool = False) -> None:
+    def put_failure(
+        self, kind: str, key: str, reason: str, *, label: str = "", crashed: bool = False
+    ) -> None:
         """Record why there is no result for a key."""
         table_of(kind)
         row = (kind, _checked(key), _text(label), int(crashed), _text(reason))
@@ -156,7 +174,9 @@ class Store:
     def failures(self, kind: str) -> dict[str, Failure]:
         """Return the recorded failures of a kind by key, in the order of the keys."""
         table_of(kind)
-        rows = self._query("SELECT key, label, crashed, reason FROM failures WHERE kind = ? ORDER BY key", (kind,))
+        rows = self._query(
+            "SELECT key, label, crashed, reason FROM failures WHERE kind = ? ORDER BY key", (kind,)
+        )
         return {
             str(key): Failure(reason=str(reason), label=str(label), crashed=bool(crashed))
             for key, label, crashed, reason in rows
@@ -190,7 +210,9 @@ class Store:
             stale = "key NOT IN (SELECT key FROM plan WHERE kind = ?)"
             removed = 0
             for kind in planned:
-                removed += connection.execute(f"DELETE FROM {table_of(kind)} WHERE {stale}", (kind,)).rowcount
+                removed += connection.execute(
+                    f"DELETE FROM {table_of(kind)} WHERE {stale}", (kind,)
+                ).rowcount
                 connection.execute(f"DELETE FROM failures WHERE kind = ? AND {stale}", (kind, kind))
         self._query("VACUUM")
         return removed
@@ -204,7 +226,10 @@ class Store:
 
     def notes(self) -> dict[str, str]:
         """Return the texts of :meth:`set_note` by name."""
-        return {str(name): str(value) for name, value in self._query("SELECT name, value FROM meta ORDER BY name")}
+        return {
+            str(name): str(value)
+            for name, value in self._query("SELECT name, value FROM meta ORDER BY name")
+        }
 
     def missing(self, kind: str, keys: Iterable[str], *, again: bool = False) -> list[str]:
         """Return the keys that are still to be computed, in the given order.
@@ -218,7 +243,9 @@ class Store:
             hung, the machine failed it): an error that the content causes comes back each time.
         """
         failures = {} if again else self.failures(kind)
-        settled = self.keys(kind).union(key for key, failure in failures.items() if not failure.crashed)
+        settled = self.keys(kind).union(
+            key for key, failure in failures.items() if not failure.crashed
+        )
         return [key for key in keys if key not in settled]
 
     def status(self) -> dict[str, dict[str, int]]:
@@ -227,7 +254,12 @@ class Store:
 
     def median_seconds(self, kind: str) -> float:
         """Return the median time of records of a kind, which first tasks of workers hardly raise; NaN if unknown."""
-        seconds = [one for (one,) in self._query(f"SELECT seconds FROM {table_of(kind)} WHERE seconds IS NOT NULL")]
+        seconds = [
+            one
+            for (one,) in self._query(
+                f"SELECT seconds FROM {table_of(kind)} WHERE seconds IS NOT NULL"
+            )
+        ]
         return statistics.median(seconds) if seconds else float("nan")
 
     def median_bytes(self, kind: str) -> float:
@@ -241,11 +273,18 @@ class Store:
 
     def _counts(self, kind: str) -> dict[str, int]:
         done = f"EXISTS (SELECT 1 FROM {table_of(kind)} AS t WHERE t.key = plan.key)"
-        failed = "EXISTS (SELECT 1 FROM failures AS f WHERE f.kind = plan.kind AND f.key = plan.key)"
+        failed = (
+            "EXISTS (SELECT 1 FROM failures AS f WHERE f.kind = plan.kind AND f.key = plan.key)"
+        )
         sql = f"SELECT count(*), total({done}), total(NOT {done} AND {failed}) FROM plan WHERE kind = ?"
         ((planned, num_done, num_failed),) = self._query(sql, (kind,))
         num_done, num_failed = int(num_done), int(num_failed)
-        return {"planned": planned, "done": num_done, "failed": num_failed, "left": planned - num_done - num_failed}
+        return {
+            "planned": planned,
+            "done": num_done,
+            "failed": num_failed,
+            "left": planned - num_done - num_failed,
+        }
 
     def _query(self, sql: str, values: tuple[Any, ...] = ()) -> list[Any]:
         try:
@@ -292,7 +331,9 @@ def _locked(path: Path) -> LockFile:
             f"{path}: another run is writing to this store; wait for it, or name another store"
         ) from None
     except OSError as error:
-        raise StoreError(f"{beside}: cannot be opened and locked ({system_reason(error)})") from None
+        raise StoreError(
+            f"{beside}: cannot be opened and locked ({system_reason(error)})"
+        ) from None
 
 
 def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> str:
@@ -317,7 +358,11 @@ def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> s
     >>> fingerprint("1", {"points": 64}, "ab") == fingerprint("1", {"points": 64.0}, "ab")
     True
     """
-    content = {"version": algorithm_version, "options": _canonical(options), "content": list(content_hashes)}
+    content = {
+        "version": algorithm_version,
+        "options": _canonical(options),
+        "content": list(content_hashes),
+    }
     return hashlib.sha256(encode(content)).hexdigest()[:DIGEST_LENGTH]
 
 

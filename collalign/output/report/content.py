@@ -68,7 +68,9 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
         "orders": _orders(collection, shape_statistics),
         "map": shape_statistics,
         "incomplete": incomplete,
-        "places": [_place(at, colours) for at, colours in enumerate(collection.places)] if places else [],
+        "places": [_place(at, colours) for at, colours in enumerate(collection.places)]
+        if places
+        else [],
         "cycles": cycle_histogram(collection),
         "excluded": [(one.file, one.reason) for one in collection.excluded],
         "options": asdict(collection.options) | {"decided": decided},
@@ -85,7 +87,9 @@ def shapes_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str
     """Collect what every page of shapes holds: their display meshes, poses and what they are seen from."""
     meshes: dict[str, Any] = {}
     blobs: dict[str, str] = {}
-    for at, parts in enumerate(zip(collection.vertices, collection.faces, collection.landmarks, strict=True)):
+    for at, parts in enumerate(
+        zip(collection.vertices, collection.faces, collection.landmarks, strict=True)
+    ):
         meshes[str(at)], blobs[f"mesh-{at}"] = pack_mesh(*parts)
     shapes = _shapes(collection)
     view = _camera(collection, shapes)
@@ -96,7 +100,9 @@ def place_meshes(collection: CollectionData) -> dict[str, tuple[dict[str, Any], 
     """Return the display meshes of the shapes whose vertices have maps, coloured by place, packed, by name."""
     none = np.empty((0, 3))
     return {
-        f"place-{at}": pack_mesh(collection.vertices[at], collection.faces[at], none, colours / 255.0)
+        f"place-{at}": pack_mesh(
+            collection.vertices[at], collection.faces[at], none, colours / 255.0
+        )
         for at, colours in enumerate(collection.places)
         if len(colours)
     }
@@ -106,7 +112,10 @@ def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:
     """Return the mesh in the colours of a shape's places, and the share of these that is expected to be right."""
     if not len(colours):
         return None
-    return {"mesh": f"place-{at}", "sure": colours[:, 3].mean() / 255.0 if colours.shape[1] > 3 else None}
+    return {
+        "mesh": f"place-{at}",
+        "sure": colours[:, 3].mean() / 255.0 if colours.shape[1] > 3 else None,
+    }
 
 
 def _run_key(collection: CollectionData) -> str:
@@ -134,7 +143,9 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
     placed = np.einsum("nij,nj->ni", linear, centroids) + shift
     radii = [
         scale * np.linalg.norm(points - centroid, axis=1).max()
-        for scale, points, centroid in zip(collection.scales, collection.vertices, centroids, strict=True)
+        for scale, points, centroid in zip(
+            collection.scales, collection.vertices, centroids, strict=True
+        )
     ]
     unit = float(min(np.max(radii), _LARGEST_SHOWN * np.median(radii))) or 1.0
     middle = placed[main_part(collection)].mean(axis=0)
@@ -143,7 +154,9 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
             "name": name,
             "file": collection.files[at],
             "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
-            "byHand": {"evidence": collection.by_hand[name]} if name in collection.by_hand else None,
+            "byHand": {"evidence": collection.by_hand[name]}
+            if name in collection.by_hand
+            else None,
             "reflected": bool(collection.reflected[at]),
             "part": int(collection.part_numbers[at]),
             "coverage": collection.coverage[at],
@@ -154,18 +167,28 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
             "R": collection.rotations[at],
             "transform": collection.transforms[at],
             "alternatives": [
-                {"R": one.rotation, "transform": one.transform, "score": -one.log_odds, "origin": one.origin}
+                {
+                    "R": one.rotation,
+                    "transform": one.transform,
+                    "score": -one.log_odds,
+                    "origin": one.origin,
+                }
                 for one in poses
             ],
         }
-        for at, (name, poses) in enumerate(zip(collection.names, offered_poses(collection), strict=True))
+        for at, (name, poses) in enumerate(
+            zip(collection.names, offered_poses(collection), strict=True)
+        )
     ]
 
 
 def _camera(collection: CollectionData, shapes: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the view of the sure shapes, and how far they reach to the side, upwards and to the viewer."""
     chosen = statistics_members(collection).chosen.tolist() or range(len(collection))
-    posed = ((moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at]) for at in chosen)
+    posed = (
+        (moved_by(collection.transforms[at], collection.vertices[at]), collection.faces[at])
+        for at in chosen
+    )
     axes = camera(posed, NamedFrame.of(collection.options))
     reach = []
     for at in chosen:
@@ -237,5 +260,7 @@ def _orders(collection: CollectionData, shape_statistics: dict[str, Any]) -> dic
     orders["name"] = sorted(every, key=lambda at: collection.names[at])
     orders["confidence"] = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     for column in categories(collection):
-        orders[column] = [at for _, at in sorted(zip(collection.labels[column], every, strict=True))]
+        orders[column] = [
+            at for _, at in sorted(zip(collection.labels[column], every, strict=True))
+        ]
     return orders

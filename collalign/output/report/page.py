@@ -67,7 +67,9 @@ class Page:
 
 
 @one_blas_thread()
-def write_report(collection: CollectionData, path: Path | str, *, title: str = "Aligned collection") -> Path:
+def write_report(
+    collection: CollectionData, path: Path | str, *, title: str = "Aligned collection"
+) -> Path:
     """Write a self-contained ``report.html``; of a large collection also pages with all shapes, beside it.
 
     Parameters
@@ -105,12 +107,20 @@ def report_pages(collection: CollectionData, path: Path, *, title: str) -> Itera
     shown, again = shown_part(collection), _again(collection)
     pages = page_members(collection) if len(collection) > MOST_SHOWN else []
     every = _every_shape(collection, pages) if pages else ""
-    yield Page(path=path, title=title, summary=_summary(collection, shown.notes) + every, shown=shown, again=again)
+    yield Page(
+        path=path,
+        title=title,
+        summary=_summary(collection, shown.notes) + every,
+        shown=shown,
+        again=again,
+    )
     for number, members in enumerate(pages, 1):
         shown = some_shapes(collection, members)
         summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
         place = path.parent / page_path(number)
-        yield Page(path=place, title=f"{title}, page {number}", summary=summary, shown=shown, again=again)
+        yield Page(
+            path=place, title=f"{title}, page {number}", summary=summary, shown=shown, again=again
+        )
 
 
 def page_path(number: int) -> str:
@@ -206,9 +216,15 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
     if collection.by_hand:
         by_hand = ", ".join(map(opener, [*collection.by_hand][:MAX_NAMED]))
         more = " and others" if len(collection.by_hand) > MAX_NAMED else ""
-        words[0] = f"{words[0].rstrip('.')}, {len(collection.by_hand)} of them set by hand ({by_hand}{more})."
+        words[0] = (
+            f"{words[0].rstrip('.')}, {len(collection.by_hand)} of them set by hand ({by_hand}{more})."
+        )
     if doubtful:
-        more = f' and <a href="#confidence">{len(doubtful) - MAX_NAMED} more</a>' if doubtful[MAX_NAMED:] else ""
+        more = (
+            f' and <a href="#confidence">{len(doubtful) - MAX_NAMED} more</a>'
+            if doubtful[MAX_NAMED:]
+            else ""
+        )
         words.append(f"Look at: {', '.join(map(opener, doubtful[:MAX_NAMED]))}{more}.")
     if num_parts > 1:
         words.append(f"The shapes form {num_parts} parts that are not surely joined.")

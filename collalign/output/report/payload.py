@@ -74,7 +74,9 @@ def pack_mesh(
             "vertices": _quantise(vertices, centre, step),
             "faces": faces.astype(index),
             "samples": _quantise(samples, centre, step),
-            "scalars": np.round(255 * np.asarray(scalars, dtype=np.float64)).astype(np.uint8).ravel(),
+            "scalars": np.round(255 * np.asarray(scalars, dtype=np.float64))
+            .astype(np.uint8)
+            .ravel(),
         }
     )
     return {"fields": fields, "centre": centre.tolist(), "step": step}, text

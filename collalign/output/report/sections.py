@@ -36,7 +36,9 @@ def offered_poses(collection: CollectionData) -> tuple[tuple[Alternative, ...], 
     half_turns = _half_turn_rotations(collection)
     offered = []
     for R, poses in zip(collection.rotations, collection.alternatives, strict=True):
-        added = (Alternative(rotation=half_turn @ R, origin="half turn") for half_turn in half_turns)
+        added = (
+            Alternative(rotation=half_turn @ R, origin="half turn") for half_turn in half_turns
+        )
         known = (*poses, *added)
         rotations = np.stack([R, *(one.rotation for one in known)])
         kept = keep_apart(rotations, APART_DEG, num=MOST_POSES + 1)
@@ -79,7 +81,9 @@ def shape_map(collection: CollectionData) -> dict[str, Any]:
     samples = collection.aligned_landmarks[members]
     distances = procrustes_distances(samples)
     if np.isnan(distances).any():
-        return {"problem": "No map: it needs shapes that have three or more sample points in common."}
+        return {
+            "problem": "No map: it needs shapes that have three or more sample points in common."
+        }
     coordinates, shares = classical_mds(distances)
     condensed = squareform(distances, checks=False)
     joined = linkage(condensed, method="average")
@@ -88,9 +92,13 @@ def shape_map(collection: CollectionData) -> dict[str, Any]:
     return {
         "members": members.tolist(),
         "points": coordinates.tolist(),
-        "axes": [f"principal coordinate {at + 1} ({100 * share:.0f} %)" for at, share in enumerate(shares)],
+        "axes": [
+            f"principal coordinate {at + 1} ({100 * share:.0f} %)"
+            for at, share in enumerate(shares)
+        ],
         "words": f"Procrustes distances of {len(members)} shapes; "
-        f"{common_labels(samples).sum()} sample points are common to all. " + " ".join(map(note_text, who.notes)),
+        f"{common_labels(samples).sum()} sample points are common to all. "
+        + " ".join(map(note_text, who.notes)),
         "tree": {
             "linkage": joined[:, :3].tolist(),
             "order": leaves_list(joined).tolist(),

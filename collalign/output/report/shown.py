@@ -67,7 +67,9 @@ def some_shapes(collection: C, chosen: IntArray) -> C:
         faces=_of(collection.faces, chosen),
         alternatives=tuple(collection.alternatives[i] for i in chosen),
         part_numbers=collection.part_numbers[chosen],
-        labels={column: tuple(values[i] for i in chosen) for column, values in collection.labels.items()},
+        labels={
+            column: tuple(values[i] for i in chosen) for column, values in collection.labels.items()
+        },
         pairs=tuple(
             replace(pair, target=position[pair.target], source=position[pair.source])
             for pair in collection.pairs
@@ -83,7 +85,9 @@ def _of(meshes: tuple[T, ...], chosen: IntArray) -> tuple[T, ...]:
     return tuple(meshes[i] for i in chosen) if meshes else ()
 
 
-def _chosen_incomplete(collection: CollectionData, position: dict[int, int]) -> tuple[Incomplete, ...]:
+def _chosen_incomplete(
+    collection: CollectionData, position: dict[int, int]
+) -> tuple[Incomplete, ...]:
     """Return the incomplete shapes that are shown, with those of their partners that are."""
     chosen = []
     for one in collection.incomplete:

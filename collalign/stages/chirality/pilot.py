@@ -93,7 +93,9 @@ def decide_group(
     return "SO", (Note("added-not-reflected"), *notes), limits
 
 
-def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray) -> GroupChoice:
+def group_of_shapes(
+    session: AlignSession, shapes: Shapes, descriptors: FloatArray, edges: IntArray
+) -> GroupChoice:
     """Decide whether shapes may be mirrored, from their surfaces and from some pairs matched with mirror images.
 
     Parameters
@@ -104,7 +106,9 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
     num = len(shapes.names)
     if num > MOST_SHAPES:
         some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
-        group, notes, limits = group_of_shapes(session, some, descriptors[chosen], all_pairs(MOST_SHAPES))
+        group, notes, limits = group_of_shapes(
+            session, some, descriptors[chosen], all_pairs(MOST_SHAPES)
+        )
         notes = (*notes, Note("sides-sampled", values={"num": MOST_SHAPES, "total": num}))
         return group, notes, {int(chosen[i]): limit for i, limit in limits.items()}
     scores = surface_scores(session, shapes)
@@ -114,7 +118,9 @@ def group_of_shapes(session: AlignSession, shapes: Shapes, descriptors: FloatArr
         return "O", _notes_of_surfaces(alone, shapes.names), limits
     both_kinds = replace(session, options=replace(session.options, group="O"))
 
-    def energies_of(nearest: IntArray, num_poses: int, max_steps: int) -> tuple[list[tuple[int, int]], FloatArray]:
+    def energies_of(
+        nearest: IntArray, num_poses: int, max_steps: int
+    ) -> tuple[list[tuple[int, int]], FloatArray]:
         pairs, _ = match_pairs(both_kinds, shapes, nearest)
         tasks = {
             (pair.target, pair.source): {
@@ -170,7 +176,9 @@ def staged_sides(
     """
     num = len(descriptors)
     for num_partners, num_poses, max_steps in LOOKS:
-        pairs, energies = energies_of(nearest_pairs(edges, descriptors, num_partners), num_poses, max_steps)
+        pairs, energies = energies_of(
+            nearest_pairs(edges, descriptors, num_partners), num_poses, max_steps
+        )
         sides = find_sides(pairs, energies, num)
         if num < MIN_SHAPES or not sides.are_suspected or sides.are_obvious:
             break
@@ -230,7 +238,9 @@ def chirality_energies(
     return plain, mirrored
 
 
-def _least_energy(target: DensePoints, source: DensePoints, rotations: FloatArray, max_steps: int) -> float:
+def _least_energy(
+    target: DensePoints, source: DensePoints, rotations: FloatArray, max_steps: int
+) -> float:
     """Return the least energy of poses (m, 3, 3) that are refined, the one that leads after some steps to the end."""
     if not len(rotations):
         return np.nan
@@ -238,7 +248,9 @@ def _least_energy(target: DensePoints, source: DensePoints, rotations: FloatArra
     best = min(tried, key=lambda one: one.energy)
     if max_steps <= FIRST_STEPS:
         return best.energy
-    further = refine_pose(target, source, best.pose.rotation, max_iterations=max_steps - FIRST_STEPS)
+    further = refine_pose(
+        target, source, best.pose.rotation, max_iterations=max_steps - FIRST_STEPS
+    )
     return min(best.energy, further.energy)
 
 
@@ -264,7 +276,11 @@ def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> Note:
 
 
 def _note_of_none(
-    sides: Sides, surfaces: SurfaceSides, doubted: BoolArray, num_better: int, names: tuple[str, ...]
+    sides: Sides,
+    surfaces: SurfaceSides,
+    doubted: BoolArray,
+    num_better: int,
+    names: tuple[str, ...],
 ) -> Note:
     """Return the note about shapes that are not mirrored, some of whose sides may be in doubt."""
     evidence = {"num_better": num_better, "num_pairs": int(sides.num_pairs)}

@@ -7,19 +7,28 @@ from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.map_surfaces import wanted_file
 from data_tools.arrays import FloatArray
-from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, chirality_scores, surface_chirality
+from data_tools.embedding.chirality import (
+    NO_CHIRALITY,
+    SurfaceChirality,
+    chirality_scores,
+    surface_chirality,
+)
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
 
 
-def chirality_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SurfaceChirality:
+def chirality_of_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions
+) -> SurfaceChirality:
     """Measure one surface, unless its file has changed since its digest was taken; runs inside a worker."""
     return surface_chirality(read_shape(path, cleaning, name=name, digest=digest))
 
 
 #: Measures a surface. The version changes whenever the same file would give another result.
-MEASURING = Job(kind="surfaces", version="chirality-1", run=chirality_of_file, reader=SurfaceChirality)
+MEASURING = Job(
+    kind="surfaces", version="chirality-1", run=chirality_of_file, reader=SurfaceChirality
+)
 
 
 def surface_scores(session: AlignSession, shapes: Shapes) -> FloatArray:

@@ -57,7 +57,11 @@ def map_vertices(
         ``R_common_shape``.
     """
     surfaces = prepare_all_detailed(session, shapes, SurfaceOptions(max_faces=MAX_FACES))
-    able = [pair for pair in pairs if pair.inlier and pair.target in surfaces and pair.source in surfaces]
+    able = [
+        pair
+        for pair in pairs
+        if pair.inlier and pair.target in surfaces and pair.source in surfaces
+    ]
     members, chosen = _linked(_similar(len(shapes.names), able))
     if not chosen:
         return None
@@ -83,7 +87,9 @@ def map_vertices(
     trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(residuals, _SMALLEST), strict=True))
     size = min(FIRST_SIZE, bases.shape[-1])
     asked = {
-        _ends(pair): {"start": np.ascontiguousarray((bases[source] @ bases[target].T)[:size, :size])}
+        _ends(pair): {
+            "start": np.ascontiguousarray((bases[source] @ bases[target].T)[:size, :size])
+        }
         for pair, (target, source) in zip(chosen, _edges(members, chosen).tolist(), strict=True)
     }
     refined = _of_pairs(REFINING, session, shapes, surfaces, asked)
@@ -92,7 +98,9 @@ def map_vertices(
         return None
     edges, ends = _edges(members, chosen), [_ends(pair) for pair in chosen]
     maps = np.stack([refined[end].map for end in ends])
-    bases, residuals = common_bases(edges, maps, len(members), np.array([trust[end] for end in ends]))
+    bases, residuals = common_bases(
+        edges, maps, len(members), np.array([trust[end] for end in ends])
+    )
     own = [residuals[(edges == position).any(axis=1)] for position in range(len(members))]
     typical = np.array([float(np.median(values)) for values in own])
     return _vertices(session, shapes, members, bases, typical, rotations, surfaces)
@@ -101,14 +109,20 @@ def map_vertices(
 def _similar(num: int, pairs: Sequence[AlignedPair]) -> list[AlignedPair]:
     """Return the pairs of similar shapes, which connect whatever all pairs do."""
     ends = np.array([_ends(pair) for pair in pairs]).reshape(-1, 2)
-    kept = {tuple(edge) for edge in local_pairs(num, ends, np.array([pair.energy for pair in pairs])).tolist()}
+    kept = {
+        tuple(edge)
+        for edge in local_pairs(num, ends, np.array([pair.energy for pair in pairs])).tolist()
+    }
     return [pair for pair in pairs if _ends(pair) in kept]
 
 
 def _linked(pairs: Sequence[AlignedPair]) -> tuple[list[int], list[AlignedPair]]:
     """Return the largest set of shapes that pairs connect, the first of several, and the pairs within it."""
     graph = nx.Graph([_ends(pair) for pair in pairs])
-    parts = sorted((sorted(part) for part in nx.connected_components(graph)), key=lambda part: (-len(part), part))
+    parts = sorted(
+        (sorted(part) for part in nx.connected_components(graph)),
+        key=lambda part: (-len(part), part),
+    )
     members: list[int] = parts[0] if parts else []
     inside = set(members)
     return members, [pair for pair in pairs if pair.target in inside]
@@ -136,7 +150,10 @@ def _of_pairs(
     for (target, source), own in arguments.items():
         both = surfaces.shared(target), surfaces.shared(source)
         wanted[target, source] = Wanted(
-            key=job.key({"function": job.run.__name__, "start": own["start"].tolist()}, *(one.key for one in both)),
+            key=job.key(
+                {"function": job.run.__name__, "start": own["start"].tolist()},
+                *(one.key for one in both),
+            ),
             label=shapes.label(target, source),
             arguments={"surfaces": both, **own},
         )
@@ -150,7 +167,11 @@ def _starts(pair: AlignedPair, common: FloatArray) -> FloatArray:
     for candidate in np.argsort(pair.doubts, kind="stable"):
         rotation = pair.rotations[candidate, :3, :3]
         angles = np.nan_to_num(rotation_angle_deg(np.stack(starts), rotation), nan=0.0)
-        if len(starts) < MAX_STARTS and np.isfinite(pair.doubts[candidate]) and (angles > APART_DEG).all():
+        if (
+            len(starts) < MAX_STARTS
+            and np.isfinite(pair.doubts[candidate])
+            and (angles > APART_DEG).all()
+        ):
             starts.append(rotation)
     return np.stack(starts)
 
@@ -178,7 +199,9 @@ def _vertices(
     }
     found = session.map_parallel("maps of all vertices", places_on_reference, tasks)
     left_out = {
-        i: surfaces.failures.get(i, "no-trusted-pair") for i in range(len(shapes.names)) if i not in set(members)
+        i: surfaces.failures.get(i, "no-trusted-pair")
+        for i in range(len(shapes.names))
+        if i not in set(members)
     }
     return VertexMaps(
         names=tuple(shapes.names[i] for i in members),
@@ -194,9 +217,17 @@ def vertex_notes(found: VertexMaps | None) -> tuple[Note, ...]:
     """Return what a user must know of the maps of all vertices."""
     if found is None:
         return (Note("no-vertex-maps"),)
-    notes = [Note("vertex-maps-missing", (name,), {"reason": reason}) for name, reason in found.left_out]
+    notes = [
+        Note("vertex-maps-missing", (name,), {"reason": reason}) for name, reason in found.left_out
+    ]
     doubtful = np.flatnonzero(found.confidence < 0.5)
     if len(doubtful):
         names = tuple(found.names[i] for i in doubtful)
-        notes.append(Note("vertex-maps-doubtful", names, {"confidences": tuple(found.confidence[doubtful].tolist())}))
+        notes.append(
+            Note(
+                "vertex-maps-doubtful",
+                names,
+                {"confidences": tuple(found.confidence[doubtful].tolist())},
+            )
+        )
     return tuple(notes)

@@ -15,7 +15,12 @@ from collalign.engine.store.records import Record, to_record
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import is_same_map, refined_with_evidence, trust_of, with_others_from_poses
+from collalign.nonrigid.portfolio import (
+    is_same_map,
+    refined_with_evidence,
+    trust_of,
+    with_others_from_poses,
+)
 from collalign.nonrigid.pose_maps import PoseMapper, first_samples, sampled_surface
 from collalign.nonrigid.refine import Refiner
 from collalign.nonrigid.spectral_shape import prepare_surface
@@ -93,7 +98,9 @@ def prepare_all_detailed(
             label=name,
             arguments={"path": path, "name": name, "digest": digest, "options": options},
         )
-        for i, (name, path, digest) in enumerate(zip(shapes.names, shapes.files, shapes.digests, strict=True))
+        for i, (name, path, digest) in enumerate(
+            zip(shapes.names, shapes.files, shapes.digests, strict=True)
+        )
     }
     return session.compute(DETAILING, wanted, time_limit_s=session.run.shape_time_limit_s)
 
@@ -122,10 +129,16 @@ class RefinedMap:
 
 
 def candidate_maps(
-    target: Samples, source: Samples, surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray
+    target: Samples,
+    source: Samples,
+    surfaces: tuple[StoredSurface, StoredSurface],
+    start: FloatArray,
 ) -> CandidateMaps:
     """Return the maps that poses (m, 3, 3) of a pair lead to, weighed by all evidence; runs inside a worker."""
-    to, of = (first_samples(surface.posed, NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS) for surface in surfaces)
+    to, of = (
+        first_samples(surface.posed, NUM_SCREEN_POINTS, NUM_SCREEN_FUNCTIONS)
+        for surface in surfaces
+    )
     mapper = PoseMapper(to, of)
     weigher = PoseWeigher(target, source, mapper)
     found = []
@@ -133,7 +146,9 @@ def candidate_maps(
         chirality = float(np.sign(np.linalg.det(pose)))
         plain = mapper.map_from(pose)
         for candidate in (plain, mapper.oriented(plain, preserving=chirality > 0)):
-            _, _, evidence = weigher.weigh(candidate, mapper.evidence(candidate), chirality=chirality)
+            _, _, evidence = weigher.weigh(
+                candidate, mapper.evidence(candidate), chirality=chirality
+            )
             keeps_sides = not evidence[EVIDENCE.index("orientation")] < MIXED_ORIENTATION
             found.append((keeps_sides, evidence, candidate.C_source_target))
     # Maps that swap left and right are for pairs that have no others: most evidence says the same of both.
@@ -144,7 +159,9 @@ def candidate_maps(
         if not any(is_same_map(c, other) for _, other in kept):
             kept.append((score, c))
     best = kept[:MAX_CANDIDATES]
-    return CandidateMaps(maps=np.stack([c for _, c in best]), log_odds=np.array([score for score, _ in best]))
+    return CandidateMaps(
+        maps=np.stack([c for _, c in best]), log_odds=np.array([score for score, _ in best])
+    )
 
 
 def refine_map(surfaces: tuple[StoredSurface, StoredSurface], start: FloatArray) -> RefinedMap:
@@ -191,7 +208,9 @@ def places_on_reference(
         places, sure, sure_at = of.vertices, 1.0, np.ones(len(of.vertices))
     else:
         goals = _goals(of, *_vertex_maps(reference, shape, bases))
-        moving = to.transformed(np.diag([1.0, 1.0, -1.0 if mirrored else 1.0, 1.0]))  # none turns inside out
+        moving = to.transformed(
+            np.diag([1.0, 1.0, -1.0 if mirrored else 1.0, 1.0])
+        )  # none turns inside out
         fitted = fitted_by_map(of, moving, goals)
         places = SurfaceLocator(fitted, to.faces).closest(of.vertices).on(to.vertices)
         sure, sure_at = trust_of_places(of, places, samples, mirrored=mirrored)
@@ -207,10 +226,14 @@ def trust_of_places(
     mapper = PoseMapper(samples[0].posed, (samples[1].mirrored if mirrored else samples[1]).posed)
     target, source = mapper.target.spectral, mapper.source.spectral
     placed = places[cKDTree(of.vertices).query(samples[1].vertices)[1]]
-    forward, backward = (cKDTree(a).query(b)[1] for a, b in ((target.vertices, placed), (placed, target.vertices)))
+    forward, backward = (
+        cKDTree(a).query(b)[1] for a, b in ((target.vertices, placed), (placed, target.vertices))
+    )
     c = fitted_map(target.basis, source.basis, forward, backward)
     own = FunctionalMap(C_source_target=c, map_target_source=forward, map_source_target=backward)
-    found = with_others_from_poses(mapper, refined_with_evidence(target, source, own, _CONSISTENT), NonrigidOptions())
+    found = with_others_from_poses(
+        mapper, refined_with_evidence(target, source, own, _CONSISTENT), NonrigidOptions()
+    )
     sure, at_samples = trust_of(target, source, found)
     return sure, at_samples[cKDTree(samples[1].vertices).query(of.vertices)[1]]
 
@@ -219,7 +242,9 @@ def _working_surface(surface: VertexSurface) -> Shape:
     return Shape.from_arrays(surface.working_vertices, surface.working_faces, name=surface.name)
 
 
-def _vertex_maps(reference: VertexSurface, shape: VertexSurface, bases: FloatArray) -> tuple[IntArray, IntArray]:
+def _vertex_maps(
+    reference: VertexSurface, shape: VertexSurface, bases: FloatArray
+) -> tuple[IntArray, IntArray]:
     """Return the reference's vertex nearest to each of the shape in the common functions, and the other way."""
     of_reference, of_shape = (
         np.asarray(surface.basis[:, : bases.shape[-1]], dtype=np.float64) @ basis

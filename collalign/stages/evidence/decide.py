@@ -51,11 +51,15 @@ def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequenc
     """
     able = options.synchronization == "robust" and not options.embedding.has_eigenfunctions
     if options.maps == "always" and not able:
-        raise OptionsError("maps: needs the robust synchronization and an embedding without eigenfunctions")
+        raise OptionsError(
+            "maps: needs the robust synchronization and an embedding without eigenfunctions"
+        )
     if options.maps != "auto" or not able:
         return options.maps == "always"
     is_weak = float(np.median([pair.energies.min() for pair in pairs])) > BENT_ENERGY
-    return is_weak and closing_share(pairs) < CLOSING_CYCLES and not _overlap_rigidly(samples, pairs)
+    return (
+        is_weak and closing_share(pairs) < CLOSING_CYCLES and not _overlap_rigidly(samples, pairs)
+    )
 
 
 def _overlap_rigidly(samples: Sequence[Samples], pairs: Sequence[Pair]) -> bool:
@@ -64,7 +68,9 @@ def _overlap_rigidly(samples: Sequence[Samples], pairs: Sequence[Pair]) -> bool:
     overlaps = []
     for pair in by_energy[:: -(-len(by_energy) // MOST_REFINED)]:
         likeliest = int(np.argmin(candidate_costs(pair.energies, pair.mismatches)))
-        overlaps.append(rigid_overlap(samples[pair.target], samples[pair.source], pair.rotations[[likeliest]]))
+        overlaps.append(
+            rigid_overlap(samples[pair.target], samples[pair.source], pair.rotations[[likeliest]])
+        )
     return float(np.median(overlaps)) >= RIGID_OVERLAP
 
 

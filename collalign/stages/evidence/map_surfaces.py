@@ -9,7 +9,12 @@ from typing import Annotated
 import numpy as np
 
 from collalign.engine.jobs.job import Job, Results, T, Wanted
-from collalign.nonrigid.pose_maps import PosedSurface, posed_surface, prepare_posed, spectral_samples
+from collalign.nonrigid.pose_maps import (
+    PosedSurface,
+    posed_surface,
+    prepare_posed,
+    spectral_samples,
+)
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
@@ -49,7 +54,10 @@ class StoredSurface:
         """The mirror image, its normals outward."""
         flip = np.array([-1.0, 1.0, 1.0])
         return replace(
-            self, vertices=self.vertices * flip, normals=self.normals * flip, orientation=-self.orientation
+            self,
+            vertices=self.vertices * flip,
+            normals=self.normals * flip,
+            orientation=-self.orientation,
         )
 
     @cached_property
@@ -62,14 +70,18 @@ class StoredSurface:
 OF_SPECTRAL = tuple(field.name for field in fields(StoredSurface) if field.name != "normals")
 
 
-def prepare_surface_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> StoredSurface:
+def prepare_surface_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions
+) -> StoredSurface:
     """Read and prepare one surface, unless it has changed since its digest was taken; runs inside a worker."""
     surface = prepare_posed(read_shape(path, cleaning, name=name, digest=digest))
     return StoredSurface.of(surface.spectral, surface.normals)
 
 
 #: Prepares a surface. The version changes whenever the same file would give another one.
-PREPARING = Job(kind="surfaces", version="surface-3", run=prepare_surface_file, reader=StoredSurface)
+PREPARING = Job(
+    kind="surfaces", version="surface-3", run=prepare_surface_file, reader=StoredSurface
+)
 
 
 def prepare_surfaces(session: AlignSession, shapes: Shapes) -> Results[int, StoredSurface]:

@@ -46,18 +46,33 @@ def searched_surfaces(
         found = [_prepared(options, **file) for file in files]
     except InputError:
         return []
-    return found if all(one.area >= RIGHT_SHARE * area for one, area in zip(found, areas, strict=True)) else []
+    return (
+        found
+        if all(one.area >= RIGHT_SHARE * area for one, area in zip(found, areas, strict=True))
+        else []
+    )
 
 
 def search_pair(
-    target: Samples, source: Samples, surfaces: Sequence[SpectralShape], group: str, starts: FloatArray | None
+    target: Samples,
+    source: Samples,
+    surfaces: Sequence[SpectralShape],
+    group: str,
+    starts: FloatArray | None,
 ) -> list[WeighedPose]:
     """Return poses of a pair that a search proposes, or those that maps from some starts (m, 3, 3) ask for."""
     to, of = surfaces
     options = NonrigidOptions(orientation="any" if group == "O" else "preserving")
-    found = find_candidates(to, of, options) if starts is None else candidates_from(to, of, starts, options)
+    found = (
+        find_candidates(to, of, options)
+        if starts is None
+        else candidates_from(to, of, starts, options)
+    )
     weigher = PoseWeigher(target, source, PoseMapper(sampled_surface(to), sampled_surface(of)))
-    return [weigher.weigh(one.functional_map, one.evidence, chirality=chirality_of(one, options)) for one in found]
+    return [
+        weigher.weigh(one.functional_map, one.evidence, chirality=chirality_of(one, options))
+        for one in found
+    ]
 
 
 @lru_cache(maxsize=4 * MOST_SEARCHED)

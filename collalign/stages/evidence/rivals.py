@@ -29,7 +29,11 @@ Votes: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def settle_doubtful(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], poses: FloatArray, confidence: FloatArray
+    session: AlignSession,
+    shapes: Shapes,
+    pairs: Sequence[Pair],
+    poses: FloatArray,
+    confidence: FloatArray,
 ) -> list[Pair]:
     """Return the weighed pairs, those of each doubtful shape with the sure ones that match it best weighed anew.
 
@@ -49,7 +53,11 @@ def settle_doubtful(
         for _, e in sorted(ranked)[:MAX_PARTNERS]:
             i, j = pairs[e].target, pairs[e].source
             starts[e] = np.swapaxes(rivals, 1, 2) @ poses[j] if own == i else poses[i].T @ rivals
-    found = weigh_starts(session, shapes, pairs, starts, is_first=False, searched=True) if starts else {}
+    found = (
+        weigh_starts(session, shapes, pairs, starts, is_first=False, searched=True)
+        if starts
+        else {}
+    )
     return [with_evidence(pair, found[e]) if e in found else pair for e, pair in enumerate(pairs)]
 
 

@@ -19,7 +19,12 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
-from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces, wanted_file
+from collalign.stages.evidence.map_surfaces import (
+    PREPARING,
+    StoredSurface,
+    prepare_surfaces,
+    wanted_file,
+)
 from collalign.stages.evidence.pair_search import SEARCHED, STARTED, search_pair, searched_surfaces
 from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
@@ -37,7 +42,9 @@ class PairEvidence:
 
     def __post_init__(self) -> None:
         if not 0 <= self.maps.max(initial=-1) < self.maps.shape[1]:
-            raise InputError(f"maps: holds no pose, or indices of more than {self.maps.shape[1]} samples")
+            raise InputError(
+                f"maps: holds no pose, or indices of more than {self.maps.shape[1]} samples"
+            )
 
 
 def weigh_pair(
@@ -75,7 +82,9 @@ def weigh_pair(
         candidates = [weigher.candidate_from(start) for start in starts]
         if is_first:
             candidates += weigher.candidates_from_signs(mirrored=group == "O")
-    rotations, maps, evidence = (np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True))
+    rotations, maps, evidence = (
+        np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True)
+    )
     return PairEvidence(rotations=rotations, maps=maps.astype(np.int32), evidence=evidence)
 
 
@@ -83,7 +92,9 @@ def weigh_pair(
 WEIGHING = Job(kind="evidence", version="evidence-7", run=weigh_pair, reader=PairEvidence)
 
 
-def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool) -> list[Pair]:
+def weigh_pairs(
+    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool
+) -> list[Pair]:
     """Return the pairs with the candidates of their maps, and with the log-odds and evidence of these.
 
     They have their first, rigid candidates, and the session's group is decided. Pairs whose shapes have no surface
@@ -91,7 +102,9 @@ def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *,
     """
     own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
     weighed = [by_energy(pair) for pair in pairs]
-    for e, found in weigh_starts(session, shapes, pairs, own, is_first=True, searched=searched).items():
+    for e, found in weigh_starts(
+        session, shapes, pairs, own, is_first=True, searched=searched
+    ).items():
         weighed[e] = with_evidence(pairs[e], found)
     return weighed
 
@@ -125,8 +138,17 @@ def weigh_starts(
         i, j = pairs[e].target, pairs[e].source
         if i in surfaces and j in surfaces:
             ends = surfaces.shared(i), surfaces.shared(j)
-            settings = {"group": group, "starts": poses.tolist(), "is_first": is_first, "searched": searched}
-            files = [wanted_file(PREPARING, session, shapes, end).arguments for end in (i, j)] if searched else ()
+            settings = {
+                "group": group,
+                "starts": poses.tolist(),
+                "is_first": is_first,
+                "searched": searched,
+            }
+            files = (
+                [wanted_file(PREPARING, session, shapes, end).arguments for end in (i, j)]
+                if searched
+                else ()
+            )
             wanted[e] = Wanted(
                 key=WEIGHING.key(settings, *(end.key for end in ends)),
                 label=shapes.label(i, j),
@@ -149,7 +171,9 @@ def by_energy(pair: Pair) -> Pair:
     """Return the pair with log-odds by the energies of its candidates alone."""
     evidence = np.full((len(pair.energies), len(EVIDENCE)), np.nan)
     evidence[:, EVIDENCE.index("energy")] = pair.energies
-    return replace(pair, log_odds=read_only(cost_log_odds(pair.energies)), evidence=read_only(evidence))
+    return replace(
+        pair, log_odds=read_only(cost_log_odds(pair.energies)), evidence=read_only(evidence)
+    )
 
 
 def with_evidence(pair: Pair, found: PairEvidence) -> Pair:

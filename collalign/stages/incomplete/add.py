@@ -41,7 +41,14 @@ def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Po
     chosen = _partners(shapes, complete, at)
     partners = at[chosen]
     with run.stage("incomplete shapes"):
-        found = place_on(run.session, shapes, sorted(reasons), partners, complete.transforms[chosen], run.constraints)
+        found = place_on(
+            run.session,
+            shapes,
+            sorted(reasons),
+            partners,
+            complete.transforms[chosen],
+            run.constraints,
+        )
     return _merged(run, complete, at, found, reasons, partners)
 
 
@@ -73,7 +80,9 @@ def place_on(
 def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:
     """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
     part, confidence = max(complete.solution.parts, key=len), complete.solution.confidence
-    order = sorted(part.tolist(), key=lambda c: (not confidence[c] >= UNCERTAIN, shapes.keys[at[c]]))
+    order = sorted(
+        part.tolist(), key=lambda c: (not confidence[c] >= UNCERTAIN, shapes.keys[at[c]])
+    )
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 
@@ -99,7 +108,9 @@ def _merged(
     mismatches = {i: float(record["mismatch"]) for i, record in found.items()}
     judged = _trust(complete.trust, at, num, mismatches)
     strange = np.zeros(num, dtype=np.bool_) if judged is None else resembles_none(judged.evidence)
-    trust = _trust(complete.trust, at, num, {i: mismatch for i, mismatch in mismatches.items() if strange[i]})
+    trust = _trust(
+        complete.trust, at, num, {i: mismatch for i, mismatch in mismatches.items() if strange[i]}
+    )
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
@@ -107,14 +118,21 @@ def _merged(
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
-    pairs = [replace(pair, target=int(at[pair.target]), source=int(at[pair.source])) for pair in complete.pairs]
+    pairs = [
+        replace(pair, target=int(at[pair.target]), source=int(at[pair.source]))
+        for pair in complete.pairs
+    ]
     for i, record in found.items():
         pairs.extend(incomplete_pairs(i, record, partners[partners != i], rotations, labels))
     parts = [at[part] for part in solution.parts]
     largest = max(range(len(parts)), key=lambda n: len(parts[n]))
-    parts[largest] = np.sort(np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)]))
+    parts[largest] = np.sort(
+        np.concatenate([parts[largest], np.array(sorted(found), dtype=np.int64)])
+    )
     incomplete = tuple(
-        incomplete_record(i, record, STRANGER if strange[i] else reasons[i], partners[partners != i])
+        incomplete_record(
+            i, record, STRANGER if strange[i] else reasons[i], partners[partners != i]
+        )
         for i, record in found.items()
     )
     parts_only = [one for one in incomplete if not one.is_stranger]
@@ -124,7 +142,9 @@ def _merged(
     return replace(
         complete,
         pairs=pairs,
-        solution=replace(solution, confidence=confidence, alternatives=tuple(alternatives), parts=tuple(parts)),
+        solution=replace(
+            solution, confidence=confidence, alternatives=tuple(alternatives), parts=tuple(parts)
+        ),
         rotations=rotations,
         transforms=transforms,
         labels=labels,
@@ -206,7 +226,9 @@ def label_map(target: IntArray, source: IntArray) -> IntArray:
     return np.where(source >= 0, inverse[source], -1)
 
 
-def _trust(trust: Trust | None, at: IntArray, num: int, mismatches: Mapping[int, float]) -> Trust | None:
+def _trust(
+    trust: Trust | None, at: IntArray, num: int, mismatches: Mapping[int, float]
+) -> Trust | None:
     """Return the evidence of all shapes; of the incomplete ones none but mismatches that are given, by position."""
     if trust is None:
         return None
@@ -219,7 +241,10 @@ def _trust(trust: Trust | None, at: IntArray, num: int, mismatches: Mapping[int,
         complete = known[~np.isnan(known[:, MISMATCH]), MISMATCH]
         usual = float(np.log(np.median(complete) + LEAST_MISMATCH)) if len(complete) else np.nan
         for i, mismatch in mismatches.items():
-            spread[i, [MISMATCH, LOCAL_MISFIT]] = mismatch, np.log(mismatch + LEAST_MISMATCH) - usual
+            spread[i, [MISMATCH, LOCAL_MISFIT]] = (
+                mismatch,
+                np.log(mismatch + LEAST_MISMATCH) - usual,
+            )
         return read_only(spread)
 
     def each(known: Sequence[FloatArray], other: FloatArray) -> tuple[FloatArray, ...]:

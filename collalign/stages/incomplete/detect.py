@@ -37,7 +37,9 @@ _GRID_GROWTH = 14.0
 MIN_SHAPES, MOST_MISSING = 5, 0.5
 
 
-def named_incomplete(options: AlignOptions, names: Sequence[str], found: Iterable[str] = ()) -> dict[int, str]:
+def named_incomplete(
+    options: AlignOptions, names: Sequence[str], found: Iterable[str] = ()
+) -> dict[int, str]:
     """Return the positions of the shapes that ``options.incomplete`` names, or that an earlier run has found.
 
     Raises
@@ -74,7 +76,9 @@ def match_like_copies(pairs: Iterable[Pair]) -> set[int]:
             for shape in (pair.target, pair.source):
                 mismatches.setdefault(shape, []).append(float(pair.mismatches.min()))
     return {
-        shape for shape, found in mismatches.items() if np.median(sorted(found)[:NUM_PARTNERS]) < MISMATCH_OF_COPIES
+        shape
+        for shape, found in mismatches.items()
+        if np.median(sorted(found)[:NUM_PARTNERS]) < MISMATCH_OF_COPIES
     }
 
 
@@ -99,10 +103,15 @@ def find_incomplete(
     nearest = _nearest(pairs, len(samples))
     points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
     with table_of_values(points) as table:
-        surfaces = [Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH) for i in range(len(samples))]
+        surfaces = [
+            Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH)
+            for i in range(len(samples))
+        ]
         tasks = {
             i: {"surface": surfaces[i], "partners": tuple(surfaces[j] for j in nearest[i])}
-            for i in sorted(range(len(nearest)), key=lambda i: sorted(nearest[i]))  # partners in common together
+            for i in sorted(
+                range(len(nearest)), key=lambda i: sorted(nearest[i])
+            )  # partners in common together
             if nearest[i] and samples[i].rim != "closed" and points[i].on_rim.any()
         }
         shares = session.map_parallel("incomplete shapes", share_beyond, tasks, shared=table)
@@ -119,7 +128,9 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
     rotation = transform[:3, :3] / scales_of(transform)
     is_oriented = len(samples.dense_normals) > 0
     normals = samples.dense_normals @ rotation.T if is_oriented else plane_normals(points, points)
-    return OrientedPoints(points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented)
+    return OrientedPoints(
+        points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented
+    )
 
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:

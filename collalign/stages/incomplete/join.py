@@ -112,11 +112,18 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     kept = {}
     for i, j in agreeing:
         relative = np.linalg.inv(transforms[i]) @ transforms[j]
-        kept[i, j] = evaluate_poses(surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3])
+        kept[i, j] = evaluate_poses(
+            surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
+        )
     graph = _held_together(len(surfaces), kept)
-    parts = sorted((np.array(sorted(part)) for part in nx.connected_components(graph)), key=lambda p: (-len(p), p[0]))
+    parts = sorted(
+        (np.array(sorted(part)) for part in nx.connected_components(graph)),
+        key=lambda p: (-len(p), p[0]),
+    )
     confidence = _confidence(len(surfaces), cuts, parts)
-    return JoinedScans(transforms=transforms, confidence=confidence, kept=kept, parts=parts, cuts=cuts)
+    return JoinedScans(
+        transforms=transforms, confidence=confidence, kept=kept, parts=parts, cuts=cuts
+    )
 
 
 def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chances) -> FloatArray:
@@ -124,7 +131,11 @@ def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chanc
     num = len(surfaces)
     transforms, block = np.tile(np.eye(4), (num, 1, 1)), np.arange(num)
     probable = {pair: np.flatnonzero(own >= PROPOSED_CHANCE) for pair, own in chances.items()}
-    proposed = {pair: (overlaps[pair][own], chances[pair][own]) for pair, own in probable.items() if len(own)}
+    proposed = {
+        pair: (overlaps[pair][own], chances[pair][own])
+        for pair, own in probable.items()
+        if len(own)
+    }
     known: dict[tuple[int, int], tuple[float, FloatArray]] = {}
     while True:
         blocks = ((int(block[i]), int(block[j])) for i, j in proposed)
@@ -218,7 +229,9 @@ def _plane_rows(
     a, b = pair
     placed = source.points[chosen] @ rotations[b].T + shifts[b]
     normals = source.normals[chosen] @ rotations[b].T
-    distances, nearest = target.tree.query((placed - shifts[a]) @ rotations[a], distance_upper_bound=reach)
+    distances, nearest = target.tree.query(
+        (placed - shifts[a]) @ rotations[a], distance_upper_bound=reach
+    )
     near = np.flatnonzero(np.isfinite(distances))
     planes = target.normals[nearest[near]] @ rotations[a].T
     near = near[(planes * normals[near]).sum(axis=1) > STEP_COSINE]
@@ -253,10 +266,19 @@ def weak_cuts(
         for a, b in sorted(tree.edges):
             side = nx.Graph(tree)
             side.remove_edge(a, b)
-            halves = sorted((sorted(half) for half in nx.connected_components(side)), key=lambda h: (len(h), h))
+            halves = sorted(
+                (sorted(half) for half in nx.connected_components(side)), key=lambda h: (len(h), h)
+            )
             members, others = (np.array(half) for half in halves)
-            across = [graph[i][j]["capacity"] for i in halves[0] for j in halves[1] if graph.has_edge(i, j)]
-            held = float(_together(np.array(across))) - float(_contradictions(surfaces, transforms, members, others))
+            across = [
+                graph[i][j]["capacity"]
+                for i in halves[0]
+                for j in halves[1]
+                if graph.has_edge(i, j)
+            ]
+            held = float(_together(np.array(across))) - float(
+                _contradictions(surfaces, transforms, members, others)
+            )
             asked = _moves(elsewhere, transforms, {*halves[0]}, {*halves[1]})
             middle = _middle(surfaces, transforms, members)
             places = _places(asked, middle, cell)
@@ -265,7 +287,9 @@ def weak_cuts(
                 moved = transforms.copy()
                 moved[members] = move @ moved[members]
                 against -= float(_contradictions(surfaces, moved, members, others))
-            cuts.append(WeakCut(ends=(a, b), members=members, held=held, against=against, move=move))
+            cuts.append(
+                WeakCut(ends=(a, b), members=members, held=held, against=against, move=move)
+            )
     return cuts
 
 
@@ -278,7 +302,9 @@ def _contradictions(
         for n, j in enumerate(others.tolist()):
             if surfaces[i].depth_images and surfaces[j].depth_images:
                 relative = np.linalg.inv(transforms[i]) @ transforms[j]
-                shares = shares_in_front(surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3])
+                shares = shares_in_front(
+                    surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
+                )
                 # A little is in front where poses are right.
                 found[m, n] = in_front_log_odds(np.maximum(shares.max() - FRONT_UNIT, 0.0))
     return _together(found.ravel())
@@ -292,11 +318,15 @@ def _held_together(num: int, pairs: Iterable[tuple[int, int]]) -> nx.Graph:
     return graph
 
 
-def _same_poses(poses: LocalPoses, target: FloatArray, source: FloatArray, surface: LocalSurface) -> BoolArray:
+def _same_poses(
+    poses: LocalPoses, target: FloatArray, source: FloatArray, surface: LocalSurface
+) -> BoolArray:
     """Return which poses of a pair agree with those of its two shapes (4, 4), also in where the source lies."""
     relative, middle = np.linalg.inv(target) @ source, surface.points.mean(axis=0)
     agree = pose_angle_deg(poses.rotations, relative[:3, :3]) < AGREE_DEG
-    moved = np.linalg.norm(poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1)
+    moved = np.linalg.norm(
+        poses.rotations @ middle + poses.shifts - moved_by(relative, middle), axis=1
+    )
     return np.asarray(agree & (moved < AGREE_CELLS * surface.cell))
 
 
@@ -304,14 +334,20 @@ def _weight(chance: float) -> float:
     return -float(np.log1p(-min(chance, MOST_CERTAIN)))
 
 
-def _middle(surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray) -> FloatArray:
+def _middle(
+    surfaces: Sequence[LocalSurface], transforms: FloatArray, members: IntArray
+) -> FloatArray:
     """Return the middle (3,) of some shapes."""
-    return np.mean([moved_by(transforms[i], surfaces[i].points.mean(axis=0)) for i in members], axis=0)
+    return np.mean(
+        [moved_by(transforms[i], surfaces[i].points.mean(axis=0)) for i in members], axis=0
+    )
 
 
 def _together(weights: FloatArray) -> FloatArray:
     """Return what weights (..., n) of pairs that agree amount to, shape (...)."""
-    return np.asarray((1.0 - SHARED_CAUSE) * weights.max(axis=-1) + SHARED_CAUSE * weights.sum(axis=-1))
+    return np.asarray(
+        (1.0 - SHARED_CAUSE) * weights.max(axis=-1) + SHARED_CAUSE * weights.sum(axis=-1)
+    )
 
 
 def _moves(
@@ -328,7 +364,9 @@ def _moves(
             relative[:, :3, :3], relative[:, :3, 3] = poses.rotations, poses.shifts
             for pose, chance in zip(relative, chances, strict=True):
                 move = transforms[i] @ pose @ np.linalg.inv(transforms[j])
-                asked.append((_weight(float(chance)), move if j in members else np.linalg.inv(move)))
+                asked.append(
+                    (_weight(float(chance)), move if j in members else np.linalg.inv(move))
+                )
     return asked
 
 
@@ -338,7 +376,10 @@ def _places(
     """Return distinct moves with the weight of all moves that agree with each, the largest weight first."""
     if not asked:
         return []
-    weights, moves = np.array([weight for weight, _ in asked]), np.stack([move for _, move in asked])
+    weights, moves = (
+        np.array([weight for weight, _ in asked]),
+        np.stack([move for _, move in asked]),
+    )
     middles = moves[:, :3, :3] @ middle + moves[:, :3, 3]
     near = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) < 2.0 * AGREE_DEG
     near &= np.linalg.norm(middles[:, None] - middles, axis=2) < 2.0 * AGREE_CELLS * cell

@@ -24,7 +24,9 @@ _STEPS_AN_OCTAVE = 4
 NUM_CANDIDATES = 6
 
 
-def describe_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float) -> LocalSurface:
+def describe_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float
+) -> LocalSurface:
     """Read one surface and describe its neighbourhoods, unless it has changed since its digest was taken.
 
     Raises
@@ -51,12 +53,16 @@ OVERLAPPING = Job(kind="evidence", version="overlap-2", run=overlap_pair, reader
 
 def common_cell(shapes: Shapes) -> float:
     """Return the distance of points at which all shapes are described, in the units of the files."""
-    radii = [item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in shapes.samples]
+    radii = [
+        item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in shapes.samples
+    ]
     octaves = np.log2(PART_CELL * float(np.median(radii)))
     return float(2.0 ** (np.round(_STEPS_AN_OCTAVE * octaves) / _STEPS_AN_OCTAVE))
 
 
-def describe_surfaces(session: AlignSession, shapes: Shapes, chosen: Sequence[int]) -> Results[int, LocalSurface]:
+def describe_surfaces(
+    session: AlignSession, shapes: Shapes, chosen: Sequence[int]
+) -> Results[int, LocalSurface]:
     """Return the described surfaces of some shapes, by position; shapes of too few points are left out."""
     cell = common_cell(shapes)
     wanted = {}

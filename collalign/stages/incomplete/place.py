@@ -58,11 +58,15 @@ def place_shape(
         :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`.
     """
     source = posed_points(shape)
-    targets = [posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)]
+    targets = [
+        posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)
+    ]
     sizes = sizes_of_complete(transforms, estimate_scale=estimate_scale)
     if fixed_transform is not None:
         return pose_record(targets, source, Similarity.of_transforms(fixed_transform[None]))
-    asked = [sizes] * (NUM_PROPOSERS - 1) + [sizes if not estimate_scale else None]  # files may be of one size each
+    asked = [sizes] * (NUM_PROPOSERS - 1) + [
+        sizes if not estimate_scale else None
+    ]  # files may be of one size each
     alone = [
         match_partial(target, source, group=group, scale_range=size, num_candidates=NUM_PROPOSED)
         for target, size in zip(targets, asked, strict=False)
@@ -83,7 +87,11 @@ def sizes_of_complete(transforms: FloatArray, *, estimate_scale: bool) -> Sizes 
 
 
 def pose_record(
-    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, *, complete: bool = True
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    poses: Similarity,
+    *,
+    complete: bool = True,
 ) -> Record:
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
     found = [counterparts(target, source, poses, TUNED.num_points[1]) for target in targets]
@@ -117,13 +125,21 @@ def settle(
         proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
     proposed = _likeliest(targets, source, proposed, few, complete=complete)
     low, high = sizes or scales_allowed(targets, source)
-    allowed = np.minimum(low, proposed.scale), np.maximum(high, proposed.scale)  # another size may have been proposed
+    allowed = (
+        np.minimum(low, proposed.scale),
+        np.maximum(high, proposed.scale),
+    )  # another size may have been proposed
     poses = refine(targets, source, proposed, scale_range=allowed, hold_rotations=fixed is not None)
     return _likeliest(targets, source, poses, many, complete=complete)
 
 
 def _likeliest(
-    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, num_points: int, *, complete: bool
+    targets: Sequence[PartialSurface],
+    source: PartialSurface,
+    poses: Similarity,
+    num_points: int,
+    *,
+    complete: bool,
 ) -> Similarity:
     """Return the distinct poses of most log-odds."""
     found = [counterparts(target, source, poses, num_points) for target in targets]
@@ -171,7 +187,11 @@ def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[Flo
         found = counterparts(first, second, still, num_points)
         costs[a].append(found.target_costs[0])
         costs[b].append(found.source_costs[0])
-    costs = costs if len(targets) > 1 else [[np.full(len(targets[0].points[:num_points]), TUNED.resolution**2)]]
+    costs = (
+        costs
+        if len(targets) > 1
+        else [[np.full(len(targets[0].points[:num_points]), TUNED.resolution**2)]]
+    )
     return [np.median(_logarithms(np.array(one)), axis=0) for one in costs]
 
 

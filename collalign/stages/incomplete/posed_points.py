@@ -26,7 +26,9 @@ from pairwise.features.overlap import closeness
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 
-def points_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> OrientedPoints:
+def points_of_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions
+) -> OrientedPoints:
     """Read one surface, unless it has changed since its digest was taken; runs inside a worker."""
     return spread_points(read_shape(path, cleaning, name=name, digest=digest), MOST_POINTS)
 
@@ -35,7 +37,9 @@ def points_of_file(path: Origin, name: str, digest: str, cleaning: CleaningOptio
 READING = Job(kind="surfaces", version="points-2", run=points_of_file, reader=OrientedPoints)
 
 
-def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int]) -> Results[int, OrientedPoints]:
+def prepare_points(
+    session: AlignSession, shapes: Shapes, chosen: Sequence[int]
+) -> Results[int, OrientedPoints]:
     """Return the points of some shapes, by position.
 
     Raises
@@ -46,7 +50,9 @@ def prepare_points(session: AlignSession, shapes: Shapes, chosen: Sequence[int])
     wanted = {i: wanted_file(READING, session, shapes, i) for i in chosen}
     found = session.compute(READING, wanted, time_limit_s=session.run.shape_time_limit_s)
     if found.failures:
-        raise CollectionError("; ".join(f"{shapes.names[i]}: {reason}" for i, reason in found.failures.items()))
+        raise CollectionError(
+            "; ".join(f"{shapes.names[i]}: {reason}" for i, reason in found.failures.items())
+        )
     return found
 
 
@@ -60,7 +66,9 @@ def posed_points(found: OrientedPoints, transform: FloatArray | None = None) -> 
     return PartialSurface.from_user(points, normals, found.on_rim, oriented=found.oriented)
 
 
-def part_mismatch(surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity) -> float:
+def part_mismatch(
+    surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity
+) -> float:
     """Return how the neighbourhoods of a surface mismatch those of the most similar partner at the first pose.
 
     The mismatch of any two neighbourhoods is 1. All surfaces are described by points that lie equally far apart. What
@@ -70,7 +78,9 @@ def part_mismatch(surface: PartialSurface, partners: Sequence[PartialSurface], p
     moved = pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T
     every = [moved, *((one.points, one.normals) for one in partners)]
     apart = [_gaps(points) for points, _ in every]
-    cell = max(PART_CELL * float(np.mean([one.radius for one in partners])), *(gaps[-1] for gaps in apart))
+    cell = max(
+        PART_CELL * float(np.mean([one.radius for one in partners])), *(gaps[-1] for gaps in apart)
+    )
     counts = [1 + int((gaps >= cell).sum()) for gaps in apart]
     if min(counts) < FEWEST_POINTS or not all(one.oriented for one in (surface, *partners)):
         return float("nan")
@@ -93,10 +103,14 @@ def surface_from_record(record: Record, name: str) -> PartialSurface:
     return posed_points(from_record(OrientedPoints, record, name))
 
 
-def beyond_rim(surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity) -> float:
+def beyond_rim(
+    surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity
+) -> float:
     """Return the share of its partners' points that lie beyond a surface's rim at the first pose, their median."""
     tree, shares = cKDTree(pose.apply(surface.points)[0]), []
     for partner in partners:
         distances, nearest = tree.query(partner.points)
-        shares.append(float(((distances > BEYOND * partner.radius) & surface.on_rim[nearest]).mean()))
+        shares.append(
+            float(((distances > BEYOND * partner.radius) & surface.on_rim[nearest]).mean())
+        )
     return float(np.median(shares))

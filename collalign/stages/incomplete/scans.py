@@ -48,9 +48,9 @@ def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
     local = [item.local for item in shapes.samples if item.local is not None]
     if not local or np.median([len(one.points) for one in local]) < TUNED.least_points:
         return False
-    return median_mismatch(pairs) >= BADLY_MATCHED or sum(bool(len(one.sights)) for one in local) > 0.5 * len(
-        shapes.names
-    )
+    return median_mismatch(pairs) >= BADLY_MATCHED or sum(
+        bool(len(one.sights)) for one in local
+    ) > 0.5 * len(shapes.names)
 
 
 def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed | None:
@@ -86,7 +86,9 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
         if surfaces.failures:
             if not reasons:
                 return None
-            raise CollectionError("; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items()))
+            raise CollectionError(
+                "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
+            )
         overlaps = overlap_pairs(session, shapes, surfaces)
         described = [surfaces[i] for i in range(num)]
         joined = join_scans(described, overlaps, session.options.group)
@@ -95,7 +97,9 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
     return _posed(run, matched, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
 
 
-def _are_scans(joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Sequence[Pair]) -> bool:
+def _are_scans(
+    joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Sequence[Pair]
+) -> bool:
     """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
 
     Faces of several people, each seen from the front, are whole shapes of one kind.
@@ -103,7 +107,9 @@ def _are_scans(joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Seq
     if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < MOST_SURE * len(joined.confidence):
         return False
     sights = [
-        joined.transforms[i, :3, :3] @ surfaces[i].sights[0] for i in joined.parts[0] if len(surfaces[i].sights)
+        joined.transforms[i, :3, :3] @ surfaces[i].sights[0]
+        for i in joined.parts[0]
+        if len(surfaces[i].sights)
     ]
     return median_mismatch(pairs) >= BADLY_MATCHED or (
         len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE
@@ -131,7 +137,9 @@ def common_points(positions: FloatArray) -> FloatArray:
     return every[kept]
 
 
-def _posed(run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, reasons: Mapping[int, str]) -> Posed:
+def _posed(
+    run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, reasons: Mapping[int, str]
+) -> Posed:
     """Return what follows from the poses of joined scans."""
     shapes, reference = run.shapes, run.constraints.reference
     num = len(shapes.names)
@@ -226,7 +234,9 @@ def _pair(
     )
 
 
-def _alternatives(joined: JoinedScans, transforms: FloatArray) -> tuple[tuple[Alternative, ...], ...]:
+def _alternatives(
+    joined: JoinedScans, transforms: FloatArray
+) -> tuple[tuple[Alternative, ...], ...]:
     """Return for each shape the other places that pairs ask for, of itself or of a block with others."""
     found: list[list[Alternative]] = [[] for _ in transforms]
     inverse = np.linalg.inv(joined.transforms)

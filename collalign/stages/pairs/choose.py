@@ -43,7 +43,9 @@ def choose_pairs(
     if former is None or not former.num_shapes:
         edges = select_pairs(strategy, hashes, descriptors)
     else:
-        edges = _merged(former.edges, extend_pairs(former.num_shapes, strategy, hashes, descriptors))
+        edges = _merged(
+            former.edges, extend_pairs(former.num_shapes, strategy, hashes, descriptors)
+        )
     return _merged(edges, np.array([*constraints.candidates], dtype=np.int64).reshape(-1, 2))
 
 

@@ -38,7 +38,9 @@ def shape_descriptor(samples: Samples) -> FloatArray:
     parts = [radii / 4.0, distances / 4.0, np.pad(extents, (0, 3 - len(extents)))]
     if samples.invariants.shape[1]:
         scaled = samples.invariants * (len(points) ** 0.5 / size)
-        parts.append(np.quantile(scaled, _INVARIANT_LEVELS, axis=0).ravel() / scaled.shape[1] ** 0.5)
+        parts.append(
+            np.quantile(scaled, _INVARIANT_LEVELS, axis=0).ravel() / scaled.shape[1] ** 0.5
+        )
     return np.concatenate(parts)
 
 

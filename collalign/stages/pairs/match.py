@@ -71,7 +71,9 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
         energies = np.append(energies, [energy for _, energy in matched])
         mismatches = np.append(mismatches, local_evidence(target, source, proposed)[0])
         order = np.argsort(energies, kind="stable")
-        rotations, maps, energies, mismatches = (one[order] for one in (rotations, maps, energies, mismatches))
+        rotations, maps, energies, mismatches = (
+            one[order] for one in (rotations, maps, energies, mismatches)
+        )
     return PairPoses(
         rotations=rotations,
         maps=maps.astype(np.int32),
@@ -86,7 +88,9 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
 MATCHING = Job(kind="pairs", version="pair-7", run=match_pair, reader=PairPoses)
 
 
-def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple[list[Pair], list[Excluded]]:
+def match_pairs(
+    session: AlignSession, shapes: Shapes, edges: IntArray
+) -> tuple[list[Pair], list[Excluded]]:
     """Match every pair whose result the store does not hold yet.
 
     Parameters
@@ -120,15 +124,21 @@ def match_pairs(session: AlignSession, shapes: Shapes, edges: IntArray) -> tuple
                 "source": SAMPLING.shared(shapes.keys[j]),
                 "group": options.group,
                 "options": MatchOptions(
-                    **vars(options.matching), seed=pair_seed(options.seed, shapes.keys[i], shapes.keys[j])
+                    **vars(options.matching),
+                    seed=pair_seed(options.seed, shapes.keys[i], shapes.keys[j]),
                 ),
             },
         )
         for i, j in edges.tolist()
     }
-    found = session.compute(MATCHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=options.strict)
+    found = session.compute(
+        MATCHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=options.strict
+    )
     pairs = [poses.pair(i, j) for (i, j), poses in found.items()]
-    failed = [Excluded(file=shapes.label(i, j), reason=reason) for (i, j), reason in found.failures.items()]
+    failed = [
+        Excluded(file=shapes.label(i, j), reason=reason)
+        for (i, j), reason in found.failures.items()
+    ]
     if not pairs:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in failed[:MAX_NAMED])
         raise CollectionError(f"not one of {len(edges)} pairs could be matched{reasons}")

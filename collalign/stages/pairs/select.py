@@ -33,7 +33,9 @@ NUM_NEAR = 4
 ADDED = 6
 
 
-def select_pairs(strategy: str, hashes: NDArray[np.uint64], descriptors: FloatArray | None) -> IntArray:
+def select_pairs(
+    strategy: str, hashes: NDArray[np.uint64], descriptors: FloatArray | None
+) -> IntArray:
     """Choose the pairs to match.
 
     Parameters
@@ -56,7 +58,9 @@ def select_pairs(strategy: str, hashes: NDArray[np.uint64], descriptors: FloatAr
         return all_pairs(num_shapes)
     everyone = np.arange(num_shapes)
     if descriptors is None:
-        return without_bridges(num_shapes, random_partners(hashes, everyone, everyone, DEGREE // 2), None)
+        return without_bridges(
+            num_shapes, random_partners(hashes, everyone, everyone, DEGREE // 2), None
+        )
     near = near_partners(descriptors, everyone, everyone, NUM_NEAR)
     random = random_partners(hashes, everyone, everyone, DEGREE // 4)
     return without_bridges(num_shapes, np.concatenate([near, random]), descriptors)
@@ -104,7 +108,9 @@ def adaptive_pairs(
     return normalised(np.array(chosen, dtype=np.int64).reshape(-1, 2))
 
 
-def extend_pairs(num_old: int, strategy: str, hashes: NDArray[np.uint64], descriptors: FloatArray) -> IntArray:
+def extend_pairs(
+    num_old: int, strategy: str, hashes: NDArray[np.uint64], descriptors: FloatArray
+) -> IntArray:
     """Choose the pairs that join new shapes to a collection that stays as it is.
 
     Parameters
@@ -128,11 +134,17 @@ def extend_pairs(num_old: int, strategy: str, hashes: NDArray[np.uint64], descri
         return everything[everything[:, 1] >= num_old]
     old, new = np.arange(num_old), np.arange(num_old, total)
     near = near_partners(descriptors, new, old, DEGREE // 2)
-    return normalised(np.concatenate([near, random_partners(hashes, new, old, DEGREE - DEGREE // 2)]))
+    return normalised(
+        np.concatenate([near, random_partners(hashes, new, old, DEGREE - DEGREE // 2)])
+    )
 
 
 def _new_partners(
-    shape: int, sure: FloatArray, known: Iterable[int], hashes: NDArray[np.uint64], descriptors: FloatArray
+    shape: int,
+    sure: FloatArray,
+    known: Iterable[int],
+    hashes: NDArray[np.uint64],
+    descriptors: FloatArray,
 ) -> IntArray:
     """Return new partners of one uncertain shape: confident ones first, half of them near, half random."""
     is_free = np.ones(len(sure), dtype=np.bool_)

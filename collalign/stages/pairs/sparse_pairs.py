@@ -38,7 +38,8 @@ def identity_hashes(identities: Iterable[str], seed: int) -> NDArray[np.uint64]:
         seen[name] += 1
         names[i] = f"{seed} {seen[name]} {name}"
     digests = b"".join(
-        hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=8).digest() for name in names
+        hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=8).digest()
+        for name in names
     )
     return np.frombuffer(digests, dtype="<u8").astype(np.uint64)
 
@@ -52,7 +53,9 @@ def pair_hashes(one: np.uint64, others: NDArray[np.uint64]) -> NDArray[np.uint64
         return x ^ (x >> np.uint64(31))
 
 
-def random_partners(ids: NDArray[np.uint64], shapes: IntArray, partners: IntArray, num: int) -> IntArray:
+def random_partners(
+    ids: NDArray[np.uint64], shapes: IntArray, partners: IntArray, num: int
+) -> IntArray:
     """Return, for each shape, pairs with the ``num`` partners of least hash, shape (len(shapes) * num, 2)."""
     pairs = []
     for shape in shapes:
@@ -78,9 +81,15 @@ def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num:
         return np.empty((0, 2), dtype=np.int64)
     _, found = KDTree(points[partners]).query(points[shapes], k=num)
     found = partners[np.asarray(found).reshape(len(shapes), num)]
-    rows = [found_of[found_of != shape][: max(num - 1, 1)] for shape, found_of in zip(shapes, found, strict=True)]
+    rows = [
+        found_of[found_of != shape][: max(num - 1, 1)]
+        for shape, found_of in zip(shapes, found, strict=True)
+    ]
     return np.concatenate(
-        [np.stack([np.full(len(row), shape), row], axis=1) for shape, row in zip(shapes, rows, strict=True)]
+        [
+            np.stack([np.full(len(row), shape), row], axis=1)
+            for shape, row in zip(shapes, rows, strict=True)
+        ]
     )
 
 

@@ -40,7 +40,12 @@ def resolve_pair(target: Samples, source: Samples, group: str, start: FloatArray
         start = problem.procrustes(match_at_rotation(target, source, start)[0])
     pose = minimise(problem, start[None])
     mismatches, _ = local_evidence(target, source, pose.rotations)
-    return {"rotations": pose.rotations, "maps": pose.maps, "energies": pose.energies, "mismatches": mismatches}
+    return {
+        "rotations": pose.rotations,
+        "maps": pose.maps,
+        "energies": pose.energies,
+        "mismatches": mismatches,
+    }
 
 
 def solve_again(
@@ -64,7 +69,10 @@ def solve_again(
 
 
 def with_common_match(
-    samples: Sequence[Samples], pairs: Sequence[Pair], solution: SynchronizationResult, rotations: FloatArray
+    samples: Sequence[Samples],
+    pairs: Sequence[Pair],
+    solution: SynchronizationResult,
+    rotations: FloatArray,
 ) -> list[AlignedPair]:
     """Return the pairs with what synchronization says of them, and with their best match at the common poses.
 
@@ -93,7 +101,9 @@ def with_common_match(
     return matched
 
 
-def match_at(samples: Sequence[Samples], pair: Pair, rotations: FloatArray) -> tuple[IntArray, float]:
+def match_at(
+    samples: Sequence[Samples], pair: Pair, rotations: FloatArray
+) -> tuple[IntArray, float]:
     """Return the best map (k,) of a pair at the common poses (N, 3, 3), and its energy."""
     common = rotations[pair.target].T @ rotations[pair.source]
     return match_at_rotation(samples[pair.target], samples[pair.source], common)

@@ -50,7 +50,9 @@ def measure_pair(target: Samples, source: Samples, group: str, start: FloatArray
     """
     found = []
     for num in numbers_of_samples(len(target.positions)):
-        problem = pair_problem(with_first_samples(target, num), with_first_samples(source, num), group)
+        problem = pair_problem(
+            with_first_samples(target, num), with_first_samples(source, num), group
+        )
         found.append(minimise(problem, start[None], hold_chirality=True).rotations[0])
     return np.stack(found)
 
@@ -108,14 +110,19 @@ def bent_poses(
     free[list(fixed)] = False
     frames = transposed(solution.rotations)
     trust = np.array(
-        [_trust(frames, edges, measured[:, [way]], present[:, way], free) for way in range(len(present.T))]
+        [
+            _trust(frames, edges, measured[:, [way]], present[:, way], free)
+            for way in range(len(present.T))
+        ]
     )
     return transposed(average_frames(frames, edges, measured, present * trust, free))
 
 
 def _nearest_map(pair: Pair, asked: FloatArray) -> FloatArray:
     """Return the likeliest candidate near the common pose, or zeros where none is near."""
-    angles = rotation_angle_deg(pair.rotations[:, :3, :3], np.broadcast_to(asked, (len(pair.rotations), 3, 3)))
+    angles = rotation_angle_deg(
+        pair.rotations[:, :3, :3], np.broadcast_to(asked, (len(pair.rotations), 3, 3))
+    )
     odds = pair.log_odds if len(pair.log_odds) else -candidate_costs(pair.energies, pair.mismatches)
     near = np.isfinite(odds) & (np.nan_to_num(angles, nan=np.inf) <= APART_DEG)
     if not near.any():
@@ -123,7 +130,9 @@ def _nearest_map(pair: Pair, asked: FloatArray) -> FloatArray:
     return np.asarray(pair.rotations[int(np.argmax(np.where(near, odds, -np.inf))), :3, :3])
 
 
-def _trust(frames: FloatArray, edges: IntArray, measured: FloatArray, present: BoolArray, free: BoolArray) -> float:
+def _trust(
+    frames: FloatArray, edges: IntArray, measured: FloatArray, present: BoolArray, free: BoolArray
+) -> float:
     """Return how far one way of measuring is trusted: by its median residual, missing pairs being the largest."""
     alone = average_frames(frames, edges, measured, present[:, None].astype(np.float64), free)
     residuals = np.where(present, residuals_deg(alone, edges, measured)[:, 0], np.inf)

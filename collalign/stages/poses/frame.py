@@ -70,4 +70,6 @@ def rotated_solution(solution: SynchronizationResult, turns: FloatArray) -> Sync
         tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
         for turn, poses in zip(turns, solution.alternatives, strict=True)
     )
-    return replace(solution, rotations=read_only(turns @ solution.rotations), alternatives=alternatives)
+    return replace(
+        solution, rotations=read_only(turns @ solution.rotations), alternatives=alternatives
+    )

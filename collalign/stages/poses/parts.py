@@ -41,10 +41,14 @@ def split_shapes(
     """
     if options.clusters == 1:
         return None, list(pairs)
-    labels = find_parts(pair_graph(pairs, len(samples), options.group), num_parts=options.clusters or None)
+    labels = find_parts(
+        pair_graph(pairs, len(samples), options.group), num_parts=options.clusters or None
+    )
     linked = [pairs[e] for e in _within(labels, pairs)]
     if not linked:
-        raise CollectionError(f"clusters: {labels.max() + 1} parts leave every shape alone; ask for fewer")
+        raise CollectionError(
+            f"clusters: {labels.max() + 1} parts leave every shape alone; ask for fewer"
+        )
     return labels, linked
 
 
@@ -116,7 +120,9 @@ def _with_all_pairs(
     counts = np.bincount(labels)
     split = Note("different-parts", values={"num": len(counts), "sizes": tuple(counts.tolist())})
     # The first note counts the parts as unconnected, unless one of them fell apart further.
-    own = solution.warnings[1:] if len(counts) == len(solution.components) > 1 else solution.warnings
+    own = (
+        solution.warnings[1:] if len(counts) == len(solution.components) > 1 else solution.warnings
+    )
     return replace(
         solution,
         edge_choice=read_only(choice),

@@ -31,7 +31,10 @@ def labels_at_common_poses(
     ndarray of int, shape (N, k)
         Each row a permutation of 0, ..., k - 1.
     """
-    posed = [np.hstack([x.positions @ r.T, x.invariants]) for x, r in zip(samples, rotations, strict=True)]
+    posed = [
+        np.hstack([x.positions @ r.T, x.invariants])
+        for x, r in zip(samples, rotations, strict=True)
+    ]
     median = float(np.median([pair.energy for pair in pairs])) or 1.0
     return synchronize_maps(
         np.array([(pair.target, pair.source) for pair in pairs]),
@@ -101,7 +104,9 @@ def common_scales(configurations: FloatArray) -> FloatArray:
     configurations : ndarray, shape (N, k, 3)
         In the order of their labels, and turned to the common frame.
     """
-    flat = (configurations - configurations.mean(axis=1, keepdims=True)).reshape(len(configurations), -1)
+    flat = (configurations - configurations.mean(axis=1, keepdims=True)).reshape(
+        len(configurations), -1
+    )
     sizes = np.maximum((flat**2).sum(axis=1), 1e-300)
     mean = np.linalg.eigh((flat.T / sizes) @ flat)[1][:, -1]
     scales = flat @ mean / sizes

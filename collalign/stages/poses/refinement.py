@@ -33,7 +33,9 @@ NUM_NEIGHBOURS = 8
 MOST_STEPS = 16
 
 
-def refine_pair(target: DensePoints, source: DensePoints, start: FloatArray) -> tuple[FloatArray, float]:
+def refine_pair(
+    target: DensePoints, source: DensePoints, start: FloatArray
+) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
@@ -130,7 +132,10 @@ def refine_rotations(
     pattern = RotationPattern.from_user(None, 3, group)
     points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
     starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
-    tasks = {(i, j): {"target": points[i], "source": points[j], "start": start} for (i, j), start in starts.items()}
+    tasks = {
+        (i, j): {"target": points[i], "source": points[j], "start": start}
+        for (i, j), start in starts.items()
+    }
     with table_of_values(samples) as table:
         poses = list(session.map_parallel("refinements", refine_pair, tasks, shared=table).values())
     graph = PairGraph.of_candidates(
@@ -142,7 +147,9 @@ def refine_rotations(
     return synchronize_graph(graph, fixed=fixed).rotations
 
 
-def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS) -> IntArray:
+def local_pairs(
+    num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS
+) -> IntArray:
     """Return the pairs of least energy of every shape, and a spanning forest of least energy.
 
     Parameters
@@ -160,7 +167,9 @@ def local_pairs(num_shapes: int, edges: IntArray, energies: FloatArray, *, num: 
     """
     graph = nx.Graph()
     graph.add_nodes_from(range(num_shapes))
-    graph.add_weighted_edges_from((int(i), int(j), float(e)) for (i, j), e in zip(edges, energies, strict=True))
+    graph.add_weighted_edges_from(
+        (int(i), int(j), float(e)) for (i, j), e in zip(edges, energies, strict=True)
+    )
     kept = {frozenset(pair) for pair in nx.minimum_spanning_edges(graph, data=False)}
     for shape in graph:
         nearest = sorted((data["weight"], other) for other, data in graph[shape].items())[:num]

@@ -11,7 +11,12 @@ from collalign.confidence.candidate_model import candidate_costs
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
-from collalign.synchronization import PairGraph, SynchronizationResult, alternate_assignments, synchronize_graph
+from collalign.synchronization import (
+    PairGraph,
+    SynchronizationResult,
+    alternate_assignments,
+    synchronize_graph,
+)
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.threads import one_blas_thread
@@ -52,12 +57,16 @@ def pair_graph(
         [
             (
                 pair.rotations[:, :dim, :dim],
-                pair.energies if energies_alone else candidate_costs(pair.energies, pair.mismatches),
+                pair.energies
+                if energies_alone
+                else candidate_costs(pair.energies, pair.mismatches),
             )
             for pair in pairs
         ],
         num_shapes=num_shapes,
-        pattern=RotationPattern.from_user(block_sizes if len(block_sizes) > 1 else None, dim, group),
+        pattern=RotationPattern.from_user(
+            block_sizes if len(block_sizes) > 1 else None, dim, group
+        ),
         log_odds=[pair.log_odds for pair in pairs] if are_weighed(pairs) else None,
         weights=np.array([pair.weight for pair in pairs]),
     )
@@ -82,7 +91,10 @@ def synchronize_pairs(
     published = options.synchronization == "spectral"
     graph = pair_graph(pairs, num_shapes, options.group, energies_alone=published)
     return synchronize_graph(
-        graph, method=options.synchronization, fixed=constraints.fixed, reference=constraints.reference
+        graph,
+        method=options.synchronization,
+        fixed=constraints.fixed,
+        reference=constraints.reference,
     )
 
 
@@ -114,7 +126,10 @@ def synchronize_shapes(
 
 
 def synchronize_as_published(
-    options: AlignOptions, samples: Sequence[Samples], pairs: Sequence[Pair], constraints: Constraints
+    options: AlignOptions,
+    samples: Sequence[Samples],
+    pairs: Sequence[Pair],
+    constraints: Constraints,
 ) -> SynchronizationResult:
     """Synchronize exactly as appendix B of Maron et al. (2016) does, the baseline.
 

@@ -27,7 +27,14 @@ from collalign.products.trust import (
     Trust,
 )
 from collalign.stages.trust.near_symmetry import near_symmetries
-from collalign.stages.trust.rival_poses import MAX_PARTNERS, Partner, are_copies, leads_over, pose_costs, rival_poses
+from collalign.stages.trust.rival_poses import (
+    MAX_PARTNERS,
+    Partner,
+    are_copies,
+    leads_over,
+    pose_costs,
+    rival_poses,
+)
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -71,9 +78,12 @@ def gather_trust(
     partners = partners_of(pairs, rotations)
     turns = _turns_of_parts(samples, partners, rotations, components)
     rivals = tuple(
-        read_only(rival_poses(pose, own, turn)) for pose, own, turn in zip(rotations, partners, turns, strict=True)
+        read_only(rival_poses(pose, own, turn))
+        for pose, own, turn in zip(rotations, partners, turns, strict=True)
     )
-    poses = [np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)]
+    poses = [
+        np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)
+    ]
     costs = _costs(session, samples, rotations, partners, poses)
     partners, costs = _among_relatives(partners, costs, resembles_none(_fits(costs, components)))
     excess, local_excess = ([_excess(cost[kind]) for cost in costs] for kind in (GAP, LOCAL))
@@ -85,8 +95,12 @@ def gather_trust(
     trust = Trust(
         evidence=unknown,
         rivals=rivals,
-        excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)),
-        local_excess=tuple(read_only(rises[: len(own)]) for rises, own in zip(local_excess, rivals, strict=True)),
+        excess=tuple(
+            read_only(rises[: len(own)]) for rises, own in zip(excess, rivals, strict=True)
+        ),
+        local_excess=tuple(
+            read_only(rises[: len(own)]) for rises, own in zip(local_excess, rivals, strict=True)
+        ),
         leads=tuple(read_only(over) for over in leads),
         symmetries=_symmetries(samples, rotations, turns, costs, partners, components),
         up_to_symmetry=unknown,
@@ -126,9 +140,13 @@ def _symmetries(
         known = [i for i in members if costs[i].size]
         if len(known) > 1 and len(turns[known[0]]):
             num = len(turns[known[0]])
-            asked = [() if samples[i].rim != "unknown" and are_copies(partners[i]) else partners[i] for i in known]
+            asked = [
+                () if samples[i].rim != "unknown" and are_copies(partners[i]) else partners[i]
+                for i in known
+            ]
             leads = [
-                leads_over(rotations[i], turns[i] @ rotations[i], of) for i, of in zip(known, asked, strict=True)
+                leads_over(rotations[i], turns[i] @ rotations[i], of)
+                for i, of in zip(known, asked, strict=True)
             ]
             alike = is_as_good(
                 np.mean([_excess(costs[i][GAP])[-num:] for i in known], axis=0),
@@ -156,7 +174,8 @@ def _evidence(
         if own:
             others = (pose_angle_deg(trust.rivals[i][:, None], poses) > APART_DEG).all(axis=1)
             margins = (
-                least[i][others].min(initial=np.inf) for least in (trust.excess, trust.leads, trust.local_excess)
+                least[i][others].min(initial=np.inf)
+                for least in (trust.excess, trust.leads, trust.local_excess)
             )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
@@ -194,7 +213,9 @@ def _among_relatives(
         related = np.array([not strange[partner.shape] for partner in own], dtype=np.bool_)
         if strange[i] or not related[:MAX_PARTNERS].any():
             related[:] = True
-        of_shapes.append([partner for partner, is_related in zip(own, related, strict=True) if is_related])
+        of_shapes.append(
+            [partner for partner, is_related in zip(own, related, strict=True) if is_related]
+        )
         against.append(cost[:, :, np.append(related[:MAX_PARTNERS], True)] if cost.size else cost)
     return of_shapes, against
 
@@ -208,7 +229,9 @@ def _turns_of_parts(
     """Return turns of the common frame that each part's most typical shape looks alike after, for every shape."""
     turns = [np.zeros((0, 3, 3))] * len(samples)
     for members in components:
-        energies = [np.mean([partner.energy for partner in partners[i]] or [np.inf]) for i in members]
+        energies = [
+            np.mean([partner.energy for partner in partners[i]] or [np.inf]) for i in members
+        ]
         typical = int(members[int(np.argmin(energies))])
         frame = rotations[typical]
         found = frame @ near_symmetries(samples[typical]) @ frame.T
@@ -281,7 +304,10 @@ def _costs(
     with table_of_values(samples) as table:
         found = session.map_parallel("poses tried", pose_costs, tasks, shared=table)
     least = np.array([RESOLUTION, LEAST_MISMATCH])[:, None, None]
-    return [found[i][:, places[i]] + least if i in found else np.zeros((2, 0, 0)) for i in range(len(samples))]
+    return [
+        found[i][:, places[i]] + least if i in found else np.zeros((2, 0, 0))
+        for i in range(len(samples))
+    ]
 
 
 def confidence_by_evidence(trust: Trust | None, num: int) -> FloatArray:
@@ -307,10 +333,15 @@ def with_trust(
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
         chances = (1.0 - confidence[i]) * share / max(share.sum(), LEAST_COST)
-        order = [r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0]
+        order = [
+            r for r in np.argsort(-chances, kind="stable") if confidence[i] > 0 and chances[r] > 0
+        ]
         poses = rivals[order]
         chosen = tuple(
-            Alternative(rotation=read_only(poses[r]), log_odds=float(np.log(confidence[i] / chances[order[r]])))
+            Alternative(
+                rotation=read_only(poses[r]),
+                log_odds=float(np.log(confidence[i] / chances[order[r]])),
+            )
             for r in keep_apart(poses, APART_DEG, num=MAX_ALTERNATIVES)
         )
         alternatives.append(chosen)

@@ -32,9 +32,15 @@ def near_symmetries(samples: Samples) -> FloatArray:
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
     turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
     turns = turns[rotation_angle_deg(turns) > APART_DEG]
-    few = tuple((points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS]) for points, normals in (fixed, moving))
+    few = tuple(
+        (points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS])
+        for points, normals in (fixed, moving)
+    )
     gaps = surface_gap(few[0], few[1], turns)
-    best = [_refined(fixed, moving, turn) for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]]
+    best = [
+        _refined(fixed, moving, turn)
+        for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]
+    ]
     exact = surface_gap(fixed, moving, np.stack(best))
     ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
     found = ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
@@ -45,7 +51,9 @@ def near_symmetries(samples: Samples) -> FloatArray:
     if most.sum() < MANY_TURNS:
         return found
     axis = np.linalg.eigh(axes[most].T @ axes[most])[1][:, -1]
-    return np.concatenate([Rotation.from_rotvec(np.outer(TWELFTHS, axis), degrees=True).as_matrix(), found[~most]])
+    return np.concatenate(
+        [Rotation.from_rotvec(np.outer(TWELFTHS, axis), degrees=True).as_matrix(), found[~most]]
+    )
 
 
 def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:

@@ -27,7 +27,11 @@ MAY_BE_CUT = 0.7
 
 
 def remedies(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], confidence: FloatArray, strange: BoolArray
+    session: AlignSession,
+    shapes: Shapes,
+    pairs: Sequence[Pair],
+    confidence: FloatArray,
+    strange: BoolArray,
 ) -> list[Note]:
     """Return notes that name the option which helps where most shapes, or open surfaces, are in doubt.
 
@@ -45,7 +49,9 @@ def remedies(
     options, said = session.options, []
     in_doubt = np.flatnonzero(~(confidence >= DOUBT))
     mostly = len(in_doubt) >= MOST_IN_DOUBT * len(confidence)
-    kinds = _kinds(pairs, len(confidence), options.group) if mostly and options.clusters == 1 else []
+    kinds = (
+        _kinds(pairs, len(confidence), options.group) if mostly and options.clusters == 1 else []
+    )
     if kinds:
         groups = "; ".join(listed([shapes.names[i] for i in kind]) for kind in kinds)
         said.append(Note("several-kinds", values={"num": len(kinds), "groups": groups}))
@@ -54,7 +60,11 @@ def remedies(
         cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
-    in_parts = [shapes.names[i] for i in in_doubt.tolist() if round(share_kept(shapes.samples[i].notes), 2) < 1]
+    in_parts = [
+        shapes.names[i]
+        for i in in_doubt.tolist()
+        if round(share_kept(shapes.samples[i].notes), 2) < 1
+    ]
     if in_parts and options.cleaning.largest_component:
         said.append(Note("components-left-out", tuple(in_parts)))
     return said
@@ -69,6 +79,10 @@ def _kinds(pairs: Sequence[Pair], num: int, group: str) -> list[list[int]]:
     labels = spectral_clusters(pair_affinity(pair_graph(pairs, num, group)), None)
     energies = np.array([pair.energies.min() for pair in pairs])
     across = np.array([labels[pair.target] != labels[pair.source] for pair in pairs])
-    if not across.any() or across.all() or np.median(energies[across]) < WORSE_ACROSS * np.median(energies[~across]):
+    if (
+        not across.any()
+        or across.all()
+        or np.median(energies[across]) < WORSE_ACROSS * np.median(energies[~across])
+    ):
         return []
     return [np.flatnonzero(labels == part).tolist() for part in range(labels.max() + 1)]

@@ -71,7 +71,9 @@ def rival_poses(pose: FloatArray, partners: Sequence[Partner], turns: FloatArray
     apart = ~_near(poses, pose[None])[:, 0]
     found = _representatives(poses[apart], np.exp(-SUPPORT_POWER * excess[apart])).reshape(-1, 3, 3)
     alike = turns @ pose
-    return np.concatenate([found, alike[~_near(alike, np.concatenate([pose[None], found])).any(axis=1)]])
+    return np.concatenate(
+        [found, alike[~_near(alike, np.concatenate([pose[None], found])).any(axis=1)]]
+    )
 
 
 def leads_over(pose: FloatArray, rivals: FloatArray, partners: Sequence[Partner]) -> FloatArray:
@@ -104,7 +106,9 @@ def are_copies(partners: Sequence[Partner]) -> bool:
 
 def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
     """Return which poses are within :data:`APART_DEG` of each other; mirror images never are."""
-    same: BoolArray = np.einsum("aij,bij->ab", poses, others) >= 1.0 + 2.0 * np.cos(np.deg2rad(APART_DEG))
+    same: BoolArray = np.einsum("aij,bij->ab", poses, others) >= 1.0 + 2.0 * np.cos(
+        np.deg2rad(APART_DEG)
+    )
     return same
 
 

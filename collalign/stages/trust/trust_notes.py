@@ -40,7 +40,11 @@ def trust_notes(
         *strange_note(names, trust, np.flatnonzero(resembles_none(trust.evidence)).tolist()),
         *_symmetric(trust, confidence),
     ]
-    free = [i for i in range(len(names)) if i not in {*constraints.by_hand, *constraints.fixed_transforms}]
+    free = [
+        i
+        for i in range(len(names))
+        if i not in {*constraints.by_hand, *constraints.fixed_transforms}
+    ]
     doubted = [i for i in free if not confidence[i] >= DOUBT]
     votes = trust.evidence[:, VOTES]
     if doubted and np.nanmean(votes) < FEWEST_VOTES:
@@ -54,7 +58,9 @@ def trust_notes(
 def _contradicted(names: Sequence[str], trust: Trust, constraints: Constraints) -> list[Note]:
     votes = trust.evidence[:, VOTES]
     return [
-        Note("contradicted-by-hand" if i in constraints.by_hand else "contradicted-kept", (names[i],))
+        Note(
+            "contradicted-by-hand" if i in constraints.by_hand else "contradicted-kept", (names[i],)
+        )
         for i in sorted(constraints.fixed)
         if votes[i] < CONTRADICTED_VOTES
     ]
@@ -75,6 +81,8 @@ def _symmetric(trust: Trust, confidence: FloatArray) -> list[Note]:
     if len(alike) < 2:
         return []
     of_part = [len(turns) > 1 for turns in trust.symmetries]
-    absolute, up_to = (float(np.nanmedian(of[of_part])) for of in (confidence, symmetric_confidence(trust)))
+    absolute, up_to = (
+        float(np.nanmedian(of[of_part])) for of in (confidence, symmetric_confidence(trust))
+    )
     numbers = {"num": sum(of_part), "total": len(of_part), "up_to": up_to, "absolute": absolute}
     return [Note("symmetric", values={**numbers, "rotations": describe_rotations(alike[1:])})]

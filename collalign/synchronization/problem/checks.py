@@ -20,7 +20,9 @@ def angles_rad(rotations: FloatArray) -> FloatArray:
         proper = chordal_angles(rotations, np.eye(3))
         if not rotations.size or np.linalg.det(rotations).min() > 0:
             return proper
-    phases = np.angle(np.linalg.eigvals(rotations)) if rotations.size else np.zeros(rotations.shape[:-1])
+    phases = (
+        np.angle(np.linalg.eigvals(rotations)) if rotations.size else np.zeros(rotations.shape[:-1])
+    )
     return np.sqrt((phases**2).sum(axis=-1) / 2.0)
 
 
@@ -58,18 +60,24 @@ def checked_edges(edges: ArrayLike, num_shapes: int | None) -> IntArray:
         raise OptionsError(f"num_shapes: expected 1 or more, got {num_shapes}")
     upper = num_shapes if num_shapes is not None else np.iinfo(np.int64).max
     raw = np.asarray(edges)
-    pairs = as_indices(raw.reshape(0, 2) if raw.size == 0 else raw, "edges", upper=upper, shape=(None, 2))
+    pairs = as_indices(
+        raw.reshape(0, 2) if raw.size == 0 else raw, "edges", upper=upper, shape=(None, 2)
+    )
     loops = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
     if len(loops):
         raise InputError(f"edges: row {loops[0]} joins shape {pairs[loops[0], 0]} to itself")
     unordered, count = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         twice = unordered[np.argmax(count > 1)].tolist()
-        raise InputError(f"edges: the pair {twice} appears more than once; give its rotations as candidates")
+        raise InputError(
+            f"edges: the pair {twice} appears more than once; give its rotations as candidates"
+        )
     return pairs
 
 
-def checked_energies(energies: ArrayLike | None, shape: tuple[int, int]) -> tuple[FloatArray | None, BoolArray]:
+def checked_energies(
+    energies: ArrayLike | None, shape: tuple[int, int]
+) -> tuple[FloatArray | None, BoolArray]:
     """Check energies of candidates; return them as (E, m), and which candidates there are, for ``shape`` (E, m).
 
     Raises
@@ -85,11 +93,15 @@ def checked_energies(energies: ArrayLike | None, shape: tuple[int, int]) -> tupl
     if costs.shape != shape:
         raise InputError(f"energies: expected shape {shape}, got {costs.shape}")
     if np.isnan(costs).any() or (costs < 0).any():
-        raise InputError("energies: expected numbers >= 0 (inf for a candidate that is not there), got NaN or less")
+        raise InputError(
+            "energies: expected numbers >= 0 (inf for a candidate that is not there), got NaN or less"
+        )
     present = np.isfinite(costs)
     empty = np.flatnonzero(~present.any(axis=1))
     if len(empty):
-        raise InputError(f"energies: pair {empty[0]} has no candidate of finite energy; leave the pair out")
+        raise InputError(
+            f"energies: pair {empty[0]} has no candidate of finite energy; leave the pair out"
+        )
     return costs, present
 
 

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix, csr_matrix
 
 from collalign.synchronization.problem.checks import check_pattern, checked_edges, checked_energies
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_rotations, as_weights, one_line, read_only
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_rotations,
+    as_weights,
+    one_line,
+    read_only,
+)
 from data_tools.errors import InputError
 from pairwise.problem.pattern import PatternLike, RotationPattern
 
@@ -104,9 +112,15 @@ class PairGraph:
         pairs = checked_edges(edges, num_shapes)
         total = int(num_shapes) if num_shapes is not None else int(pairs.max(initial=-1)) + 1
         if total < 1:
-            raise InputError("edges: there are no shapes; give num_shapes for a collection without pairs")
+            raise InputError(
+                "edges: there are no shapes; give num_shapes for a collection without pairs"
+            )
         stack = np.asarray(rotations)
-        if stack.ndim not in (3, 4) or len(stack) != len(pairs) or (stack.ndim == 4 and stack.shape[1] == 0):
+        if (
+            stack.ndim not in (3, 4)
+            or len(stack) != len(pairs)
+            or (stack.ndim == 4 and stack.shape[1] == 0)
+        ):
             raise InputError(
                 f"rotations: expected shape ({len(pairs)}, d, d) or ({len(pairs)}, m, d, d), got {stack.shape}"
             )
@@ -122,7 +136,9 @@ class PairGraph:
             candidates=read_only(checked),
             present=read_only(present),
             energies=costs if costs is None else read_only(costs),
-            weights=read_only(as_weights(weights, "weights", num=len(pairs))) if len(pairs) else np.ones(0),
+            weights=read_only(as_weights(weights, "weights", num=len(pairs)))
+            if len(pairs)
+            else np.ones(0),
             pattern=pattern,
             fixed=read_only(np.zeros(len(pairs), dtype=bool)),
         )
@@ -211,7 +227,10 @@ class PairGraph:
         graph = networkx.Graph()
         graph.add_nodes_from(range(self.num_shapes))
         graph.add_edges_from(self.edges[self.weights > 0].tolist())
-        found = [np.array(sorted(members), dtype=np.int64) for members in networkx.connected_components(graph)]
+        found = [
+            np.array(sorted(members), dtype=np.int64)
+            for members in networkx.connected_components(graph)
+        ]
         return tuple(sorted(found, key=lambda members: int(members[0])))
 
     def subgraph(self, members: IntArray) -> tuple[PairGraph, IntArray]:
@@ -247,7 +266,11 @@ class PairGraph:
         row = {frozenset(pair): e for e, pair in enumerate(self.edges.tolist())}
         fresh = [(first, other) for other in shapes[1:] if frozenset((first, other)) not in row]
         grown = self._with_empty_edges(np.array(fresh, dtype=np.int64).reshape(-1, 2))
-        candidates, present, is_fixed = grown.candidates.copy(), grown.present.copy(), grown.fixed.copy()
+        candidates, present, is_fixed = (
+            grown.candidates.copy(),
+            grown.present.copy(),
+            grown.fixed.copy(),
+        )
         energies = None if grown.energies is None else grown.energies.copy()
         log_odds = None if grown.log_odds is None else grown.log_odds.copy()
         for other in shapes[1:]:
@@ -262,7 +285,12 @@ class PairGraph:
             if log_odds is not None:
                 log_odds[edge] = np.where(present[edge], 0.0, -np.inf)
         return replace(
-            grown, candidates=candidates, present=present, energies=energies, log_odds=log_odds, fixed=is_fixed
+            grown,
+            candidates=candidates,
+            present=present,
+            energies=energies,
+            log_odds=log_odds,
+            fixed=is_fixed,
         )
 
     def _with_empty_edges(self, pairs: IntArray) -> PairGraph:
@@ -275,8 +303,12 @@ class PairGraph:
             edges=np.concatenate([self.edges, pairs]),
             candidates=np.concatenate([self.candidates, empty]),
             present=np.concatenate([self.present, np.zeros((count, m), dtype=bool)]),
-            energies=None if self.energies is None else np.concatenate([self.energies, np.zeros((count, m))]),
-            log_odds=None if self.log_odds is None else np.concatenate([self.log_odds, np.zeros((count, m))]),
+            energies=None
+            if self.energies is None
+            else np.concatenate([self.energies, np.zeros((count, m))]),
+            log_odds=None
+            if self.log_odds is None
+            else np.concatenate([self.log_odds, np.zeros((count, m))]),
             weights=np.concatenate([self.weights, np.full(count, weight)]),
             fixed=np.concatenate([self.fixed, np.zeros(count, dtype=bool)]),
         )

@@ -103,7 +103,11 @@ class EdgeModel:
         """Return the log of each candidate's term for squared distances (E, m, ...)."""
         tail = (1,) * (squared.ndim - 2)
         scale = 4.0 * self.variances.reshape(-1, 1, *tail)
-        return np.log1p(-self.outliers) + self.log_prior.reshape(*self.log_prior.shape, *tail) - squared / scale
+        return (
+            np.log1p(-self.outliers)
+            + self.log_prior.reshape(*self.log_prior.shape, *tail)
+            - squared / scale
+        )
 
     def costs(self, squared: FloatArray) -> FloatArray:
         """Return minus the log-likelihood of each pair for squared distances (E, m, ...), shape (E, ...).
@@ -234,9 +238,13 @@ def _fitted_candidates(model: EdgeModel, share: FloatArray) -> tuple[float, floa
         chance = np.exp(score - score.max(axis=1, keepdims=True))
         chance /= chance.sum(axis=1, keepdims=True)
         mean = np.einsum("ek,ekf->ef", chance, features)
-        gradient = totals @ mean - np.einsum("ek,ekf->f", counts, features) - precision * (value - prior)
+        gradient = (
+            totals @ mean - np.einsum("ek,ekf->f", counts, features) - precision * (value - prior)
+        )
         centred = features - mean[:, None]
-        hessian = np.einsum("e,ek,ekf,ekg->fg", totals, chance, centred, centred) + precision * np.eye(2)
+        hessian = np.einsum(
+            "e,ek,ekf,ekg->fg", totals, chance, centred, centred
+        ) + precision * np.eye(2)
         value = np.clip(value + np.linalg.solve(hessian, gradient), 0.0, PRIORS.most_log_odds)
     return float(value[0]), float(value[1])
 

@@ -23,7 +23,9 @@ from pairwise.problem.pattern import RotationPattern
 INLIER_PROBABILITY = 0.5
 
 
-def solve_block(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> tuple[FloatArray, IntArray, BoolArray, State]:
+def solve_block(
+    graph: PairGraph, fixed: Mapping[int, FloatArray]
+) -> tuple[FloatArray, IntArray, BoolArray, State]:
     """Find the poses of a connected group.
 
     Returns
@@ -51,7 +53,9 @@ def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None
     choice : ndarray of int, shape (E,), optional
         The candidate of each pair that the graph keeps; all of them by default.
     """
-    special = any(start == index[0] and stop == index[-1] + 1 for start, stop in graph.pattern.special_blocks)
+    special = any(
+        start == index[0] and stop == index[-1] + 1 for start, stop in graph.pattern.special_blocks
+    )
     part = graph.candidates[:, :, index[:, None], index]
     block = replace(
         graph,
@@ -92,7 +96,13 @@ def robust_synchronization(
         local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
         if part.num_edges:
             _solve_component(draft, part, members, kept, local)
-    poses = fix_gauge(transposed(draft.frames), components, reference=reference, fixed=fixed, pattern=graph.pattern)
+    poses = fix_gauge(
+        transposed(draft.frames),
+        components,
+        reference=reference,
+        fixed=fixed,
+        pattern=graph.pattern,
+    )
     return _result(graph, full, draft, poses, components)
 
 
@@ -137,11 +147,17 @@ def _solve_component(
 
 
 def _result(
-    graph: PairGraph, full: PairGraph, draft: _Draft, poses: FloatArray, components: tuple[IntArray, ...]
+    graph: PairGraph,
+    full: PairGraph,
+    draft: _Draft,
+    poses: FloatArray,
+    components: tuple[IntArray, ...],
 ) -> SynchronizationResult:
     """Bring what the draft says to the reported gauge."""
     count, index = graph.num_edges, graph.pattern.components[0]
-    nearest = np.argmin(np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1)
+    nearest = np.argmin(
+        np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1
+    )
     choice = np.where(full.fixed[:count], nearest, draft.choice[:count])
     gauge = (poses @ draft.frames)[:, index[:, None], index]
     return SynchronizationResult(
@@ -162,7 +178,9 @@ def _posed_alternatives(
     """Return the alternatives as full poses in the reported gauge."""
     return tuple(
         tuple(
-            Alternative(rotation=_embedded(rotation @ other.rotation, pose, index), log_odds=other.log_odds)
+            Alternative(
+                rotation=_embedded(rotation @ other.rotation, pose, index), log_odds=other.log_odds
+            )
             for other in others
         )
         for others, pose, rotation in zip(draft.alternatives, poses, gauge, strict=True)

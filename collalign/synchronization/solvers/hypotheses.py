@@ -19,7 +19,9 @@ MAX_ROUNDS, MESSAGE_TOL = 60, 1e-3
 DAMPING = 0.4
 
 
-def propagate_beliefs(edges: IntArray, costs: FloatArray, *, start: FloatArray, fixed: BoolArray) -> FloatArray:
+def propagate_beliefs(
+    edges: IntArray, costs: FloatArray, *, start: FloatArray, fixed: BoolArray
+) -> FloatArray:
     """Return sum-product marginals of the rotations, shape (N, L).
 
     Parameters
@@ -57,7 +59,9 @@ def propagate_beliefs(edges: IntArray, costs: FloatArray, *, start: FloatArray, 
 
 def _summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
     """Return the sums of rows (n, L) by owner, shape (count, L)."""
-    return np.stack([np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1)
+    return np.stack(
+        [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
+    )
 
 
 def _softmax(field: FloatArray) -> FloatArray:
@@ -136,7 +140,9 @@ def propose_hypotheses(model: EdgeModel, aligned: FloatArray) -> Hypotheses:
     rotations[:, 1 : 1 + len(common)] = common
     offered = np.zeros(rotations.shape[:2], dtype=bool)
     offered[:, : 1 + len(common)] = True
-    right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(axis=1)
+    right = model.responsibilities(((aligned - np.eye(graph.dim)) ** 2).sum(axis=(2, 3))).sum(
+        axis=1
+    )
     flipped = _flipped_pairs(model, aligned, common, right)
     explained = right + flipped.sum(axis=1)
     _add_own_hypotheses(model, aligned, rotations, offered, 1 + len(common), explained)
@@ -166,7 +172,9 @@ def _add_own_hypotheses(
     graph = model.graph
     owner, edge, side = _incidence(graph)
     starts = np.searchsorted(owner, np.arange(graph.num_shapes + 1))
-    share = np.bincount(owner, weights=explained[edge], minlength=graph.num_shapes) / np.maximum(np.diff(starts), 1)
+    share = np.bincount(owner, weights=explained[edge], minlength=graph.num_shapes) / np.maximum(
+        np.diff(starts), 1
+    )
     chance = np.exp(model.log_prior)
     for shape in np.flatnonzero(share < PRIORS.explained_share):
         part = slice(starts[shape], starts[shape + 1])
@@ -201,7 +209,9 @@ def common_rotations(model: EdgeModel, aligned: FloatArray, count: int) -> Float
     both = np.concatenate([flat[chosen], np.swapaxes(flat[chosen], 1, 2)])
     weights = np.tile(chance[chosen], 2)
     known = np.eye(graph.dim)[None]
-    means = _modes(both, weights, GLOBAL_BANDWIDTH * model.noise_rad**2, count, known, GLOBAL_PROPOSALS)
+    means = _modes(
+        both, weights, GLOBAL_BANDWIDTH * model.noise_rad**2, count, known, GLOBAL_PROPOSALS
+    )
     return graph.pattern.project(means)
 
 
@@ -221,7 +231,9 @@ def _modes(
     dim = rotations.shape[-1]
     flat = rotations.reshape(len(rotations), dim * dim)
     distance = 2.0 * dim - 2.0 * flat @ known.reshape(len(known), -1).T
-    proposals = np.flatnonzero((distance.min(axis=1, initial=np.inf) > SAME_ROTATION) & (weights > 0))
+    proposals = np.flatnonzero(
+        (distance.min(axis=1, initial=np.inf) > SAME_ROTATION) & (weights > 0)
+    )
     if len(proposals) > num_proposals:
         proposals = proposals[np.linspace(0, len(proposals) - 1, num_proposals).astype(np.int64)]
     kernel = np.exp(-(2.0 * dim - 2.0 * flat[proposals] @ flat.T) / (4.0 * bandwidth)) * weights
@@ -243,7 +255,9 @@ def _incidence(graph: PairGraph) -> tuple[IntArray, IntArray, IntArray]:
     return owner[order], edge[order], side[order]
 
 
-def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, right: FloatArray) -> FloatArray:
+def _flipped_pairs(
+    model: EdgeModel, aligned: FloatArray, common: FloatArray, right: FloatArray
+) -> FloatArray:
     """Return the probability that each pair is wrong by each common rotation, shape (E, G).
 
     Parameters
@@ -259,7 +273,9 @@ def _flipped_pairs(model: EdgeModel, aligned: FloatArray, common: FloatArray, ri
         return np.zeros((graph.num_edges, 0))
     best = aligned[np.arange(graph.num_edges), graph.best_choice].reshape(graph.num_edges, -1)
     both = np.stack([common, np.swapaxes(common, 1, 2)]).reshape(2 * len(common), -1)
-    squared = (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
+    squared = (
+        (2.0 * graph.dim - 2.0 * best @ both.T).reshape(graph.num_edges, 2, len(common)).min(axis=1)
+    )
     near = squared <= np.minimum(SAME_ROTATION, FLIP_REACH * model.noise_rad**2)
     wrong = np.maximum(1.0 - right, 0.0) * ~graph.fixed
     return wrong[:, None] * near / np.maximum(near.sum(axis=1, keepdims=True), 1)
@@ -295,7 +311,11 @@ def hypothesis_costs(model: EdgeModel, aligned: FloatArray, alternatives: Hypoth
 
 
 def _rotated_distances(
-    graph: PairGraph, aligned: FloatArray, alternatives: Hypotheses, *, flip: FloatArray | None = None
+    graph: PairGraph,
+    aligned: FloatArray,
+    alternatives: Hypotheses,
+    *,
+    flip: FloatArray | None = None,
 ) -> FloatArray:
     """Return ``|T_a^T A T_b - F|^2`` for all rotations a, b of a pair's shapes, shape (E, m, L, L).
 

@@ -57,7 +57,8 @@ def gauss_newton_step(
     pull = (aligned - np.swapaxes(aligned, 1, 2))[:, rows, cols] / 2.0
     force = np.stack(
         [
-            np.bincount(left, weights=column, minlength=count) - np.bincount(right, weights=column, minlength=count)
+            np.bincount(left, weights=column, minlength=count)
+            - np.bincount(right, weights=column, minlength=count)
             for column in pull.T
         ],
         axis=1,
@@ -80,7 +81,9 @@ def _solve_laplacian(
     they are slow, as on grids, whose factors are sparse; those of graphs with random pairs are not.
     """
     left, right = edges.T
-    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(np.float64)
+    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(
+        np.float64
+    )
     degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
     if count <= DENSE_LIMIT:
         laplacian = np.zeros((count, count))
@@ -89,7 +92,10 @@ def _solve_laplacian(
         try:
             return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
         except LinAlgError:
-            return np.asarray(np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0], dtype=np.float64)
+            return np.asarray(
+                np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0],
+                dtype=np.float64,
+            )
     inside = free[left] & free[right]
     number = np.cumsum(free) - 1
     ends, coupling = number[edges[inside]], weights[inside]
@@ -117,7 +123,9 @@ def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArr
 
 def _factor(matrix: csc_matrix) -> SuperLU:
     """Factor a symmetric positive definite matrix, without the pivoting that it does not need."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
 
 
 def _conjugate_gradients(

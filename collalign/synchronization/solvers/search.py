@@ -78,7 +78,9 @@ def _cost_at(state: State, noise_rad: float) -> float:
     """Return minus the log-likelihood of the pairs in a state at some noise, nats."""
     model = _blurred(replace(state.model, noise_rad=noise_rad))
     own = replace(
-        state.alternatives, rotations=state.alternatives.rotations[:, :1], offered=state.alternatives.offered[:, :1]
+        state.alternatives,
+        rotations=state.alternatives.rotations[:, :1],
+        offered=state.alternatives.offered[:, :1],
     )
     costs = hypothesis_costs(model, aligned_candidates(model.graph, state.frames), own)
     return float((costs[:, 0, 0] + model.log_scale).sum())
@@ -120,7 +122,9 @@ def _with_beliefs(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: 
     aligned = aligned_candidates(graph, frames)
     alternatives = propose_hypotheses(model, aligned)
     costs = hypothesis_costs(_blurred(model), aligned, alternatives)
-    start = np.full((graph.num_shapes, costs.shape[2]), PRIORS.other_hypotheses / (costs.shape[2] - 1))
+    start = np.full(
+        (graph.num_shapes, costs.shape[2]), PRIORS.other_hypotheses / (costs.shape[2] - 1)
+    )
     start[:, 0] = PRIORS.own_pose
     beliefs = propagate_beliefs(graph.edges, costs, start=start, fixed=~free)
     beliefs[fixed] = np.arange(beliefs.shape[1]) == 0

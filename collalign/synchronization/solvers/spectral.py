@@ -25,7 +25,9 @@ _ROUNDING = 1e-9
 
 
 @one_blas_thread()
-def synchronize_signs(edges: IntArray, signs: FloatArray, weights: FloatArray, num_shapes: int) -> BoolArray:
+def synchronize_signs(
+    edges: IntArray, signs: FloatArray, weights: FloatArray, num_shapes: int
+) -> BoolArray:
     """Return which shapes are mirrored, from signs of pairs that are partly wrong, shape (N,).
 
     Maximises ``sum_e w_e s_e x_i x_j`` over signs x: eigenvector of the signed adjacency (Cucuringu 2015), then the
@@ -45,7 +47,9 @@ def synchronize_signs(edges: IntArray, signs: FloatArray, weights: FloatArray, n
     InputError
         If a sign is not 1 or -1, or the edges are not pairs of shapes.
     """
-    graph = PairGraph.from_user(edges, signs[:, None, None], weights=weights, group="O", num_shapes=num_shapes)
+    graph = PairGraph.from_user(
+        edges, signs[:, None, None], weights=weights, group="O", num_shapes=num_shapes
+    )
     found = np.ones(graph.num_shapes)
     for members in graph.connected_components():
         part, kept = graph.subgraph(members)
@@ -62,7 +66,9 @@ def _signs_of_component(graph: PairGraph, evidence: FloatArray) -> FloatArray:
     matrix = coo_matrix((evidence, (left, right)), shape=(count, count))
     size = np.bincount(graph.edges.ravel(), weights=np.repeat(np.abs(evidence), 2), minlength=count)
     scale = diags(1.0 / np.sqrt(np.maximum(size, 1e-300)))
-    _, vector = leading_eigenvectors((scale @ (matrix + matrix.T) @ scale + identity(count)).tocsr(), 1)
+    _, vector = leading_eigenvectors(
+        (scale @ (matrix + matrix.T) @ scale + identity(count)).tocsr(), 1
+    )
     signs = np.where(vector[:, 0] >= 0, 1.0, -1.0)
     both = (matrix + matrix.T).tocsr()
     agreed = signs * (both @ signs)
@@ -108,13 +114,17 @@ def spectral_frames(graph: PairGraph, rotations: FloatArray, weights: FloatArray
     return graph.pattern.project(_without_mirrored_gauge(frames, graph.pattern))
 
 
-def _component_blocks(graph: PairGraph, rotations: FloatArray, weights: FloatArray, index: IntArray) -> FloatArray:
+def _component_blocks(
+    graph: PairGraph, rotations: FloatArray, weights: FloatArray, index: IntArray
+) -> FloatArray:
     """Return the unprojected frames of one block of coordinates, shape (N, b, b)."""
     size = len(index)
     matrix = block_matrix(graph, rotations * weights[:, None, None], index)
     scale = np.ones(graph.num_shapes)
     if graph.is_complete and (not graph.num_edges or np.ptp(weights) == 0):
-        matrix = matrix + (weights[0] if graph.num_edges else 1.0) * identity(matrix.shape[0], format="csr")
+        matrix = matrix + (weights[0] if graph.num_edges else 1.0) * identity(
+            matrix.shape[0], format="csr"
+        )
     else:
         scale = 1.0 / np.sqrt(np.maximum(degrees(graph, weights), np.finfo(float).tiny))
         spread = diags(np.repeat(scale, size))
@@ -138,7 +148,9 @@ def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray
     start = np.random.default_rng(0).standard_normal(total)
     try:
         size = max(LEAST_LANCZOS, LANCZOS_FACTOR * count)
-        values, vectors = eigsh(operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS)
+        values, vectors = eigsh(
+            operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS
+        )
     except ArpackNoConvergence:
         values, vectors = eigsh(matrix.tocsc(), k=count, sigma=1.0 + SHIFT, which="LM", v0=start)
     order = np.argsort(values, kind="stable")
@@ -195,7 +207,9 @@ def alternate_assignments(
     points = [as_points(x, f"samples[{i}]") for i, x in enumerate(samples)]
     frames = as_rotations(rotations, "rotations")
     if len(points) != len(frames) or {x.shape[1] for x in points} != {frames.shape[-1]}:
-        raise InputError(f"samples: {len(points)} shapes for rotations of shape {frames.shape}, or another dimension")
+        raise InputError(
+            f"samples: {len(points)} shapes for rotations of shape {frames.shape}, or another dimension"
+        )
     kept = pattern or RotationPattern.from_user(None, frames.shape[-1], "SO")
     energies: list[float] = []
     maps: dict[tuple[int, int], IntArray] = {}
@@ -217,7 +231,11 @@ def assign_all_pairs(
     for first in range(len(posed)):
         for second in range(first + 1, len(posed)):
             i, j = (first, second) if len(posed[first]) >= len(posed[second]) else (second, first)
-            costs = (posed[j] ** 2).sum(1)[:, None] + (posed[i] ** 2).sum(1) - 2.0 * posed[j] @ posed[i].T
+            costs = (
+                (posed[j] ** 2).sum(1)[:, None]
+                + (posed[i] ** 2).sum(1)
+                - 2.0 * posed[j] @ posed[i].T
+            )
             rows, cols = linear_sum_assignment(costs)
             maps[i, j] = cols.astype(np.int64)
             energy += float(costs[rows, cols].sum())

@@ -55,12 +55,17 @@ def certify(
     """
     if verify:
         if shapes or budget_s is not None or run != RunOptions():
-            raise OptionsError("--verify checks all that is proven already; it takes no other option")
+            raise OptionsError(
+                "--verify checks all that is proven already; it takes no other option"
+            )
         return _verify(result)
     budget: dict[str, Any] = {} if budget_s is None else {"budget_s": budget_s}
     collection = load(result)
     files = inputs_of(collection.source_files())
-    with resumable(run, result) as run, OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output:
+    with (
+        resumable(run, result) as run,
+        OutputFolder.open(result, writer=CERTIFIER, inputs=files) as output,
+    ):
         output.refuse_foreign(FILES)
         found = certify_collection(collection, shapes=shapes, **budget, run=run)
         written = write_certification(found, output)

@@ -52,7 +52,9 @@ def write_certification(certified: CertifiedCollection, output: OutputFolder) ->
     return output.publish(complete=True)
 
 
-def tell_in_report(certified: CertifiedCollection, collection: Collection, result: Path) -> tuple[Path, ...]:
+def tell_in_report(
+    certified: CertifiedCollection, collection: Collection, result: Path
+) -> tuple[Path, ...]:
     """Say what is proven of all shapes among the notes of a result and of its report; return what was written.
 
     Parameters
@@ -81,7 +83,11 @@ def certification_record(certified: CertifiedCollection) -> dict[str, object]:
     return {
         "statement": note_records(certification_notes(certified)),
         "lower_bound": joint.bound,
-        "energy": {"stated": joint.stated_energy, "near": joint.near_energy, "cheapest_known": joint.energy},
+        "energy": {
+            "stated": joint.stated_energy,
+            "near": joint.near_energy,
+            "cheapest_known": joint.energy,
+        },
         "share": joint.share,
         "num_points": certified.coordinates.shape[1],
         "bound_of_each_round": joint.bounds,
@@ -94,10 +100,17 @@ def certification_record(certified: CertifiedCollection) -> dict[str, object]:
                 "same_chirality": same,
             }
             for name, frame, change, same in zip(
-                certified.names, joint.frames, certified.changes_deg, certified.same_chirality, strict=True
+                certified.names,
+                joint.frames,
+                certified.changes_deg,
+                certified.same_chirality,
+                strict=True,
             )
         ],
-        "pairs": [{"target": certified.names[i], "source": certified.names[j]} for i, j in joint.edges.tolist()],
+        "pairs": [
+            {"target": certified.names[i], "source": certified.names[j]}
+            for i, j in joint.edges.tolist()
+        ],
     }
 
 
@@ -131,7 +144,11 @@ def _own_note(certified: CertifiedCollection) -> Note:
         return Note(f"{_KIND}cheapest", values={"deg": AGREE_DEG})
     doubtful = tuple(names[i] for i in rotated if not certified.confidence[i] >= DOUBT)
     saving = 1.0 - share_of(joint.energy, joint.near_energy)
-    return Note(f"{_KIND}refuted", tuple(names[i] for i in rotated), {"saving": float(saving), "doubtful": doubtful})
+    return Note(
+        f"{_KIND}refuted",
+        tuple(names[i] for i in rotated),
+        {"saving": float(saving), "doubtful": doubtful},
+    )
 
 
 def _free_note(joint: JointBound) -> Note:

@@ -160,7 +160,9 @@ class PairEnergies:
         """Rotate shapes of the cheapest arrangement a little and descend again, ``num`` times."""
         best = known
         for _ in range(num):
-            vectors = np.deg2rad(rng.choice(_ANGLES_DEG)) * rng.standard_normal((self.num_shapes, 3))
+            vectors = np.deg2rad(rng.choice(_ANGLES_DEG)) * rng.standard_normal(
+                (self.num_shapes, 3)
+            )
             vectors *= (rng.random(self.num_shapes) < rng.choice(_SHARES))[:, None]
             found = self.descend(best[0] @ Rotation.from_rotvec(vectors).as_matrix())
             best = min(best, found, key=lambda one: one[1])
@@ -179,7 +181,9 @@ class PairEnergies:
             costs = problem.assignment_costs(rotation).T
             rows, columns = linear_sum_assignment(costs)
             energies.append(costs[rows, columns].sum())
-            moments.append(problem.target[columns].T @ (problem.weights[rows, None] * problem.source[rows]))
+            moments.append(
+                problem.target[columns].T @ (problem.weights[rows, None] * problem.source[rows])
+            )
         return np.array(energies), np.array(moments)
 
     def _sweep(self, frames: FloatArray, moments: FloatArray) -> FloatArray:
@@ -191,7 +195,9 @@ class PairEnergies:
         for _ in range(_MOST_SWEEPS):
             before = frames.copy()
             for shape, pulls in enumerate(dense):
-                frames[shape] = self.pattern.project((frames @ np.swapaxes(pulls, 1, 2)).sum(axis=0))
+                frames[shape] = self.pattern.project(
+                    (frames @ np.swapaxes(pulls, 1, 2)).sum(axis=0)
+                )
             if np.abs(frames - before).max() < _LEAST_STEP:
                 break
         return frames

@@ -69,8 +69,15 @@ class JointMaster:
         self, num_shapes: int, edges: IntArray, known: FloatArray, energies: FloatArray, unit: float
     ) -> None:
         self._edges, self._dim, self._penalty = edges, known.shape[-1], _PENALTY * unit
-        self._columns, self._energies, self._shares = known[:, None], energies[:, None], np.ones((len(edges), 1))
-        self.tilts, self.diagonal = np.zeros_like(known), np.zeros((num_shapes, self._dim, self._dim))
+        self._columns, self._energies, self._shares = (
+            known[:, None],
+            energies[:, None],
+            np.ones((len(edges), 1)),
+        )
+        self.tilts, self.diagonal = (
+            np.zeros_like(known),
+            np.zeros((num_shapes, self._dim, self._dim)),
+        )
         self._blocks = self._with_diagonal(np.eye(self._dim), known)
         self._dual = np.zeros_like(self._blocks)
 
@@ -117,7 +124,9 @@ class JointMaster:
 
     def least(self) -> FloatArray:
         """Return the least of F - <L, .> over the columns of each pair, shape (E,)."""
-        return np.asarray((self._energies - (self._columns * self.tilts[:, None]).sum(axis=(2, 3))).min(axis=1))
+        return np.asarray(
+            (self._energies - (self._columns * self.tilts[:, None]).sum(axis=(2, 3))).min(axis=1)
+        )
 
     def _improve_shares(self, wanted: FloatArray) -> None:
         """Lower ``<energies, shares> + penalty |columns^T shares - wanted|^2`` of all pairs, step by step.
@@ -139,10 +148,14 @@ class JointMaster:
             gradient += 2.0 * self._penalty * moved[:, None] * (points @ step[..., None])[..., 0]
         self._shares = np.maximum(self._shares, 0.0)
 
-    def _with_diagonal(self, own: FloatArray, blocks: FloatArray, start: FloatArray | None = None) -> FloatArray:
+    def _with_diagonal(
+        self, own: FloatArray, blocks: FloatArray, start: FloatArray | None = None
+    ) -> FloatArray:
         """Return a matrix (N, d, N, d) with blocks of the pairs, the same on the diagonal, and else the start's."""
         (left, right), every = self._edges.T, np.arange(len(self.diagonal))
-        matrix = np.zeros((len(every), self._dim, len(every), self._dim)) if start is None else start
+        matrix = (
+            np.zeros((len(every), self._dim, len(every), self._dim)) if start is None else start
+        )
         matrix[left, :, right], matrix[right, :, left] = blocks, np.swapaxes(blocks, 1, 2)
         matrix[every, :, every] = own
         return matrix
@@ -210,7 +223,10 @@ class Rounds:
     def descend(self, tilts: FloatArray, known: Sequence[FloatArray]) -> list[TiltedProof]:
         """Descend to small values of every pair at tilts (E, 3, 3), from known rotations."""
         group = {"group": self.session.options.group, "gap": 0.0}
-        tasks = {e: self._shapes(e) | group | {"tilt": tilts[e], "known": some} for e, some in enumerate(known)}
+        tasks = {
+            e: self._shapes(e) | group | {"tilt": tilts[e], "known": some}
+            for e, some in enumerate(known)
+        }
         return list(self.session.map_parallel("descents", bound_pair, tasks).values())
 
     def prove(self, master: JointMaster, gap: float, deadline: float) -> list[TiltedProof]:
@@ -223,15 +239,25 @@ class Rounds:
         wanted, group = {}, self.session.options.group
         for e in np.argsort(-(master.least() + most), kind="stable").tolist():
             i, j = self.energies.edges[e].tolist()
-            settings = {"group": group, "tilt": master.tilts[e], "known": master.used(e), "gap": gap}
+            settings = {
+                "group": group,
+                "tilt": master.tilts[e],
+                "known": master.used(e),
+                "gap": gap,
+            }
             wanted[e] = Wanted(
                 key=BOUNDING.key(settings, self.keys[i], self.keys[j]),
                 label=f"pair {i}, {j}",
-                arguments=self._shapes(e) | settings | {"time_limit_s": self.session.run.pair_time_limit_s},
+                arguments=self._shapes(e)
+                | settings
+                | {"time_limit_s": self.session.run.pair_time_limit_s},
             )
         found = self.session.compute(BOUNDING, wanted, time_limit_s=None, until=deadline)
         sides = 2 if group == "O" else 1
-        return [found[e] if e in found else unproven(-bound, sides) for e, bound in enumerate(most.tolist())]
+        return [
+            found[e] if e in found else unproven(-bound, sides)
+            for e, bound in enumerate(most.tolist())
+        ]
 
     def _shapes(self, pair: int) -> dict[str, Any]:
         i, j = self.energies.edges[pair]
@@ -268,7 +294,9 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
     num = min(_PERTURBED_PAIRS // len(edges), _MOST_PERTURBED)
     best, energy = energies.perturb(near, np.random.default_rng(0), num)
     unit = _unit(energies, energy)
-    master = JointMaster(energies.num_shapes, edges, energies.relative(best), energies.at(best), unit)
+    master = JointMaster(
+        energies.num_shapes, edges, energies.relative(best), energies.at(best), unit
+    )
     for pair, (problem, some) in enumerate(zip(energies.problems, rounds.candidates, strict=True)):
         master.add(pair, some, least_energies(problem, some))
     bounds: list[float] = []
@@ -280,14 +308,21 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
             promised = _descend(rounds, master, best, rng, deadline)
             found, former = energies.descend(energies.rounded(master.gram)), energy
             best, energy = min((best, energy), found, key=lambda one: one[1])
-            unit, rotations, values = _unit(energies, energy), energies.relative(best), energies.at(best)
+            unit, rotations, values = (
+                _unit(energies, energy),
+                energies.relative(best),
+                energies.at(best),
+            )
             for pair in range(len(edges)):
                 master.add(pair, rotations[pair : pair + 1], values[pair : pair + 1])
             if energy < (1.0 - _CHEAPER) * former:
                 continue
         proofs = rounds.prove(master, _GAP * unit, deadline)
         _add(master, proofs)
-        bounds.append(sum(proof.lower_bound for proof in proofs) + gram_bound(edges, master.tilts, master.diagonal))
+        bounds.append(
+            sum(proof.lower_bound for proof in proofs)
+            + gram_bound(edges, master.tilts, master.diagonal)
+        )
         if bounds[-1] == max(bounds):
             proven = {
                 "tilts": master.tilts,
@@ -324,9 +359,13 @@ def _descend(
     for _ in range(int(np.clip(_DESCENT_PAIRS // len(relative), 1, _MOST_DESCENTS))):
         if time.monotonic() >= deadline:
             break
-        rotations = Rotation.from_rotvec(_JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))).as_matrix()
+        rotations = Rotation.from_rotvec(
+            _JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))
+        ).as_matrix()
         far = starts[rng.choice(len(starts), _NUM_FAR)]
-        known = [np.concatenate([master.used(e), one @ rotations, far]) for e, one in enumerate(relative)]
+        known = [
+            np.concatenate([master.used(e), one @ rotations, far]) for e, one in enumerate(relative)
+        ]
         _add(master, rounds.descend(master.tilts, known))
         promised = master.run()
     return promised
@@ -334,7 +373,9 @@ def _descend(
 
 def _unit(energies: PairEnergies, best: float) -> float:
     """Return the mean energy of a pair, which tolerances are shares of."""
-    return max(best / len(energies.edges), _LEAST_ENERGY * float((energies.problems[0].target ** 2).sum()))
+    return max(
+        best / len(energies.edges), _LEAST_ENERGY * float((energies.problems[0].target ** 2).sum())
+    )
 
 
 def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:
@@ -343,7 +384,9 @@ def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:
         master.add(e, proof.rotations[:_NUM_KEPT], proof.energies[:_NUM_KEPT])
 
 
-def _ended(bounds: Sequence[float], promised: float, energy: float, is_large: bool, is_late: bool) -> str:
+def _ended(
+    bounds: Sequence[float], promised: float, energy: float, is_large: bool, is_late: bool
+) -> str:
     """Return the code of why no further round begins, empty if one does."""
     if max(bounds) >= _ENOUGH * energy:
         return "enough"

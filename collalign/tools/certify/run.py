@@ -124,5 +124,7 @@ def _pairs_among(collection: Collection, members: Sequence[int]) -> list[Aligned
         if pair.target in at and pair.source in at
     ]
     if not pairs:
-        raise InputError("shapes: the result holds no pair of these shapes; name others, or align with --pairs all")
+        raise InputError(
+            "shapes: the result holds no pair of these shapes; name others, or align with --pairs all"
+        )
     return pairs

@@ -65,7 +65,9 @@ def goals_of(onto: IntArray, back: IntArray, stored: Shape) -> MapGoals:
     if len(back) != num or onto.max(initial=-1) >= num:
         raise InputError(f"{stored.name}: its maps are of {len(back)} vertices, its file has {num}")
     forth, known = np.flatnonzero(onto >= 0), np.flatnonzero(back >= 0)
-    return np.concatenate([forth, back[known]]), stored.vertices[np.concatenate([onto[forth], known])]
+    return np.concatenate([forth, back[known]]), stored.vertices[
+        np.concatenate([onto[forth], known])
+    ]
 
 
 def map_starts(
@@ -95,10 +97,14 @@ def map_starts(
     starts = {}
     for name in maps.names:
         onto, back = (
-            (own, own) if name == reference.name else (maps[name, reference.name], maps[reference.name, name])
+            (own, own)
+            if name == reference.name
+            else (maps[name, reference.name], maps[reference.name, name])
         )
         if len(onto) != len(own):
-            raise InputError(f"{name}: its maps are of {len(onto)} vertices of {reference.name}, not {len(own)}")
+            raise InputError(
+                f"{name}: its maps are of {len(onto)} vertices of {reference.name}, not {len(own)}"
+            )
         starts[name] = onto[file_vertices], nearest[back]
     return starts
 
@@ -149,7 +155,9 @@ def correspond(
         registered = _register_all(session, files, source, starts)
         found, failed = dict(registered), registered.failures
         if len(found) < 2:
-            raise CollectionError("; ".join(["fewer than two shapes could be registered", *failed.values()]))
+            raise CollectionError(
+                "; ".join(["fewer than two shapes could be registered", *failed.values()])
+            )
         mean = _mean(list(found.values()), source, is_bent=bool(starts))
         source = Shape.from_arrays(mean, source.faces, name="mean")
     vertices, residual, quality, missing = (
@@ -202,7 +210,9 @@ def _register_all(
             },
         )
     with table_of_values([lent]) as table:
-        return session.compute(REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table)
+        return session.compute(
+            REGISTERING, wanted, time_limit_s=session.run.shape_time_limit_s, shared=table
+        )
 
 
 def _key(file: PosedFile, source_key: str, start: BothWays | None) -> str:
@@ -213,7 +223,9 @@ def _key(file: PosedFile, source_key: str, start: BothWays | None) -> str:
         "incomplete": file.incomplete,
     }
     if start is not None:
-        settings["start"] = fingerprint(START_VERSION, dict(zip(("onto", "back"), start, strict=True)))
+        settings["start"] = fingerprint(
+            START_VERSION, dict(zip(("onto", "back"), start, strict=True))
+        )
     return REGISTERING.key(settings, file.digest, source_key)
 
 
@@ -224,14 +236,20 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
     if target.incomplete:
         surface = with_cloud_rim(surface)
     first = Shape.from_arrays(source.vertices, source.faces, name="mean")
-    bent = None if start is None else bent_by_map(shape, first, goals_of(*start, stored_shape(target)))
+    bent = (
+        None if start is None else bent_by_map(shape, first, goals_of(*start, stored_shape(target)))
+    )
     if bent is not None:
         first = Shape.from_arrays(bent, source.faces, name="mean")
     found, _ = register(surface, RegistrationSurface.from_shape(first))
     if bent is not None:  # the pose lays the source onto its copy, wherever it was registered from
         pose = fitting_similarity(found.vertices, source.vertices, np.ones(len(source.vertices)))
         found = replace(found, pose=pose)
-    return replace(found, missing=missing_vertices(surface, found.vertices)) if target.incomplete else found
+    return (
+        replace(found, missing=missing_vertices(surface, found.vertices))
+        if target.incomplete
+        else found
+    )
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
@@ -256,7 +274,9 @@ def stored_shape(file: PosedFile) -> Shape:
     """Read a file with all its vertices, anywhere those that are of no use, and put it into the common frame."""
     shape = file.read(AS_STORED)
     vertices = np.nan_to_num(shape.file_vertices)
-    return Shape.from_arrays(vertices, shape.file_indices[shape.faces], name=shape.name).transformed(file.transform)
+    return Shape.from_arrays(
+        vertices, shape.file_indices[shape.faces], name=shape.name
+    ).transformed(file.transform)
 
 
 #: Points of all clouds together whose nearest points on each are looked up. With a tenth, two runs of ten mouse
@@ -318,7 +338,9 @@ def dense_correspondence(
     members = [at for at in main_part(collection).tolist() if collection.names[at] not in leave_out]
     files = [collection.posed_file(at) for at in members]
     maps = collection.vertex_maps if collection.has_vertex_maps else None
-    with Session.open(None, as_options("run", run, RunOptions), progress_display(progress)) as session:
+    with Session.open(
+        None, as_options("run", run, RunOptions), progress_display(progress)
+    ) as session:
         return correspond(session, files, choose_template(files), maps)
 
 
@@ -337,7 +359,9 @@ def choose_template(files: Sequence[PosedFile]) -> int:
             continue  # its registration fails as well, and says why
         every = -(-len(shape.vertices) // MAX_FACES)
         clouds[at] = _of_unit_size(moved_by(files[at].transform, shape.vertices[::every]))
-        if len(shape.faces) and not len(boundary_edges(shape.faces)):  # the others may have something in a hole
+        if len(shape.faces) and not len(
+            boundary_edges(shape.faces)
+        ):  # the others may have something in a hole
             closed.append(len(clouds) - 1)
     return list(clouds)[medoid(list(clouds.values()), closed)] if clouds else 0
 

@@ -48,7 +48,9 @@ def for_morphologika(name: str) -> str:
     """Return a name without blanks in which no section's name occurs: ``names_1`` becomes ``n-ames_1``."""
     safe = without_blanks(name)
     for section in _SECTIONS:
-        safe = re.sub(section, lambda found: f"{found[0][0]}-{found[0][1:]}", safe, flags=re.IGNORECASE)
+        safe = re.sub(
+            section, lambda found: f"{found[0][0]}-{found[0][1:]}", safe, flags=re.IGNORECASE
+        )
     return safe
 
 
@@ -76,7 +78,8 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "coordinates": [
-            specimen_comment(space=request.space, reflected=side) for side in collection.reflected.tolist()
+            specimen_comment(space=request.space, reflected=side)
+            for side in collection.reflected.tolist()
         ],
         "group": collection.part_numbers.tolist(),
         **member_columns(request),
@@ -96,16 +99,24 @@ def write_tps(request: ExportRequest) -> tuple[Path, ...]:
     _, coordinates = request.landmarks()
     names = written_names(request.collection.names, without_blanks)
     comments = [
-        specimen_comment(space=request.space, reflected=side) for side in request.collection.reflected.tolist()
+        specimen_comment(space=request.space, reflected=side)
+        for side in request.collection.reflected.tolist()
     ]
-    return request.write("landmarks.tps", tps_text(names, coordinates, comments)), specimen_table(request, names)
+    return request.write("landmarks.tps", tps_text(names, coordinates, comments)), specimen_table(
+        request, names
+    )
 
 
 def tps_text(names: Sequence[str], coordinates: FloatArray, comments: Sequence[str]) -> str:
     """Return a TPS file of configurations, shape (N, k, 3); names are single words, comments free of "="."""
     lines = []
     for name, points, comment in zip(names, coordinates, comments, strict=True):
-        lines += [f"LM3={len(points)}", *(words(point) for point in points), f"ID={name}", f"COMMENT={comment}"]
+        lines += [
+            f"LM3={len(points)}",
+            *(words(point) for point in points),
+            f"ID={name}",
+            f"COMMENT={comment}",
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -117,11 +128,22 @@ def write_morphologika(request: ExportRequest) -> tuple[Path, ...]:
     """
     landmarks, coordinates = request.landmarks()
     names = written_names(request.collection.names, for_morphologika)
-    lines = ["[individuals]", str(len(names)), "[landmarks]", str(len(landmarks)), "[dimensions]", "3"]
+    lines = [
+        "[individuals]",
+        str(len(names)),
+        "[landmarks]",
+        str(len(landmarks)),
+        "[dimensions]",
+        "3",
+    ]
     lines += ["[names]", *names]
     columns = request.collection.labels
     if columns:
-        lines += ["[labels]", " ".join(without_blanks(column) for column in columns), "[labelvalues]"]
+        lines += [
+            "[labels]",
+            " ".join(without_blanks(column) for column in columns),
+            "[labelvalues]",
+        ]
         for values in zip(*columns.values(), strict=True):
             lines.append(" ".join(for_morphologika(value) if value else "NA" for value in values))
     lines.append("[rawpoints]")
@@ -146,25 +168,38 @@ def write_markups(request: ExportRequest) -> tuple[Path, ...]:
     """
     labels, coordinates = request.landmarks()
     curves = tuple(one for one in request.semilandmarks if one.kind != "patch")
-    files = zip(file_stems(request.collection.names), coordinates, request.landmark_systems(), strict=True)
+    files = zip(
+        file_stems(request.collection.names), coordinates, request.landmark_systems(), strict=True
+    )
     return tuple(
-        request.write(f"{stem}.mrk.json", json.dumps(_markups(labels, points, curves, system), indent=1) + "\n")
+        request.write(
+            f"{stem}.mrk.json",
+            json.dumps(_markups(labels, points, curves, system), indent=1) + "\n",
+        )
         for stem, points, system in files
     )
 
 
 def _markups(
-    labels: tuple[str, ...], points: FloatArray, curves: tuple[SemilandmarkRows, ...], system: CoordinateSystem
+    labels: tuple[str, ...],
+    points: FloatArray,
+    curves: tuple[SemilandmarkRows, ...],
+    system: CoordinateSystem,
 ) -> dict[str, Any]:
     on_curves = {row for curve in curves for row in curve.rows}
     alone = [row for row in range(len(labels)) if row not in on_curves]
     lists = [("Fiducial", alone)] if alone or not curves else []
-    lists += [("ClosedCurve" if curve.kind == "closed curve" else "Curve", list(curve.rows)) for curve in curves]
+    lists += [
+        ("ClosedCurve" if curve.kind == "closed curve" else "Curve", list(curve.rows))
+        for curve in curves
+    ]
     markups = [
         {
             "type": kind,
             "coordinateSystem": system,
-            "controlPoints": [_control(at, labels[row], points[row]) for at, row in enumerate(rows, start=1)],
+            "controlPoints": [
+                _control(at, labels[row], points[row]) for at, row in enumerate(rows, start=1)
+            ],
         }
         for kind, rows in lists
     ]
@@ -194,8 +229,13 @@ def mesh_writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
         transforms, written = request.transforms(), list[Path]()
         for at, stem in enumerate(file_stems(request.collection.names)):
             shape = request.source_shape(at).transformed(transforms[at])
-            pieces = {stem: shape} | {f"{stem}/{part}": piece for part, piece in shape.split().items()}
-            written += [write_mesh(request.path(f"{name}.{ending}"), piece) for name, piece in pieces.items()]
+            pieces = {stem: shape} | {
+                f"{stem}/{part}": piece for part, piece in shape.split().items()
+            }
+            written += [
+                write_mesh(request.path(f"{name}.{ending}"), piece)
+                for name, piece in pieces.items()
+            ]
         return tuple(written)
 
     return write
@@ -210,7 +250,12 @@ def write_transforms(request: ExportRequest) -> tuple[Path, ...]:
     pose. Coordinates are the mesh's own, read as LPS, as Slicer reads meshes, unless its file declares RAS.
     """
     paths = []
-    files = zip(file_stems(request.collection.names), request.transforms(), request.file_systems(), strict=True)
+    files = zip(
+        file_stems(request.collection.names),
+        request.transforms(),
+        request.file_systems(),
+        strict=True,
+    )
     for stem, transform, system in files:
         inverse = np.linalg.inv(transform)
         if system == "RAS":

@@ -64,7 +64,9 @@ class ExportRequest:
         """The same of the shapes alone that count in statistics."""
         names = {name for name, _ in self.who.left_out}
         chosen = [at for at, name in enumerate(self.collection.names) if name not in names]
-        return replace(self, collection=some_shapes(self.collection, np.array(chosen, dtype=np.int64)))
+        return replace(
+            self, collection=some_shapes(self.collection, np.array(chosen, dtype=np.int64))
+        )
 
     def transforms(self) -> FloatArray:
         """Take file coordinates to the space asked for, shape (N, 4, 4).
@@ -88,7 +90,10 @@ class ExportRequest:
 
     def file_systems(self) -> list[CoordinateSystem]:
         """Return the coordinate system of every original file: what it declares, or :attr:`system`."""
-        return [(declared_system(Path(file)) if file else None) or self.system for file in self.collection.files]
+        return [
+            (declared_system(Path(file)) if file else None) or self.system
+            for file in self.collection.files
+        ]
 
     def landmark_systems(self) -> list[CoordinateSystem]:
         """Return the coordinate system of every shape's landmarks in the space asked for; the common frame is LPS."""
@@ -127,7 +132,9 @@ class ExportRequest:
             If it is no longer there.
         """
         path = self.collection.file(at)
-        return read_shape(path, CleaningOptions(largest_component=False), name=self.collection.names[at])
+        return read_shape(
+            path, CleaningOptions(largest_component=False), name=self.collection.names[at]
+        )
 
     def path(self, name: str) -> Path:
         """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""
@@ -161,7 +168,11 @@ def specimen_comment(*, space: Space, reflected: bool) -> str:
         "aligned": "common frame",
         "procrustes": "superimposed",
     }
-    side = "not reflected" if space == "raw" or not reflected else "reflected to the side of the others"
+    side = (
+        "not reflected"
+        if space == "raw" or not reflected
+        else "reflected to the side of the others"
+    )
     return f"{frames[space]}, {side}"
 
 
@@ -185,7 +196,9 @@ def complete_labels(collection: Collection) -> BoolArray:
 def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
     """Return columns that say why a shape does not count in statistics, and what incomplete shapes cover."""
     collection, reasons = request.collection, dict(request.who.left_out)
-    columns: dict[str, list[Any]] = {"left_out": [reasons.get(name, "") for name in collection.names]}
+    columns: dict[str, list[Any]] = {
+        "left_out": [reasons.get(name, "") for name in collection.names]
+    }
     if collection.incomplete:
         incomplete = collection.is_incomplete.astype(int).tolist()
         columns |= {"incomplete": incomplete, "coverage": collection.coverage.tolist()}
@@ -195,9 +208,15 @@ def member_columns(request: ExportRequest) -> dict[str, list[Any]]:
 def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, list[str]]:
     """Label columns for a table that has the columns ``taken`` already, which get ``label_`` before their name."""
     fixed = set(taken)
-    return {f"label_{name}" if name in fixed else name: list(values) for name, values in collection.labels.items()}
+    return {
+        f"label_{name}" if name in fixed else name: list(values)
+        for name, values in collection.labels.items()
+    }
 
 
 def words(values: Iterable[float]) -> str:
     """Return numbers in full precision, separated by blanks, without exponents, which some programs cannot read."""
-    return " ".join("NaN" if np.isnan(value) else np.format_float_positional(value, trim="0") for value in values)
+    return " ".join(
+        "NaN" if np.isnan(value) else np.format_float_positional(value, trim="0")
+        for value in values
+    )

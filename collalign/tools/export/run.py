@@ -117,10 +117,14 @@ def export(
     left_out = {collection.index(name) for name in exclude}
     written = [at for at in range(len(collection)) if at not in left_out]
     try:
-        with OutputFolder.open(folder, writer=f"export {format}", inputs=collection.inputs) as output:
+        with OutputFolder.open(
+            folder, writer=f"export {format}", inputs=collection.inputs
+        ) as output:
             request = ExportRequest(
                 system=system,
-                collection=some_shapes(collection, np.array(written, dtype=np.int64)) if exclude else collection,
+                collection=some_shapes(collection, np.array(written, dtype=np.int64))
+                if exclude
+                else collection,
                 folder=output.staging,
                 who=who,
                 space=space,
@@ -132,9 +136,13 @@ def export(
             if exclude or _computes(format, space):
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
-            said = export_notes(collection, format, space, exclude=exclude, include_doubtful=include_doubtful)
+            said = export_notes(
+                collection, format, space, exclude=exclude, include_doubtful=include_doubtful
+            )
             notes = "".join(f"{note_text(note)}\n" for note in said)
-            write_atomic(output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace"))
+            write_atomic(
+                output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace")
+            )
             decided = {
                 "result": str(collection.folder or ""),
                 "space": space,
@@ -154,7 +162,12 @@ def usual_space(format: str, otherwise: Space = "aligned") -> Space:
 
 
 def export_notes(
-    collection: Collection, format: str, space: Space, *, exclude: Sequence[str] = (), include_doubtful: bool = False
+    collection: Collection,
+    format: str,
+    space: Space,
+    *,
+    exclude: Sequence[str] = (),
+    include_doubtful: bool = False,
 ) -> tuple[Note, ...]:
     """Return what a reader of an export must know, the notes of the alignment included."""
     told = [coordinates_note(collection, space)] if format in STATISTICS else []
@@ -166,7 +179,10 @@ def export_notes(
 
 def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful: bool) -> Members:
     return statistics_members(
-        collection, exclude=exclude, include_doubtful=include_doubtful, include_incomplete=include_doubtful
+        collection,
+        exclude=exclude,
+        include_doubtful=include_doubtful,
+        include_incomplete=include_doubtful,
     )
 
 

@@ -15,7 +15,12 @@ from collalign.analysis.procrustes import (
 )
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.output.collection import Collection
-from collalign.tools.export.request import ExportRequest, complete_labels, label_columns, member_columns
+from collalign.tools.export.request import (
+    ExportRequest,
+    complete_labels,
+    label_columns,
+    member_columns,
+)
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.csv_cells import csv_text
 
@@ -52,10 +57,16 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
     except InputError:
         return tables
     superimposed = generalized_procrustes(counted.collection.aligned_landmarks[:, common])
-    labels = [f"{counted.collection.landmark_names[at]}_{axis}" for at in np.flatnonzero(common) for axis in "xyz"]
+    labels = [
+        f"{counted.collection.landmark_names[at]}_{axis}"
+        for at in np.flatnonzero(common)
+        for axis in "xyz"
+    ]
     flat = superimposed.reshape(len(superimposed), -1)
     names = list(counted.collection.names)
-    tables["procrustes_coordinates"] = {"name": names} | dict(zip(labels, flat.T.tolist(), strict=True))
+    tables["procrustes_coordinates"] = {"name": names} | dict(
+        zip(labels, flat.T.tolist(), strict=True)
+    )
     if len(names) > 1:
         scores = principal_components(superimposed).scores
         tables["principal_components"] = {"name": names} | {
@@ -67,7 +78,9 @@ def result_tables(request: ExportRequest) -> dict[str, Table]:
 def shape_columns(request: ExportRequest) -> Table:
     """Return the table of all shapes: pose, size, confidence, why a shape does not count, labels."""
     collection = request.collection
-    entries: list[list[float]] = collection.transforms[:, :3].reshape(len(collection), 12).T.tolist()
+    entries: list[list[float]] = (
+        collection.transforms[:, :3].reshape(len(collection), 12).T.tolist()
+    )
     columns: dict[str, list[Any]] = {
         "name": list(collection.names),
         "file": list(collection.files),
@@ -133,12 +146,17 @@ def write_parquet(request: ExportRequest) -> tuple[Path, ...]:
         "landmarks": landmark_columns(request),
         "pairs": _pair_columns(request.collection),
     }
-    return tuple(_write_table(request.path(f"{name}.parquet"), table) for name, table in tables.items())
+    return tuple(
+        _write_table(request.path(f"{name}.parquet"), table) for name, table in tables.items()
+    )
 
 
 def _pair_columns(collection: Collection) -> Table:
     pairs, names = collection.pairs, collection.names
-    chances = [float(candidate_chances(pair)[pair.choice]) if pair.choice >= 0 else float("nan") for pair in pairs]
+    chances = [
+        float(candidate_chances(pair)[pair.choice]) if pair.choice >= 0 else float("nan")
+        for pair in pairs
+    ]
     return {
         "target": [names[pair.target] for pair in pairs],
         "source": [names[pair.source] for pair in pairs],

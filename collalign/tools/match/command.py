@@ -88,10 +88,14 @@ def match(
         refuse_overlap(out, (target, source, *(shape_of(path)[1] for path in bending.landmarks)))
         if bending.nonrigid:
             if partial or options != TwoShapeOptions():
-                raise OptionsError("--nonrigid goes with --deformation and --surface, not with options of poses")
+                raise OptionsError(
+                    "--nonrigid goes with --deformation and --surface, not with options of poses"
+                )
             return _match_nonrigid(target, source, out, bending)
     if bending != Bending():
-        raise OptionsError("--deformation, --surface and --landmarks go with --nonrigid (by poses: `transfer`)")
+        raise OptionsError(
+            "--deformation, --surface and --landmarks go with --nonrigid (by poses: `transfer`)"
+        )
     if partial:
         if options.certify:
             raise OptionsError("--partial works on surfaces: --certify is for samples")
@@ -123,7 +127,9 @@ def _summary(found: RigidMatch) -> str:
             else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
         )
         words += f"; the next best of {len(poses)} poses: {scores[1]:.4g}, {apart}"
-    return "\n".join([words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)])
+    return "\n".join(
+        [words, *("".join(f"{value:14.6g}" for value in row) for row in found.transform)]
+    )
 
 
 def _match_partial(target: Path, source: Path, out: Path | None, options: TwoShapeOptions) -> int:
@@ -134,7 +140,9 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     best = found.poses[0]
     doubt = " (in doubt)" if found.confidence < DOUBT else ""
     words = f"{found.source} -> {found.target}: confidence {percent(found.confidence)}{doubt}; "
-    words += f"{percent(best.overlap_source)} of it lies on {percent(best.overlap_target)} of the other"
+    words += (
+        f"{percent(best.overlap_source)} of it lies on {percent(best.overlap_target)} of the other"
+    )
     rows = ("".join(f"{value:14.6g}" for value in row) for row in found.transform)
     add_to_summary(**found.record())
     say("\n".join([words, *rows]))
@@ -147,11 +155,17 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
 
 
 def _write_rigid(
-    found: RigidMatch | PartialMatch, target: Path, source: Path, out: Path, cleaning: CleaningOptions
+    found: RigidMatch | PartialMatch,
+    target: Path,
+    source: Path,
+    out: Path,
+    cleaning: CleaningOptions,
 ) -> None:
     """Write the record and a picture of both shapes in one pose, equal colours where they lie on each other."""
     with OutputFolder.open(out, writer=WRITER) as output:
-        output.stage("match.json").write_text(json.dumps(found.record(), indent=1), encoding="utf-8")
+        output.stage("match.json").write_text(
+            json.dumps(found.record(), indent=1), encoding="utf-8"
+        )
         left, right = (read_shape(file, cleaning) for file in (target, source))
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
         match_figure(left, right, nearest).savefig(
@@ -163,13 +177,17 @@ def _write_rigid(
 def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
     if bending.landmarks and composed(target.stem) == composed(source.stem):
-        raise InputError(f"both shapes are called {target.stem}: landmarks do not say which they are of; rename one")
+        raise InputError(
+            f"both shapes are called {target.stem}: landmarks do not say which they are of; rename one"
+        )
     with (
         OutputFolder.open(out, writer=f"{WRITER} --nonrigid") as output,
         ProgressBar("steps", 4) as bar,
     ):
         output.refuse_foreign(NONRIGID_FILES)
-        left, right = (read_shape(file, AS_STORED, name=composed(file.stem)) for file in (target, source))
+        left, right = (
+            read_shape(file, AS_STORED, name=composed(file.stem)) for file in (target, source)
+        )
         shapes = left, right
         files = {shape.name: file for shape, file in zip(shapes, (target, source), strict=True)}
         placed, notes = placed_landmarks(files, shapes, bending.landmarks)
@@ -186,7 +204,9 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
     for note in (*result.notes, *notes):
         say(f"Note: {note_text(note)}")
     add_to_summary(
-        confidence=result.confidence, orientation=result.orientation, notes=note_records((*result.notes, *notes))
+        confidence=result.confidence,
+        orientation=result.orientation,
+        notes=note_records((*result.notes, *notes)),
     )
     say_files(written)
     return 0

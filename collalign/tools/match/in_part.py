@@ -103,7 +103,9 @@ class PartialMatch:
 
     def __repr__(self) -> str:
         best = self.poses[0]
-        overlaps = f"{percent(best.overlap_source)} of it on {percent(best.overlap_target)} of the other"
+        overlaps = (
+            f"{percent(best.overlap_source)} of it on {percent(best.overlap_target)} of the other"
+        )
         return f"<PartialMatch: {self.source} on {self.target}, {overlaps}, confidence {percent(self.confidence)}>"
 
     def record(self) -> dict[str, Any]:
@@ -171,7 +173,11 @@ def match_in_part(
     target_file, source_file = (location(origin) for origin in origins)
     names = [origin.name.removesuffix(origin.suffix) for origin in origins]
     return PartialMatch(
-        target_file=target_file, source_file=source_file, target=names[0], source=names[1], poses=poses
+        target_file=target_file,
+        source_file=source_file,
+        target=names[0],
+        source=names[1],
+        poses=poses,
     )
 
 
@@ -186,16 +192,26 @@ def with_mirror_chance(found: PartialMatch, options: TwoShapeOptions) -> Partial
     options : TwoShapeOptions
         Of that match.
     """
-    to, of = (read_shape(Path(file), options.cleaning) for file in (found.target_file, found.source_file))
-    mirrored = (one.chance for one in _poses_by_neighbourhoods(to, of, "O") if np.linalg.det(one.pose.rotation) < 0)
+    to, of = (
+        read_shape(Path(file), options.cleaning) for file in (found.target_file, found.source_file)
+    )
+    mirrored = (
+        one.chance
+        for one in _poses_by_neighbourhoods(to, of, "O")
+        if np.linalg.det(one.pose.rotation) < 0
+    )
     return replace(found, mirror_chance=float(sum(mirrored)))
 
 
-def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> tuple[PartialPose, ...]:
+def _posed(
+    target: Shape, source: Shape, group: str, *, known_sizes: bool
+) -> tuple[PartialPose, ...]:
     """Return distinct poses of a source on a target, the most probable first."""
     local = _poses_by_neighbourhoods(target, source, group)
     if known_sizes and not local:
-        raise InputError(f"{source.name} on {target.name}: no pose was found, because no parts of the surfaces match")
+        raise InputError(
+            f"{source.name} on {target.name}: no pose was found, because no parts of the surfaces match"
+        )
     is_convincing = bool(local) and _chance_of_first(local) >= DOUBT
     return local if known_sizes or is_convincing else _poses_by_search(target, source, group)
 
@@ -204,7 +220,9 @@ def _chance_of_first(poses: Sequence[PartialPose]) -> float:
     """Return how probable the first pose is, poses of the same rotation counted together."""
     rotations = np.stack([found.pose.rotation for found in poses])
     chances = np.array([found.chance for found in poses])
-    return min(float(chances[pose_angle_deg(rotations, rotations[0]) <= AGREE_DEG].sum()), MOST_CERTAIN)
+    return min(
+        float(chances[pose_angle_deg(rotations, rotations[0]) <= AGREE_DEG].sum()), MOST_CERTAIN
+    )
 
 
 def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
@@ -231,7 +249,9 @@ def _poses_by_search(target: Shape, source: Shape, group: str) -> tuple[PartialP
     surfaces = []
     for shape in (target, source):
         read = spread_points(shape, MOST_POINTS)
-        surfaces.append(PartialSurface.from_user(read.points, read.normals, read.on_rim, oriented=read.oriented))
+        surfaces.append(
+            PartialSurface.from_user(read.points, read.normals, read.on_rim, oriented=read.oriented)
+        )
     searched = match_partial(*surfaces, group=group, num_candidates=NUM_POSES)
     odds = -PAIR_WEIGHT * np.log([found.energy for found in searched])
     shares = np.exp(odds - odds.max())

@@ -28,7 +28,11 @@ NONRIGID_FILES = (
 
 
 def stage_match(
-    output: OutputFolder, found: NonrigidMatch, left: Shape, right: Shape, placed: Mapping[str, Landmarks]
+    output: OutputFolder,
+    found: NonrigidMatch,
+    left: Shape,
+    right: Shape,
+    placed: Mapping[str, Landmarks],
 ) -> None:
     """Stage all files of a match.
 
@@ -50,7 +54,10 @@ def stage_match(
     _write_coloured(output.stage("map_target.ply"), left, of_target)
     _write_coloured(output.stage("map_source.ply"), right, of_source, confidence=confidence)
     if placed:
-        write_atomic(output.stage(LANDMARKS_FILE), csv_text(carried_rows(found, (left, right), placed)).encode())
+        write_atomic(
+            output.stage(LANDMARKS_FILE),
+            csv_text(carried_rows(found, (left, right), placed)).encode(),
+        )
 
 
 def placed_landmarks(
@@ -90,11 +97,15 @@ def carried_rows(
             trust = confidence[image if is_target else own]
             known = image >= 0 and bool(np.isfinite(point).all())
             place = [*other.vertices[image], trust] if known else [np.nan] * 4
-            rows.append([other.name, label, *("" if np.isnan(value) else f"{value:.6g}" for value in place)])
+            rows.append(
+                [other.name, label, *("" if np.isnan(value) else f"{value:.6g}" for value in place)]
+            )
     return rows
 
 
 def _write_coloured(path: Path, shape: Shape, colours: FloatArray, **values: FloatArray) -> Path:
     """Write a PLY with colours, and with values as further properties of the vertices."""
-    channels = zip(("red", "green", "blue"), np.round(255 * colours).astype(np.uint8).T, strict=True)
+    channels = zip(
+        ("red", "green", "blue"), np.round(255 * colours).astype(np.uint8).T, strict=True
+    )
     return write_ply(path, shape.vertices, shape.faces, **dict(channels), **values)

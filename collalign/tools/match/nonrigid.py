@@ -79,7 +79,10 @@ def match_shapes(
     """
     asked = as_options("options", options, NonrigidOptions, keywords)
     surface = as_options("surface_options", surface_options, SurfaceOptions)
-    to, of = (prepare_file(as_origin(file, role), surface) for file, role in ((target, "target"), (source, "source")))
+    to, of = (
+        prepare_file(as_origin(file, role), surface)
+        for file, role in ((target, "target"), (source, "source"))
+    )
     return match_prepared(to, of, asked)
 
 
@@ -111,13 +114,17 @@ def match_prepared(
     return match_of(target, source, found, maps, num_candidates=options.num_candidates)
 
 
-def finished(target: SpectralShape, source: SpectralShape, options: NonrigidOptions) -> list[Refined]:
+def finished(
+    target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+) -> list[Refined]:
     """Return all candidates, the chosen one first, and that one mended and sharpened."""
     chosen, *others = chosen_first(target, find_candidates(target, source, options), options)
     return [sharpened(target, source, mended(target, source, chosen, options)), *others]
 
 
-def vertex_maps(target: SpectralShape, source: SpectralShape, chosen: Refined) -> tuple[IntArray, IntArray]:
+def vertex_maps(
+    target: SpectralShape, source: SpectralShape, chosen: Refined
+) -> tuple[IntArray, IntArray]:
     """Return the maps of the files' vertices, source to target (v,) and back (u,), that a map of samples leads to.
 
     The target is laid onto the source by that map, as rigidly as it allows, and then by closest points with normals
@@ -126,7 +133,9 @@ def vertex_maps(target: SpectralShape, source: SpectralShape, chosen: Refined) -
     found, at_target, at_source = chosen.functional_map, target.dense, source.dense
     if not has_normals(target, source):
         return between_files(
-            source.vertices[HarmonicRefiner(target, source).of_all_vertices(found)[1]], target, source
+            source.vertices[HarmonicRefiner(target, source).of_all_vertices(found)[1]],
+            target,
+            source,
         )
     chirality = -1.0 if chosen.evidence.orientation < 0 else 1.0
     moving = target.working_shape.transformed(np.diag([1.0, 1.0, chirality, 1.0]))
@@ -155,12 +164,20 @@ def match_of(
         candidates=tuple(_public(target, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),
         confidence=confidence,
-        vertex_confidence=read_only(np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)),
-        notes=tuple(replace(note, shapes=(s.name, *note.shapes)) for s in (target, source) for note in s.notes),
+        vertex_confidence=read_only(
+            np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)
+        ),
+        notes=tuple(
+            replace(note, shapes=(s.name, *note.shapes))
+            for s in (target, source)
+            for note in s.notes
+        ),
     )
 
 
-def chosen_first(target: SpectralShape, found: list[Refined], options: NonrigidOptions) -> list[Refined]:
+def chosen_first(
+    target: SpectralShape, found: list[Refined], options: NonrigidOptions
+) -> list[Refined]:
     """Return candidates with the chosen one first, then by score.
 
     It is the one that the others agree with most and that keeps left and right most clearly, where normals tell.
@@ -170,7 +187,9 @@ def chosen_first(target: SpectralShape, found: list[Refined], options: NonrigidO
     if options.orientation == "any":
         sides = np.abs(sides)
     support = np.log(agreements(target, ordered)) + ORIENTATION_WEIGHT * sides
-    chosen = ordered[int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))]
+    chosen = ordered[
+        int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))
+    ]
     return [chosen, *(c for c in ordered if c is not chosen)]
 
 

@@ -41,7 +41,9 @@ def vertices_map(point_map_target_source: IntArray, target: Shape, source: Shape
     return places[point_map_target_source[of_source]]
 
 
-def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tuple[FloatArray, FloatArray]:
+def transferred_colours(
+    target: Shape, point_map_target_source: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Return colours in [0, 1] of the target's vertices and of the source's, shapes (u, 3) and (v, 3).
 
     Red, green and blue are the target's coordinates as the picture shows it; unmatched vertices are grey.
@@ -52,7 +54,9 @@ def transferred_colours(target: Shape, point_map_target_source: IntArray) -> tup
         If the map names a vertex that the target does not have.
     """
     if len(point_map_target_source) and int(point_map_target_source.max()) >= len(target.vertices):
-        raise InputError(f"the map names vertex {point_map_target_source.max()} of {target.name}, which has fewer")
+        raise InputError(
+            f"the map names vertex {point_map_target_source.max()} of {target.name}, which has fewer"
+        )
     places = target.vertices @ principal_view([(target.vertices, target.faces)]).T
     low, high = places.min(axis=0), places.max(axis=0)
     colours = 0.08 + 0.84 * (places - low) / np.where(high > low, high - low, 1.0)
@@ -84,20 +88,28 @@ def match_figure(
     matched = np.flatnonzero(point_map_target_source >= 0)
     rotated = view
     if len(matched):
-        rotated = view @ _procrustes(target.vertices[point_map_target_source[matched]], source.vertices[matched])
+        rotated = view @ _procrustes(
+            target.vertices[point_map_target_source[matched]], source.vertices[matched]
+        )
     shown = [(target, of_target, view, target.name), (source, of_source, rotated, source.name)]
     if confidence is not None:
-        shown.append((source, _confidence_colours(confidence), rotated, "confidence: dark 0, yellow 1"))
+        shown.append(
+            (source, _confidence_colours(confidence), rotated, "confidence: dark 0, yellow 1")
+        )
     size = (2.0 * len(shown), 1.2)
     figure = new_figure(figsize=(2.25 * size[0], 2.25 * size[1] + 0.4), dpi=130)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal")
+    axes = figure.add_axes(
+        (0.0, 0.0, 1.0, 0.9), xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal"
+    )
     axes.set_title(title, parse_math=False)
     axes.set_axis_off()
     panels = []
     for column, (shape, colours, frame, name) in enumerate(shown):
         for place, behind in enumerate((np.eye(3), _FROM_BEHIND)):
             corner = np.array([2.0 * column + place, 0.0])
-            panels.append(seen_panel(shape.vertices @ (behind @ frame).T, shape.faces, corner, colours))
+            panels.append(
+                seen_panel(shape.vertices @ (behind @ frame).T, shape.faces, corner, colours)
+            )
             words = "from behind" if place else name
             axes.text(corner[0], 1.05, words, fontsize="small", parse_math=False)
     draw_panels(axes, panels)
@@ -112,4 +124,6 @@ def _confidence_colours(confidence: FloatArray) -> FloatArray:
 
 
 def _procrustes(target: FloatArray, source: FloatArray) -> FloatArray:
-    return nearest_orthogonal((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)), determinant=1.0)
+    return nearest_orthogonal(
+        (target - target.mean(axis=0)).T @ (source - source.mean(axis=0)), determinant=1.0
+    )

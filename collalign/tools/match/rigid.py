@@ -61,7 +61,9 @@ class RigidMatch:
         The geometric mean of the energies on samples and on dense points, or without these the energy on samples.
         """
         both = zip_longest(self.result.candidates, self.refined)
-        return np.array([np.sqrt(one.energy * dense.energy) if dense else one.energy for one, dense in both])
+        return np.array(
+            [np.sqrt(one.energy * dense.energy) if dense else one.energy for one, dense in both]
+        )
 
     @property
     def mirror_fits_better(self) -> bool:
@@ -76,7 +78,9 @@ class RigidMatch:
     @property
     def transforms(self) -> FloatArray:
         """The answer and its alternatives, shape (m, 4, 4), refined where they were."""
-        poses = [one.pose for one in self.refined] or [_pose_of(one) for one in self.result.candidates]
+        poses = [one.pose for one in self.refined] or [
+            _pose_of(one) for one in self.result.candidates
+        ]
         return np.array([self.transform_of(pose) for pose in poses])
 
     def __repr__(self) -> str:
@@ -116,12 +120,15 @@ class RigidMatch:
             "source_vertices": self.source.vertex_indices.tolist(),
         }
 
-    def _candidate_record(self, candidate: Candidate, refined: RefinedPose | None) -> dict[str, Any]:
+    def _candidate_record(
+        self, candidate: Candidate, refined: RefinedPose | None
+    ) -> dict[str, Any]:
         vertices = self.target.vertex_indices
         return {
             "transform": self.transform_of(_pose_of(candidate)).tolist(),
             "energy": candidate.energy,
-            "refined": refined and {"transform": self.transform_of(refined.pose).tolist(), "energy": refined.energy},
+            "refined": refined
+            and {"transform": self.transform_of(refined.pose).tolist(), "energy": refined.energy},
             "reflected": candidate.reflected,
             "map_target_source": vertices[candidate.map_target_source].tolist(),
         }
@@ -177,7 +184,12 @@ def match_rigid(
     result, refined = _ranked(to, of, options, options.group)
     target_file, source_file = map(location, origins)
     return RigidMatch(
-        target_file=target_file, source_file=source_file, target=to, source=of, result=result, refined=refined
+        target_file=target_file,
+        source_file=source_file,
+        target=to,
+        source=of,
+        result=result,
+        refined=refined,
     )
 
 

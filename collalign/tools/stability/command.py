@@ -32,7 +32,10 @@ def stability(
     """
     collection = load(result)
     files = inputs_of(collection.source_files())
-    with resumable(run, result) as run, OutputFolder.open(result, writer=WRITER, inputs=files) as output:
+    with (
+        resumable(run, result) as run,
+        OutputFolder.open(result, writer=WRITER, inputs=files) as output,
+    ):
         output.refuse_foreign(FILES)
         found = check_stability(collection, options=options, run=run)
         written = write_stability(found, output)

@@ -127,12 +127,18 @@ def draw_stability(stability: Stability) -> bytes:
     from matplotlib.figure import Figure
 
     chosen, num = least_stable(stability)[:_MAX_DRAWN], len(stability.repetitions)
-    figure = Figure(figsize=(3.5 + 0.55 * num, max(3.6, 2.0 + 0.2 * len(chosen))), layout="constrained")
+    figure = Figure(
+        figsize=(3.5 + 0.55 * num, max(3.6, 2.0 + 0.2 * len(chosen))), layout="constrained"
+    )
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set_facecolor("lightgrey")
     image = axes.imshow(
-        stability.changes_deg[:, chosen].T, cmap="viridis", vmin=0, vmax=stability.stay_deg, aspect="auto"
+        stability.changes_deg[:, chosen].T,
+        cmap="viridis",
+        vmin=0,
+        vmax=stability.stay_deg,
+        aspect="auto",
     )
     for column, row in zip(*np.nonzero(~stability.same_chirality[:, chosen]), strict=True):
         axes.text(column, row, "mirrored", ha="center", va="center", fontsize=6, color="tab:red")
@@ -140,9 +146,14 @@ def draw_stability(stability: Stability) -> bytes:
     for label in axes.set_yticks(range(len(chosen)), words, fontsize=7):
         label.label1.set_parse_math(False)
     axes.set_xticks(range(num), stability.repetitions, rotation=60, ha="right", fontsize=7)
-    axes.set_title(f"Poses that stay within {stability.stay_deg:.0f} deg, of all repetitions", fontsize=9)
+    axes.set_title(
+        f"Poses that stay within {stability.stay_deg:.0f} deg, of all repetitions", fontsize=9
+    )
     bar = figure.colorbar(image, ax=axes)
-    bar.set_label(f"change of pose, deg ({stability.stay_deg:.0f}: that or more; grey: took no part)", fontsize=8)
+    bar.set_label(
+        f"change of pose, deg ({stability.stay_deg:.0f}: that or more; grey: took no part)",
+        fontsize=8,
+    )
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
     return content.getvalue()

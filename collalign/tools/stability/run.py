@@ -177,11 +177,17 @@ def check_stability(
     wanted = as_options("options", options, StabilityOptions)
     plan = list(repetitions(replace(asked, reference="", certify=False), len(collection), wanted))
     if not plan:
-        raise OptionsError("num_points, num_seeds, num_subsets: no repetition is left that differs from the result")
+        raise OptionsError(
+            "num_points, num_seeds, num_subsets: no repetition is left that differs from the result"
+        )
     doubtful = wanted.include_doubtful
-    who = statistics_members(collection, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False)
+    who = statistics_members(
+        collection, include_doubtful=doubtful, include_incomplete=doubtful, one_part=False
+    )
     rows = []
-    with Session.open(asked, as_options("run", run, RunOptions), progress_display(progress)) as session:
+    with Session.open(
+        asked, as_options("run", run, RunOptions), progress_display(progress)
+    ) as session:
         for number, (words, again_asked, members) in enumerate(plan, 1):
             shown = _titled(session.progress, f"{words} ({number} of {len(plan)})")
             repeated = replace(session, options=again_asked, progress=shown)
@@ -200,7 +206,9 @@ def check_stability(
     )
 
 
-def repetitions(asked: AlignOptions, num_shapes: int, wanted: StabilityOptions) -> Iterator[Repetition]:
+def repetitions(
+    asked: AlignOptions, num_shapes: int, wanted: StabilityOptions
+) -> Iterator[Repetition]:
     """Yield what is repeated, those first that have the most in common with the result.
 
     Parameters
@@ -230,7 +238,11 @@ def _compared(collection: Collection, again: Collection) -> tuple[BoolArray, Flo
     """Return a repetition's row of ``present``, ``changes_deg`` and ``same_chirality``."""
     members = np.array([collection.names.index(name) for name in again.names])
     num = len(collection)
-    present, changes, same = np.zeros(num, dtype=bool), np.full(num, np.nan), np.ones(num, dtype=bool)
+    present, changes, same = (
+        np.zeros(num, dtype=bool),
+        np.full(num, np.nan),
+        np.ones(num, dtype=bool),
+    )
     present[members] = True
     changes[members], same[members] = pose_changes(
         collection.rotations[members], again.rotations, collection.part_numbers[members]

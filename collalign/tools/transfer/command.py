@@ -14,7 +14,12 @@ from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
-from collalign.landmarks.templates import SemilandmarkRequest, read_templates, shape_of, specimen_among
+from collalign.landmarks.templates import (
+    SemilandmarkRequest,
+    read_templates,
+    shape_of,
+    specimen_among,
+)
 from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
@@ -83,16 +88,23 @@ def transfer(
     """
     collection = load(result, sources=sources)
     beside = (*semilandmarks.curves, *semilandmarks.patches)
-    refuse_overlap(written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))})
+    refuse_overlap(
+        written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))}
+    )
     given = read_templates(landmarks, collection.names)
-    if written.leave_one_out and len({*given, *(specimen_among(one, collection.names) for one in beside)}) < 2:
+    if (
+        written.leave_one_out
+        and len({*given, *(specimen_among(one, collection.names) for one in beside)}) < 2
+    ):
         raise InputError(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"
         )
     with resumable(run, result) as run:
         found = transfer_landmarks(collection, given, semilandmarks=semilandmarks, run=run)
     page = landmarks_page(collection, found, result, written.to)
-    collection = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
+    collection = with_changes(
+        collection, landmarks=found.points, landmark_names=found.labels, pairs=()
+    )
     space = usual_space(written.format, "raw") if written.space is None else written.space
     paths = write_export(
         collection,
@@ -103,9 +115,13 @@ def transfer(
         system=found.system,
         include_doubtful=written.include_doubtful,
     )
-    for note in export_notes(collection, written.format, space, include_doubtful=written.include_doubtful):
+    for note in export_notes(
+        collection, written.format, space, include_doubtful=written.include_doubtful
+    ):
         warn(note_text(note))
-    say_files((*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out)))
+    say_files(
+        (*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out))
+    )
     return _summarise(found, leave_one_out=written.leave_one_out)
 
 
@@ -119,7 +135,9 @@ def _summarise(found: TransferredLandmarks, *, leave_one_out: bool) -> int:
     missing = np.isnan(found.points).any(axis=2).sum(axis=1)
     for name, count, status in zip(found.names, missing.tolist(), found.status, strict=True):
         if count:
-            reasons = sorted({reason for reason in status if reason.startswith(("abstained", "missing"))})
+            reasons = sorted(
+                {reason for reason in status if reason.startswith(("abstained", "missing"))}
+            )
             left_out[name] = {"landmarks": count, "reasons": reasons}
             say(f"{name}: {count} of {len(found.labels)} landmarks left out; {', '.join(reasons)}")
     add_to_summary(notes=note_records(found.notes), left_out=left_out)

@@ -52,7 +52,9 @@ def write_transfer(
     """
     with OutputFolder.open(to, writer=_WRITER) as output:
         staged = [_write(output.stage(TRANSFER_FILE), transfer_rows(transferred))]
-        staged.append(write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace")))
+        staged.append(
+            write_atomic(output.stage(PAGE_FILE), page.encode("utf-8", "backslashreplace"))
+        )
         if transferred.semilandmarks:
             staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))
             staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
@@ -91,7 +93,9 @@ def slider_table(transferred: TransferredLandmarks) -> list[list[object]]:
 def surface_table(transferred: TransferredLandmarks) -> list[list[object]]:
     """Return the numbers, from 1, of semilandmarks that slide along surfaces."""
     rows: list[list[object]] = [["surface"]]
-    return rows + [[1 + row] for one in transferred.semilandmarks if one.kind == "patch" for row in one.rows]
+    return rows + [
+        [1 + row] for one in transferred.semilandmarks if one.kind == "patch" for row in one.rows
+    ]
 
 
 def left_out_rows(transferred: TransferredLandmarks) -> list[list[object]]:
@@ -124,7 +128,9 @@ def _write(path: Path, rows: Sequence[Sequence[object]]) -> Path:
 PAGE_FILE = "landmarks.html"
 
 
-def landmarks_page(collection: Collection, found: TransferredLandmarks, result: Path, to: Path) -> str:
+def landmarks_page(
+    collection: Collection, found: TransferredLandmarks, result: Path, to: Path
+) -> str:
     """Return the page as HTML text, with the command of the next transfer from ``result`` into ``to``.
 
     Of a large collection it shows the shapes that the report shows; curves and patches are left to what slides them.
@@ -142,12 +148,16 @@ def landmarks_page(collection: Collection, found: TransferredLandmarks, result: 
         "points": found.points[np.ix_(rows, chosen)],
         "radii": found.radii[np.ix_(rows, chosen)],
         "status": [[found.status[at][row] for row in chosen] for at in rows],
-        "systems": [(declared_system(Path(file)) if file else None) or found.system for file in shown.files],
+        "systems": [
+            (declared_system(Path(file)) if file else None) or found.system for file in shown.files
+        ],
         "command": shlex.join(words),
     }
     lacking = np.isnan(found.points[:, chosen]).any(axis=2).sum(axis=1)
     doubted = np.argsort(-lacking, kind="stable")[: int((lacking > 0).sum())]
-    named = ", ".join(opener(found.names[at]) for at in doubted[:MAX_NAMED] if found.names[at] in shown.names)
+    named = ", ".join(
+        opener(found.names[at]) for at in doubted[:MAX_NAMED] if found.names[at] in shown.names
+    )
     said = f"{len(found.names) - len(doubted)} of {len(found.names)} specimens have all {len(chosen)} landmarks."
     summary = f'<p class="verdict {"warn" if named else "plain"}">{said}{f" Look at: {named}." if named else ""}</p>'
     notes = dict.fromkeys(map(note_text, (*found.notes, *collection.notes)))

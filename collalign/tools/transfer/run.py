@@ -57,7 +57,16 @@ from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: What became of a landmark.
-PLACED, CARRIED, DOUBTFUL_POSE, NOT_REGISTERED, UNKNOWN, MISSING_PLACE, NO_COUNTERPART, OUT_OF_RANGE = (
+(
+    PLACED,
+    CARRIED,
+    DOUBTFUL_POSE,
+    NOT_REGISTERED,
+    UNKNOWN,
+    MISSING_PLACE,
+    NO_COUNTERPART,
+    OUT_OF_RANGE,
+) = (
     "placed by an expert",
     "carried over",
     "abstained: the pose is doubtful",
@@ -176,11 +185,22 @@ def transfer_landmarks(
     """
     collection = load(result, sources=sources)
     wanted = as_options("semilandmarks", semilandmarks, SemilandmarkRequest, keywords)
-    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
-    given = {composed(name): marks for name, marks in with_semilandmarks(given, wanted, collection.names).items()}
+    given = (
+        dict(landmarks)
+        if isinstance(landmarks, Mapping)
+        else read_templates(landmarks, collection.names)
+    )
+    given = {
+        composed(name): marks
+        for name, marks in with_semilandmarks(given, wanted, collection.names).items()
+    }
     rows = {name: collection.index(name) for name in given}
-    meshes = tuple((name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True))
-    placed, notes, system = place_templates(given, {name: collection.file(at) for name, at in rows.items()}, meshes)
+    meshes = tuple(
+        (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
+    )
+    placed, notes, system = place_templates(
+        given, {name: collection.file(at) for name, at in rows.items()}, meshes
+    )
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(collection, run=run, progress=progress)
@@ -191,15 +211,26 @@ def transfer_landmarks(
 class _Transfer:
     """One transfer: the collection, its dense correspondence, and the templates on it."""
 
-    def __init__(self, collection: Collection, dense: DenseCorrespondence, table: LandmarkTable) -> None:
-        self._collection, self._dense, self._labels, self._known = collection, dense, table.labels, table.points
+    def __init__(
+        self, collection: Collection, dense: DenseCorrespondence, table: LandmarkTable
+    ) -> None:
+        self._collection, self._dense, self._labels, self._known = (
+            collection,
+            dense,
+            table.labels,
+            table.points,
+        )
         self._semilandmarks = table.semilandmarks
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         self._templates = [
             template(
-                self._rows[name], self._posed(name, points), dense.completed[self._rows[name]], dense.faces, radius
+                self._rows[name],
+                self._posed(name, points),
+                dense.completed[self._rows[name]],
+                dense.faces,
+                radius,
             )
             for name, points in table.points.items()
             if name in self._rows
@@ -208,7 +239,10 @@ class _Transfer:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
         self._around = Neighbourhoods(dense.mean, dense.completed, dense.faces, radius)
-        self._scale = {name: float(scale) for name, scale in zip(collection.names, collection.scales, strict=True)}
+        self._scale = {
+            name: float(scale)
+            for name, scale in zip(collection.names, collection.scales, strict=True)
+        }
 
     def run(self, surface_points: int) -> TransferredLandmarks:
         """Predict every specimen, and every template from the others; and spread points over all surfaces."""
@@ -239,7 +273,9 @@ class _Transfer:
         if len(self._templates) < 2:
             nothing = np.full(shape[1], np.nan)
             return np.full(shape, np.nan), [
-                RadiusEvidence(spread=nothing, distance=0.0, residual=nothing, unit=1.0, variation=0.0)
+                RadiusEvidence(
+                    spread=nothing, distance=0.0, residual=nothing, unit=1.0, variation=0.0
+                )
             ]
         errors, evidence = [], []
         for at, item in enumerate(self._templates):
@@ -249,13 +285,19 @@ class _Transfer:
             evidence.append(shown)
         return np.array(errors), evidence
 
-    def _specimen(self, name: str, calibration: Calibration) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    def _specimen(
+        self, name: str, calibration: Calibration
+    ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
         """Return points and radii in the file's unit and what became of each landmark."""
         own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
         placed = np.isfinite(own).all(axis=1)
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
         reason = self._abstention(name)
-        known = np.isfinite(np.stack([item.offsets for item in self._templates])).all(axis=2).any(axis=0)
+        known = (
+            np.isfinite(np.stack([item.offsets for item in self._templates]))
+            .all(axis=2)
+            .any(axis=0)
+        )
         reasons = np.where(known, MISSING_PLACE, UNKNOWN)
         if reason is None and not placed.all():
             predicted, evidence, nothing = self._predict(name, self._templates)
@@ -276,11 +318,17 @@ class _Transfer:
         doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
-    def _predict(self, name: str, templates: list[Template]) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
+    def _predict(
+        self, name: str, templates: list[Template]
+    ) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
         """Return a specimen's landmarks in the common frame, evidence of errors, and where surface is missing."""
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        tilt, relief = self._around.compare(templates, row) if len(templates) < MIN_TEMPLATES else 2 * (np.empty(0),)
+        tilt, relief = (
+            self._around.compare(templates, row)
+            if len(templates) < MIN_TEMPLATES
+            else 2 * (np.empty(0),)
+        )
         evidence = RadiusEvidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
@@ -297,14 +345,18 @@ class _Transfer:
             rows = list(curve.rows)
             if curve.kind != "patch" and np.isfinite(placed[rows]).all():
                 spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
-                placed[rows] = on_surface(spaced, [item.only(rows) for item in templates], surface.locator)
+                placed[rows] = on_surface(
+                    spaced, [item.only(rows) for item in templates], surface.locator
+                )
         return placed, evidence, nothing
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""
         mean = Shape.from_arrays(self._dense.mean, self._dense.faces, name="the mean")
         if num > len(mean.vertices):
-            raise InputError(f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for")
+            raise InputError(
+                f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for"
+            )
         chosen = farthest_points(mean, num, metric="euclidean")
         places, words = [], []
         for at, name in enumerate(self._collection.names):
@@ -317,8 +369,14 @@ class _Transfer:
                 points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
                 points = moved_by(np.linalg.inv(self._collection.transforms[at]), points)
             places.append(points)
-            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART).tolist())
-        rows = SemilandmarkRows(SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num)))
+            words.append(
+                np.where(
+                    np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART
+                ).tolist()
+            )
+        rows = SemilandmarkRows(
+            SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num))
+        )
         nothing = np.full((len(self._collection.names), num), np.nan)
         left_out = np.full((len(carried.templates), num), np.nan)
         return replace(
@@ -335,7 +393,9 @@ class _Transfer:
     def _surface(self, name: str) -> RegistrationSurface:
         """Read a specimen's surface, as its file has it, in the common frame."""
         at = self._collection.index(name)
-        shape = read_shape(self._collection.file(at), name=name).transformed(self._collection.transforms[at])
+        shape = read_shape(self._collection.file(at), name=name).transformed(
+            self._collection.transforms[at]
+        )
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
 
     def _posed(self, name: str, points: FloatArray) -> FloatArray:

@@ -67,13 +67,19 @@ class Classification:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result in JSON types, with every wrongly classified shape."""
-        wrong = [self._mistake(at) for at in range(len(self.names)) if self.scored[at] and not self._right(at)]
+        wrong = [
+            self._mistake(at)
+            for at in range(len(self.names))
+            if self.scored[at] and not self._right(at)
+        ]
         return {
             "accuracy": self.accuracy if self.num_scored else None,
             "correct": self.num_correct,
             "scored": self.num_scored,
             "chance": self.chance if self.num_scored else None,
-            "by_label": {label: {"scored": n, "correct": c} for label, (n, c) in self.by_label.items()},
+            "by_label": {
+                label: {"scored": n, "correct": c} for label, (n, c) in self.by_label.items()
+            },
             "single_members": list(self.single_members),
             "statement": self.statement,
             "wrong": wrong,
@@ -85,7 +91,12 @@ class Classification:
     def _mistake(self, at: int) -> dict[str, str | None]:
         near = int(self.nearest[at])
         shape, predicted = (self.names[near], self.labels[near]) if near >= 0 else (None, None)
-        return {"shape": self.names[at], "label": self.labels[at], "nearest": shape, "predicted": predicted}
+        return {
+            "shape": self.names[at],
+            "label": self.labels[at],
+            "nearest": shape,
+            "predicted": predicted,
+        }
 
     def table(self) -> str:
         """Return the result as plain text, one line per label."""
@@ -93,7 +104,10 @@ class Classification:
         lines = [f"{'label':<{width}}  shapes  correct"]
         lines += [f"{label:<{width}}  {n:>6}  {c:>7}" for label, (n, c) in self.by_label.items()]
         share = f"{100 * self.accuracy:.1f} %" if self.num_scored else "not defined"
-        lines += ["", f"accuracy {share} ({self.num_correct} of {self.num_scored}; chance {100 * self.chance:.1f} %)"]
+        lines += [
+            "",
+            f"accuracy {share} ({self.num_correct} of {self.num_scored}; chance {100 * self.chance:.1f} %)",
+        ]
         return "\n".join([*lines, self.statement])
 
 
@@ -130,10 +144,14 @@ def classify_leave_one_out(
     values = tuple(known_label(label) for label in labels)
     num = len(values)
     if matrix.shape != (num, num):
-        raise InputError(f"distances: expected shape ({num}, {num}) for {num} labels, got {matrix.shape}")
+        raise InputError(
+            f"distances: expected shape ({num}, {num}) for {num} labels, got {matrix.shape}"
+        )
     counts = Counter(value for value in values if value)
     if sum(counts.values()) < 2:
-        raise InputError(f"labels: {sum(counts.values())} shapes have a label, at least two are needed")
+        raise InputError(
+            f"labels: {sum(counts.values())} shapes have a label, at least two are needed"
+        )
     known = np.array([bool(value) for value in values])
     nearest = _nearest(matrix, known)
     scored = tuple(bool(value) and counts[value] > 1 for value in values)
@@ -145,7 +163,8 @@ def classify_leave_one_out(
         accuracy=num_correct / num_scored if num_scored else float("nan"),
         num_scored=num_scored,
         num_correct=num_correct,
-        chance=sum((counts[values[at]] - 1) / others for at in range(num) if scored[at]) / max(num_scored, 1),
+        chance=sum((counts[values[at]] - 1) / others for at in range(num) if scored[at])
+        / max(num_scored, 1),
         names=tuple(names) if names is not None else tuple(str(at) for at in range(num)),
         labels=values,
         nearest=read_only(nearest),
@@ -166,7 +185,9 @@ def _nearest(matrix: FloatArray, known: BoolArray) -> IntArray:
     return np.where(reachable, usable.argmin(axis=1), -1).astype(np.int64)
 
 
-def _by_label(values: Sequence[str], nearest: IntArray, scored: Sequence[bool]) -> dict[str, tuple[int, int]]:
+def _by_label(
+    values: Sequence[str], nearest: IntArray, scored: Sequence[bool]
+) -> dict[str, tuple[int, int]]:
     """Return scored and correct shapes of every label, in alphabetical order."""
     found = dict.fromkeys(sorted(set(values) - {""}), (0, 0))
     for value, near, counts in zip(values, nearest.tolist(), scored, strict=True):
@@ -240,11 +261,18 @@ def near_pairs(distances: FloatArray, num: int) -> list[tuple[int, int]]:
     """Return the pairs (i < j) of which one is among the ``num`` nearest of the other, by distances (N, N)."""
     away = np.where(np.isnan(distances) | np.eye(len(distances), dtype=bool), np.inf, distances)
     nearest = np.argsort(away, axis=1, kind="stable")[:, :num]
-    pairs = {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row if np.isfinite(away[i, j])}
+    pairs = {
+        (min(i, j), max(i, j))
+        for i, row in enumerate(nearest.tolist())
+        for j in row
+        if np.isfinite(away[i, j])
+    }
     return sorted(pairs)
 
 
-def refined_distance(target: DensePoints, source: DensePoints, rotation: FloatArray) -> tuple[float, FloatArray]:
+def refined_distance(
+    target: DensePoints, source: DensePoints, rotation: FloatArray
+) -> tuple[float, FloatArray]:
     """Refine a pose by closest points, both ways, with shift and scale.
 
     Returns
@@ -256,4 +284,6 @@ def refined_distance(target: DensePoints, source: DensePoints, rotation: FloatAr
         The refined ``R_target_source``.
     """
     refined = refine_pose(target, source, rotation)
-    return float(np.sqrt(refined.energy / refined.pose.scale)) / target.radius, refined.pose.rotation
+    return float(
+        np.sqrt(refined.energy / refined.pose.scale)
+    ) / target.radius, refined.pose.rotation

@@ -16,7 +16,11 @@ from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
-from collalign.tools.variation.classification import classify_leave_one_out, posed_clouds, surface_distances
+from collalign.tools.variation.classification import (
+    classify_leave_one_out,
+    posed_clouds,
+    surface_distances,
+)
 from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions
@@ -45,7 +49,9 @@ def variation(
     ] = None,
     symmetry: str | None = None,
     individuals: str | None = None,
-    tests: Annotated[ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())] = ShapeTestOptions(),  # noqa: B008
+    tests: Annotated[
+        ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())
+    ] = ShapeTestOptions(),  # noqa: B008
     exclude: Excluded = (),
     include_doubtful: Flag = False,
     without_posture: Flag = False,
@@ -80,7 +86,9 @@ def variation(
     """
     collection = load(result, sources=sources)
     if classify is not None:
-        return _classify(collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful)
+        return _classify(
+            collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful
+        )
     columns = None if labels is None else read_labels(labels).columns_for(collection.names)
     individuals = None if individuals is None else composed(individuals)
     if individuals is not None and individuals not in (columns or collection.labels):
@@ -108,7 +116,12 @@ def variation(
 
 
 def _classify(
-    collection: Collection, labels: Path | None, by: str, *, exclude: Sequence[str], include_doubtful: bool
+    collection: Collection,
+    labels: Path | None,
+    by: str,
+    *,
+    exclude: Sequence[str],
+    include_doubtful: bool,
 ) -> int:
     """Classify every shape by its nearest neighbour, leaving it out, and print how often that is right.
 

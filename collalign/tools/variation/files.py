@@ -87,7 +87,10 @@ def build_variation(
     mean = places.on(variation.mean)
     count = min(NUM_COMPONENTS, len(variation.components.shares))
     deviations = np.sqrt(variation.components.variances[:count])
-    axes = [d * places.on(axis) for d, axis in zip(deviations, variation.components.axes[:count], strict=True)]
+    axes = [
+        d * places.on(axis)
+        for d, axis in zip(deviations, variation.components.axes[:count], strict=True)
+    ]
     surfaces = {
         "mean": mean,
         "axes": np.array(axes),
@@ -102,9 +105,14 @@ def build_variation(
     if variation.quality is not None:
         relative = variation.quality.distances / variation.quality.radii[:, None]
         surfaces["distances"] = relative[:, places.nearest]
-    steps = {name: float(np.abs(values).max()) / _LARGEST or 1.0 for name, values in surfaces.items()}
+    steps = {
+        name: float(np.abs(values).max()) / _LARGEST or 1.0 for name, values in surfaces.items()
+    }
     arrays: dict[str, NDArray[Any]] = {
-        **{name: np.round(values / steps[name]).astype(np.int16) for name, values in surfaces.items()},
+        **{
+            name: np.round(values / steps[name]).astype(np.int16)
+            for name, values in surfaces.items()
+        },
         "faces": faces.astype(np.uint16 if len(mean) <= np.iinfo(np.uint16).max else np.uint32),
         "colors": np.round(255 * sample_colors(mean[None])).astype(np.uint8),
     }
@@ -112,7 +120,10 @@ def build_variation(
     view = camera([(mean, faces)], frame)
     document = {
         "kind": "variation",
-        "camera": {"R": view, "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max()},
+        "camera": {
+            "R": view,
+            "extent": _ROOM * np.abs(mean @ view.T).max(axis=0) / np.abs(mean).max(),
+        },
         "names": variation.names,
         "tables": tests.tables,
         "factors": tests.factors,
@@ -130,7 +141,9 @@ def build_variation(
         "deviations": deviations,
         "scores": procrustes_scores(variation.components)[:, :count],
         "landmarks": _shown(variation, *landmarks),
-        "quality": None if variation.quality is None else [QUALITY_HEADING, *variation.quality.rows],
+        "quality": None
+        if variation.quality is None
+        else [QUALITY_HEADING, *variation.quality.rows],
         "symmetry": None if symmetry is None else _asymmetries(symmetry),
     }
     return dict(json_types(document)), {"variation": text}
@@ -144,7 +157,9 @@ def _asymmetries(symmetry: ObjectSymmetry) -> dict[str, Any]:
     }
 
 
-def _shown(variation: SurfaceVariation, names: tuple[str, ...], points: FloatArray) -> dict[str, Any]:
+def _shown(
+    variation: SurfaceVariation, names: tuple[str, ...], points: FloatArray
+) -> dict[str, Any]:
     """Return the landmarks on the mean with outward directions, by which the page hides some; 0 on a cloud."""
     known = np.asarray(np.isfinite(points).all(axis=1))
     points, normals = points[known], np.zeros((int(known.sum()), 3))
@@ -231,14 +246,23 @@ def _summary(variation: SurfaceVariation) -> str:
     facts = [
         (str(len(variation.names)), "surfaces in correspondence"),
         (str(len(variation.mean)), "points on each"),
-        *((f"{100 * share:.0f} %", f"of the variance on component {at}") for at, share in enumerate(shares[:3], 1)),
+        *(
+            (f"{100 * share:.0f} %", f"of the variance on component {at}")
+            for at, share in enumerate(shares[:3], 1)
+        ),
     ]
-    items = "".join(f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts)
+    items = "".join(
+        f"<li><strong>{value}</strong>{html.escape(words)}</li>" for value, words in facts
+    )
     listed = "".join(f"<li>{html.escape(note_text(note))}</li>" for note in variation.notes)
-    return f'<ul class="facts">{items}</ul>' + (f'<ul class="notes">{listed}</ul>' if listed else "")
+    return f'<ul class="facts">{items}</ul>' + (
+        f'<ul class="notes">{listed}</ul>' if listed else ""
+    )
 
 
-def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder) -> None:
+def _write_meshes(
+    variation: SurfaceVariation, columns: dict[str, tuple[str, ...]], output: OutputFolder
+) -> None:
     """Write the mean, both ends of each component, group means and specimens, with offsets from the mean."""
 
     def write(folder: str, stem: str, vertices: FloatArray) -> None:
@@ -248,7 +272,11 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
     write("components", "mean", variation.mean)
     for at in range(min(NUM_COMPONENTS, len(variation.components.shares))):
         for side, sign in (("low", -1), ("high", 1)):
-            write("components", f"PC{at + 1}-{side}", variation.components.shape_at(at, sign * DEVIATIONS))
+            write(
+                "components",
+                f"PC{at + 1}-{side}",
+                variation.components.shape_at(at, sign * DEVIATIONS),
+            )
     means = {
         f"{column}-{kind}": mean
         for column, values in columns.items()
@@ -260,7 +288,9 @@ def _write_meshes(variation: SurfaceVariation, columns: dict[str, tuple[str, ...
         write("specimens", stem, shape)
 
 
-def _write_asymmetry(variation: SurfaceVariation, symmetry: ObjectSymmetry, output: OutputFolder) -> None:
+def _write_asymmetry(
+    variation: SurfaceVariation, symmetry: ObjectSymmetry, output: OutputFolder
+) -> None:
     """Write the symmetric mean and, on it, the asymmetric component of all together and of every specimen."""
     stems = ["mean", *(f"specimens/{stem}" for stem in file_stems(variation.names))]
     for stem, parts in zip(stems, [symmetry.directional, *symmetry.asymmetric], strict=True):

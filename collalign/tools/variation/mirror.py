@@ -31,7 +31,11 @@ def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[
     InputError
         If a row does not hold two labels.
     """
-    rows = [[word.strip() for word in row] for row in csv.reader(_lines(path)) if any(map(str.strip, row))]
+    rows = [
+        [word.strip() for word in row]
+        for row in csv.reader(_lines(path))
+        if any(map(str.strip, row))
+    ]
     if rows and not set(rows[0]) & set(labels):
         rows = rows[1:]
     for row in rows:
@@ -60,7 +64,9 @@ def landmark_partners(labels: Sequence[str], pairs: Iterable[tuple[str, str]]) -
                 raise InputError(f"pairs: there is no landmark {label!r}")
         left, right = (list(labels).index(label) for label in pair)
         if left == right or partner[left] != left or partner[right] != right:
-            raise InputError(f"pairs: {pair[0]!r} and {pair[1]!r}: a landmark is in two pairs or its own partner")
+            raise InputError(
+                f"pairs: {pair[0]!r} and {pair[1]!r}: a landmark is in two pairs or its own partner"
+            )
         partner[[left, right]] = right, left
     return partner
 
@@ -101,10 +107,14 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
     centre = surface.vertices[surface.spread].mean(axis=0)
     points = _dense_points(surface, centre)
     starts = _best_normals(points) if normal is None else np.asarray(normal)[None]
-    found = [refine_pose(points, points, _reflection(start), estimate_scale=False) for start in starts]
+    found = [
+        refine_pose(points, points, _reflection(start), estimate_scale=False) for start in starts
+    ]
     best = min(found, key=lambda one: one.energy)
     rotation = best.pose.rotation
-    pose = Similarity(rotation=rotation, scale=1.0, shift=best.pose.shift + centre - rotation @ centre)
+    pose = Similarity(
+        rotation=rotation, scale=1.0, shift=best.pose.shift + centre - rotation @ centre
+    )
     image = shape.transformed(pose.transform)
     source = RegistrationSurface.from_shape(image)
     gaps = surface.locator.closest(image.vertices).on(shape.vertices) - image.vertices

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.analysis.procrustes import MIN_LABELS, best_rotations, centroid_sizes, generalized_procrustes
+from collalign.analysis.procrustes import (
+    MIN_LABELS,
+    best_rotations,
+    centroid_sizes,
+    generalized_procrustes,
+)
 from collalign.output.collection import Collection
 from collalign.tools.correspond.result import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -14,7 +19,9 @@ from data_tools.io.shapes import read_shape
 from data_tools.poses import moved_by
 
 
-def parts_of_mean(collection: Collection, dense: DenseCorrespondence) -> tuple[tuple[str, ...], IntArray]:
+def parts_of_mean(
+    collection: Collection, dense: DenseCorrespondence
+) -> tuple[tuple[str, ...], IntArray]:
     """Return the names of the parts of specimens, and to which of them each vertex of the mean belongs.
 
     Each specimen votes for the part that is nearest to its copy of the vertex.
@@ -46,7 +53,9 @@ def parts_of_mean(collection: Collection, dense: DenseCorrespondence) -> tuple[t
             placed = [moved_by(collection.transforms[at], part.vertices) for part in own.values()]
             nearest = np.argmin([cKDTree(points).query(copy)[0] for points in placed], axis=0)
             for number, part in enumerate(own):
-                votes[part] = votes.get(part, np.zeros(len(copy), dtype=np.int64)) + (nearest == number)
+                votes[part] = votes.get(part, np.zeros(len(copy), dtype=np.int64)) + (
+                    nearest == number
+                )
     if len(votes) < 2:
         raise InputError(
             "without_posture: the specimens are of one part each; posture is that of parts to each other. Align "
@@ -55,7 +64,9 @@ def parts_of_mean(collection: Collection, dense: DenseCorrespondence) -> tuple[t
     chosen = np.argmax([*votes.values()], axis=0)
     kinds, parts, counts = np.unique(chosen, return_inverse=True, return_counts=True)
     if len(kinds) < 2 or counts.min() < MIN_LABELS:
-        raise InputError("without_posture: the parts lie in each other, so their surfaces cannot be told apart")
+        raise InputError(
+            "without_posture: the parts lie in each other, so their surfaces cannot be told apart"
+        )
     return tuple([*votes][kind] for kind in kinds.tolist()), parts.reshape(-1)
 
 

@@ -144,9 +144,21 @@ def write_surface_variation(
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
     tested = shape_tests(found, columns, asked)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
-    before = [note for note in collection.notes if note.code != "copies"]  # of all shapes, not of those that count
-    said = [*posture, *who.notes, *(one.note for one in who.copies), *tested.notes, *dropped, *notes, *before]
-    found = replace(found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense))
+    before = [
+        note for note in collection.notes if note.code != "copies"
+    ]  # of all shapes, not of those that count
+    said = [
+        *posture,
+        *who.notes,
+        *(one.note for one in who.copies),
+        *tested.notes,
+        *dropped,
+        *notes,
+        *before,
+    ]
+    found = replace(
+        found, notes=tuple(dict.fromkeys(said)), quality=surface_quality(collection, dense)
+    )
     components = None
     if symmetry is not None:
         counterparts = _counterparts(found, symmetry, marked)
@@ -208,11 +220,17 @@ def _marked(
     """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
     if not landmarks:
         return ((), np.empty((0, 3))), ()
-    given = dict(landmarks) if isinstance(landmarks, Mapping) else read_templates(landmarks, collection.names)
+    given = (
+        dict(landmarks)
+        if isinstance(landmarks, Mapping)
+        else read_templates(landmarks, collection.names)
+    )
     given = {composed(name): marks for name, marks in given.items()}
     transforms = {name: collection.transforms[collection.index(name)] for name in given}
     files = {name: collection.file(collection.index(name)) for name in given}
-    surfaces = tuple((name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True))
+    surfaces = tuple(
+        (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
+    )
     placed, notes, _ = place_templates(given, files, surfaces)
     table = landmark_table(placed, transforms)
     alone = table.landmark_rows
@@ -242,7 +260,9 @@ def _counterparts(
     return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]]))
 
 
-def _on_mean(dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]) -> FloatArray:
+def _on_mean(
+    dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]
+) -> FloatArray:
     """Return the mean place of every landmark on the mean surface, over the specimens that have it, shape (l, 3)."""
     places = []
     for name, points in known.items():

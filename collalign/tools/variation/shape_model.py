@@ -81,7 +81,13 @@ class Column:
     @property
     def groups(self) -> list[str]:
         """The groups that are tested, in alphabetical order."""
-        return sorted({value for value, counts in zip(self.values, self.tested.tolist(), strict=True) if counts})
+        return sorted(
+            {
+                value
+                for value, counts in zip(self.values, self.tested.tolist(), strict=True)
+                if counts
+            }
+        )
 
     def design(self, chosen: BoolArray) -> FloatArray:
         """Return the columns of the design for some of the shapes."""
@@ -97,7 +103,9 @@ class Column:
         return chosen & np.isin(values, kinds[counts == 1]) & (self.numbers is None)
 
 
-def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool = False) -> Column:
+def read_column(
+    name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool = False
+) -> Column:
     """Return a column of labels as covariate, where all its values are numbers, or as factor.
 
     Parameters
@@ -111,14 +119,22 @@ def read_column(name: str, values: Sequence[str], shapes: Sequence[str], *, as_f
     """
     known = np.array([value != "" for value in values], dtype=bool)
     numbers = [_number(value) for value in values]
-    if not as_factor and known.any() and all(math.isfinite(numbers[at]) for at in np.flatnonzero(known)):
-        return Column(name=name, values=tuple(values), numbers=np.array(numbers), tested=known, notes=())
+    if (
+        not as_factor
+        and known.any()
+        and all(math.isfinite(numbers[at]) for at in np.flatnonzero(known))
+    ):
+        return Column(
+            name=name, values=tuple(values), numbers=np.array(numbers), tested=known, notes=()
+        )
     kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
     single = {*kinds[counts == 1].tolist()} - {""}
     alone = {shape: value for shape, value in zip(shapes, values, strict=True) if value in single}
     note = Note("groups-of-one", tuple(alone), {"column": name, "groups": tuple(alone.values())})
     tested = known & ~np.isin(values, [*single])
-    return Column(name=name, values=tuple(values), numbers=None, tested=tested, notes=(note,) if alone else ())
+    return Column(
+        name=name, values=tuple(values), numbers=None, tested=tested, notes=(note,) if alone else ()
+    )
 
 
 def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], ...]:
@@ -136,7 +152,9 @@ def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], 
         factors = [[name.strip() for name in product.split(":")] for product in part.split("*")]
         names = [name for product in factors for name in product]
         if not all(names):
-            raise InputError(f"model: {model!r} cannot be read; write it as in 'size + sex + age' or 'size * sex'")
+            raise InputError(
+                f"model: {model!r} cannot be read; write it as in 'size + sex + age' or 'size * sex'"
+            )
         check_known("model", {*names}, [SIZE_TERM, *columns])
         if len(factors) > 2:
             raise InputError(

@@ -10,7 +10,13 @@ from typing import TypedDict
 import numpy as np
 
 from collalign.analysis.procrustes import PrincipalComponents, principal_components
-from collalign.analysis.shape_tests import AnovaRow, compare_groups, compare_held, compare_slopes, procrustes_anova
+from collalign.analysis.shape_tests import (
+    AnovaRow,
+    compare_groups,
+    compare_held,
+    compare_slopes,
+    procrustes_anova,
+)
 from collalign.analysis.symmetry import ObjectSymmetry
 from collalign.tools.variation.shape_model import (
     SIZE,
@@ -61,13 +67,19 @@ def write_symmetry_tables(
 
 
 def score_rows(
-    names: Sequence[str], columns: Columns, components: PrincipalComponents, numbers: Mapping[str, FloatArray]
+    names: Sequence[str],
+    columns: Columns,
+    components: PrincipalComponents,
+    numbers: Mapping[str, FloatArray],
 ) -> Rows:
     """Return a row per specimen: labels, numbers (N,), scores on the components (Procrustes distances)."""
     count = min(NUM_COMPONENTS, len(components.shares))
     rows: Rows = [["name", *columns, *numbers, *(f"PC{at}" for at in range(1, count + 1))]]
     for at, name in enumerate(names):
-        values = [*(one[at] for one in numbers.values()), *procrustes_scores(components)[at, :count]]
+        values = [
+            *(one[at] for one in numbers.values()),
+            *procrustes_scores(components)[at, :count],
+        ]
         rows.append([name, *(labels[at] for labels in columns.values()), *map(float, values)])
     return rows
 
@@ -84,7 +96,9 @@ def anova_rows(anova: Sequence[AnovaRow]) -> Rows:
     for row in anova:
         share = row.sum_of_squares / total if total > 0 else float("nan")
         mean_square = row.sum_of_squares / row.df if row.df > 0 else float("nan")
-        rows.append([row.effect, row.df, row.sum_of_squares, mean_square, share, row.f, row.z, row.p])
+        rows.append(
+            [row.effect, row.df, row.sum_of_squares, mean_square, share, row.f, row.z, row.p]
+        )
     return rows
 
 
@@ -191,8 +205,15 @@ def shape_tests(
         times = tuple(map(float, odd.values()))
         notes.insert(0, Note("size-not-tested", tuple(odd), {"times": times}))
     factors = tuple(name for name, column in read.items() if column.numbers is None)
-    tables = {"anova": anova, "groups": groups, "pairs": pairs, "allometry": _allometry(variation, columns, shapes)}
-    return ShapeTests(tables=tables, options=options, factors=factors, notes=(*notes, *tester.notes))
+    tables = {
+        "anova": anova,
+        "groups": groups,
+        "pairs": pairs,
+        "allometry": _allometry(variation, columns, shapes),
+    }
+    return ShapeTests(
+        tables=tables, options=options, factors=factors, notes=(*notes, *tester.notes)
+    )
 
 
 class _Tester:
@@ -243,10 +264,18 @@ class _Tester:
             )
         terms, chosen = model_terms(model, self._columns, self._sizes)
         if chosen.sum() < 3:
-            raise InputError(f"model: {int(chosen.sum())} shapes have a value in all columns of {what}")
+            raise InputError(
+                f"model: {int(chosen.sum())} shapes have a value in all columns of {what}"
+            )
         for name, columns in terms.items():
-            if columns.shape[1] < 2 and name in self._columns and self._columns[name].numbers is None:
-                raise InputError(f"model: {name} has fewer than two groups of two specimens in {what}")
+            if (
+                columns.shape[1] < 2
+                and name in self._columns
+                and self._columns[name].numbers is None
+            ):
+                raise InputError(
+                    f"model: {name} has fewer than two groups of two specimens in {what}"
+                )
         self.notes += missing_notes(what, self._names, chosen)
         return self._rows(terms, self._shapes[chosen])
 
@@ -256,15 +285,22 @@ class _Tester:
         labels, shapes = np.array(column.values, dtype=str)[chosen].tolist(), self._shapes[chosen]
         disparities, *effects = compare_groups(shapes, labels, **self._how)
         none, ends = [""] * 5, [*combinations(disparities, 2)]
-        numbers = np.column_stack([n for one in effects for n in (one.values, one.z, one.p, one.holm)]).tolist()
-        rows: Rows = [[column.name, *two, "nothing", *row, *none] for two, row in zip(ends, numbers, strict=True)]
+        numbers = np.column_stack(
+            [n for one in effects for n in (one.values, one.z, one.p, one.holm)]
+        ).tolist()
+        rows: Rows = [
+            [column.name, *two, "nothing", *row, *none]
+            for two, row in zip(ends, numbers, strict=True)
+        ]
         if self._with_size and len(shapes) > len(disparities) + 1:
             sizes = self._sizes[chosen]
             held = compare_held(shapes, labels, sizes[:, None], **self._how)
             slopes = [none] * len(ends)
             if _tell_slopes(labels.count(group) for group in disparities):
                 found, angles = compare_slopes(shapes, labels, sizes, **self._how)
-                slopes = np.column_stack([angles, found.values, found.z, found.p, found.holm]).tolist()
+                slopes = np.column_stack(
+                    [angles, found.values, found.z, found.p, found.holm]
+                ).tolist()
             numbers = np.column_stack([held.values, held.z, held.p, held.holm]).tolist()
             rows += [
                 [column.name, *two, SIZE, *row, *none[:4], *slope]

@@ -27,7 +27,11 @@ from data_tools.threads import one_blas_thread
 
 QUALITY_HEADING = (
     *("rank", "name", "percent_of_radius"),
-    *(f"{way}_{what}" for way in ("specimen_to_mean", "mean_to_specimen") for what in ("median", "p95", "p99")),
+    *(
+        f"{way}_{what}"
+        for way in ("specimen_to_mean", "mean_to_specimen")
+        for what in ("median", "p95", "p99")
+    ),
 )
 
 
@@ -97,8 +101,12 @@ def surface_quality(
     scales = collection.scales[rows]
     to_mean, percentiles = [], (50.0, 95.0, 99.0)
     for at, fitted in zip(rows, dense.vertices, strict=True):
-        shape = read_shape(collection.file(at), collection.options.cleaning, name=collection.names[at])
-        points = moved_by(collection.transforms[at], shape.vertices[:: -(-len(shape.vertices) // max_points)])
+        shape = read_shape(
+            collection.file(at), collection.options.cleaning, name=collection.names[at]
+        )
+        points = moved_by(
+            collection.transforms[at], shape.vertices[:: -(-len(shape.vertices) // max_points)]
+        )
         places = SurfaceLocator(fitted, dense.faces).closest(points).on(fitted)
         to_mean.append(np.percentile(np.linalg.norm(points - places, axis=1), percentiles))
     centred = dense.vertices - dense.vertices.mean(axis=1, keepdims=True)
@@ -150,7 +158,9 @@ class SurfaceVariation:
 
 
 @one_blas_thread()
-def surface_variation(names: Sequence[str], faces: IntArray, vertices: FloatArray) -> SurfaceVariation:
+def surface_variation(
+    names: Sequence[str], faces: IntArray, vertices: FloatArray
+) -> SurfaceVariation:
     """Superimpose surfaces and find their principal components.
 
     Parameters
@@ -259,7 +269,9 @@ def surface_symmetry(
     both = np.concatenate([vertices, np.stack([counterparts.on(one) for one in vertices])], axis=1)
     if mirrored is not None:
         both[mirrored] = both[mirrored][:, partner] * np.array([-1.0, 1.0, 1.0])
-    found = object_symmetry(both, partner, individuals=individuals, permutations=permutations, seed=seed)
+    found = object_symmetry(
+        both, partner, individuals=individuals, permutations=permutations, seed=seed
+    )
     unit = float(np.sqrt(2 * num))
     return replace(
         found,

@@ -56,8 +56,13 @@ def read_gltf(source: Source) -> RawShape:
         document = json.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError):
         raise InputError(f"{path}: not a glTF file, it holds no readable JSON") from None
-    if not isinstance(document, dict) or str(document.get("asset", {}).get("version", "2.0"))[:1] != "2":
-        raise InputError(f"{path}: not glTF 2.0; open and save it with a program of today, such as Blender")
+    if (
+        not isinstance(document, dict)
+        or str(document.get("asset", {}).get("version", "2.0"))[:1] != "2"
+    ):
+        raise InputError(
+            f"{path}: not glTF 2.0; open and save it with a program of today, such as Blender"
+        )
     return _Document(source, document, binary).shape()
 
 
@@ -65,9 +70,13 @@ def _glb_chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON and, where there are any, the binary data of a GLB file."""
     version, length = (int.from_bytes(content[at : at + 4], "little") for at in (4, 8))
     if version != 2:
-        raise InputError(f"{path}: GLB of version {version}, 2 is read; open and save it with a program of today")
+        raise InputError(
+            f"{path}: GLB of version {version}, 2 is read; open and save it with a program of today"
+        )
     if length > len(content):
-        raise InputError(f"{path}: truncated, its header promises {length} bytes and it has {len(content)}")
+        raise InputError(
+            f"{path}: truncated, its header promises {length} bytes and it has {len(content)}"
+        )
     chunks: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= len(content) and len(chunks) < 2:
@@ -90,11 +99,15 @@ class _Document:
         self._buffers: dict[int, bytes] = {}
         self._lost: set[str] = set()
         #: What a shape may still hold: instances of one mesh could ask for any memory.
-        self._room = 10_000_000 + sum(len(data) for data in (source.content, *source.companions.values()))
+        self._room = 10_000_000 + sum(
+            len(data) for data in (source.content, *source.companions.values())
+        )
 
     def shape(self) -> RawShape:
         parts = [
-            part for mesh, weights, matrix in self._placed_meshes() for part in self._mesh(mesh, weights, matrix)
+            part
+            for mesh, weights, matrix in self._placed_meshes()
+            for part in self._mesh(mesh, weights, matrix)
         ]
         if not parts:
             raise InputError(f"{self.path}: holds no geometry")
@@ -103,8 +116,14 @@ class _Document:
     def _entry(self, table: str, index: Any) -> dict[str, Any]:
         """Return an entry of a table by its number."""
         entries = self._tables.get(table, [])
-        if not isinstance(index, int) or not isinstance(entries, list) or not 0 <= index < len(entries):
-            raise InputError(f"{self.path}: refers to number {index!r:.20} of its {table}, which is not there")
+        if (
+            not isinstance(index, int)
+            or not isinstance(entries, list)
+            or not 0 <= index < len(entries)
+        ):
+            raise InputError(
+                f"{self.path}: refers to number {index!r:.20} of its {table}, which is not there"
+            )
         if not isinstance(entries[index], dict):
             raise InputError(f"{self.path}: damaged, number {index} of its {table} is no entry")
         return entries[index]
@@ -137,7 +156,9 @@ class _Document:
                 yield mesh, node.get("weights", mesh.get("weights", [])), place
             waiting += [(child, place) for child in reversed(node.get("children", []))]
 
-    def _mesh(self, mesh: dict[str, Any], weights: Any, place: FloatArray) -> Iterator[tuple[FloatArray, IntArray]]:
+    def _mesh(
+        self, mesh: dict[str, Any], weights: Any, place: FloatArray
+    ) -> Iterator[tuple[FloatArray, IntArray]]:
         """Return the parts of a mesh; those that share vertices are one."""
         shared: dict[str, tuple[FloatArray, list[IntArray]]] = {}
         for primitive in mesh["primitives"]:
@@ -151,7 +172,9 @@ class _Document:
             if key not in shared:
                 shared[key] = self._vertices(primitive, weights), []
             shared[key][1].append(self._faces(primitive, mode, len(shared[key][0])))
-            self._lost |= {thing for name, thing in _ATTRIBUTES.items() if name in primitive["attributes"]}
+            self._lost |= {
+                thing for name, thing in _ATTRIBUTES.items() if name in primitive["attributes"]
+            }
             self._lost |= {"materials"} if "material" in primitive else set()
         is_mirrored = np.linalg.det(place[:3, :3]) < 0
         for vertices, faces in shared.values():
@@ -162,7 +185,9 @@ class _Document:
         vertices = self._numbers(primitive["attributes"]["POSITION"], 3, primitive)
         for weight, target in zip(weights, primitive.get("targets", []), strict=False):
             if weight and "POSITION" in target:
-                vertices = vertices + float(weight) * self._numbers(target["POSITION"], 3, primitive)
+                vertices = vertices + float(weight) * self._numbers(
+                    target["POSITION"], 3, primitive
+                )
         return vertices
 
     def _faces(self, primitive: dict[str, Any], mode: str, num_vertices: int) -> IntArray:
@@ -180,7 +205,9 @@ class _Document:
         if mode == "fan":
             return fan_triangles(corners, sizes)
         if len(corners) % 3:
-            raise InputError(f"{self.path}: damaged, a mesh of triangles has {len(corners)} corners")
+            raise InputError(
+                f"{self.path}: damaged, a mesh of triangles has {len(corners)} corners"
+            )
         return corners.reshape(-1, 3)
 
     def _numbers(self, index: Any, width: int, primitive: dict[str, Any]) -> FloatArray:
@@ -189,7 +216,9 @@ class _Document:
         count = _whole(accessor["count"])
         self._room -= count
         if self._room < 0:
-            raise InputError(f"{self.path}: its meshes are larger than the file, too many copies or a damaged count")
+            raise InputError(
+                f"{self.path}: its meshes are larger than the file, too many copies or a damaged count"
+            )
         if _WIDTHS.get(accessor["type"]) != width:
             raise InputError(
                 f"{self.path}: damaged, an accessor of type {accessor['type']!r:.20} is in a wrong place"
@@ -206,24 +235,37 @@ class _Document:
             num, at = _whole(sparse["count"]), sparse["indices"]
             places = self._rows(at, num, np.dtype(_COMPONENTS[at["componentType"]]), 1)[:, 0]
             values = values.copy()
-            values[checked_indices(self.path, places, count)] = self._rows(sparse["values"], num, kind, width)
+            values[checked_indices(self.path, places, count)] = self._rows(
+                sparse["values"], num, kind, width
+            )
         if accessor.get("normalized") and kind.kind != "f":
             return np.maximum(values / float(np.iinfo(kind).max), -1.0)
         return values
 
-    def _rows(self, view: dict[str, Any], count: int, kind: np.dtype[Any], width: int) -> FloatArray:
+    def _rows(
+        self, view: dict[str, Any], count: int, kind: np.dtype[Any], width: int
+    ) -> FloatArray:
         """Return numbers of a buffer view, which must lie in it, shape (count, width)."""
         entry = self._entry("bufferViews", view["bufferView"])
         data = self._buffer(entry)
         first, length = _whole(entry.get("byteOffset", 0)), _whole(entry["byteLength"])
-        stride, size = _whole(entry.get("byteStride", 0)) or kind.itemsize * width, kind.itemsize * width
+        stride, size = (
+            _whole(entry.get("byteStride", 0)) or kind.itemsize * width,
+            kind.itemsize * width,
+        )
         start = first + _whole(view.get("byteOffset", 0))
-        if count and (start + (count - 1) * stride + size > min(first + length, len(data)) or stride < size):
+        if count and (
+            start + (count - 1) * stride + size > min(first + length, len(data)) or stride < size
+        ):
             raise InputError(
                 f"{self.path}: truncated, {count} entries of {size} bytes go beyond the end of their data"
             )
         rows = np.ndarray(
-            (count, width), dtype=kind, buffer=data, offset=start if count else 0, strides=(stride, kind.itemsize)
+            (count, width),
+            dtype=kind,
+            buffer=data,
+            offset=start if count else 0,
+            strides=(stride, kind.itemsize),
         )
         return rows.astype(np.float64)
 
@@ -245,7 +287,9 @@ class _Document:
 
     def _without_data(self, entry: dict[str, Any]) -> InputError:
         """Return the error of a mesh whose numbers are not there, which names the compression that has them."""
-        named = [word for name, word in _COMPRESSIONS.items() if name in entry.get("extensions", {})]
+        named = [
+            word for name, word in _COMPRESSIONS.items() if name in entry.get("extensions", {})
+        ]
         if named:
             return InputError(
                 f"{self.path}: is compressed with {named[0]}, which is not read. Export it without compression, or "
@@ -278,6 +322,10 @@ def _data_of(path: Path, uri: str) -> bytes:
     """Return what a data URI holds."""
     head, _, body = uri.partition(",")
     try:
-        return base64.b64decode(body, validate=True) if head.endswith(";base64") else unquote_to_bytes(body)
+        return (
+            base64.b64decode(body, validate=True)
+            if head.endswith(";base64")
+            else unquote_to_bytes(body)
+        )
     except binascii.Error:
         raise InputError(f"{path}: damaged, a buffer in its text is not base64") from None

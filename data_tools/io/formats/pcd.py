@@ -37,8 +37,12 @@ def read_pcd(source: Source) -> RawShape:
     notes = not_kept(["colours"] if {"rgb", "rgba"} & {*header.names} else [])
     if is_seen.all():
         return RawShape(points, no_faces(), notes)
-    lost = Note("points-without-coordinates", values={"num": int((~is_seen).sum()), "total": len(points)})
-    return RawShape(points[is_seen], no_faces(), (lost, *notes), np.flatnonzero(is_seen), len(points))
+    lost = Note(
+        "points-without-coordinates", values={"num": int((~is_seen).sum()), "total": len(points)}
+    )
+    return RawShape(
+        points[is_seen], no_faces(), (lost, *notes), np.flatnonzero(is_seen), len(points)
+    )
 
 
 class _Header:
@@ -51,17 +55,32 @@ class _Header:
         num = len(self.names)
         try:
             sizes = [int(word) for word in lines["SIZE"]]
-            self.kinds = [np.dtype(_KINDS[kind][size]) for kind, size in zip(lines["TYPE"], sizes, strict=True)]
+            self.kinds = [
+                np.dtype(_KINDS[kind][size])
+                for kind, size in zip(lines["TYPE"], sizes, strict=True)
+            ]
             self.counts = [int(word) for word in lines.get("COUNT", ["1"] * num)]
             width, height = int(lines["WIDTH"][0]), int(lines.get("HEIGHT", ["1"])[0])
             self.num_points = int(lines["POINTS"][0]) if "POINTS" in lines else width * height
         except (KeyError, ValueError, IndexError):
-            raise InputError(f"{path}: malformed PCD header: it needs FIELDS, SIZE, TYPE and WIDTH") from None
-        if not num == len(self.kinds) == len(self.counts) or min([self.num_points, *self.counts]) < 0:
-            raise InputError(f"{path}: malformed PCD header: FIELDS, SIZE, TYPE and COUNT do not fit each other")
-        if any(self.names.count(axis) != 1 or self.counts[self.names.index(axis)] != 1 for axis in "xyz"):
+            raise InputError(
+                f"{path}: malformed PCD header: it needs FIELDS, SIZE, TYPE and WIDTH"
+            ) from None
+        if (
+            not num == len(self.kinds) == len(self.counts)
+            or min([self.num_points, *self.counts]) < 0
+        ):
+            raise InputError(
+                f"{path}: malformed PCD header: FIELDS, SIZE, TYPE and COUNT do not fit each other"
+            )
+        if any(
+            self.names.count(axis) != 1 or self.counts[self.names.index(axis)] != 1
+            for axis in "xyz"
+        ):
             raise InputError(f"{path}: its points have no fields x, y and z")
-        self.sizes = [kind.itemsize * count for kind, count in zip(self.kinds, self.counts, strict=True)]
+        self.sizes = [
+            kind.itemsize * count for kind, count in zip(self.kinds, self.counts, strict=True)
+        ]
 
     def points(self, encoding: str, body: bytes) -> FloatArray:
         """Return x, y and z of each point, shape (n, 3)."""
@@ -72,7 +91,9 @@ class _Header:
             self._refuse_short(needed, len(body))
             return self._of_columns(
                 [
-                    _every(body, sum(self.sizes[:at]), sum(self.sizes), self.num_points, self.kinds[at])
+                    _every(
+                        body, sum(self.sizes[:at]), sum(self.sizes), self.num_points, self.kinds[at]
+                    )
                     for at in self._axes()
                 ]
             )
@@ -86,7 +107,10 @@ class _Header:
             values = self._unpacked(body[8 : 8 + stored], needed)
             starts = [sum(self.sizes[:at]) * self.num_points for at in range(len(self.sizes))]
             return self._of_columns(
-                [_every(values, starts[at], self.sizes[at], self.num_points, self.kinds[at]) for at in self._axes()]
+                [
+                    _every(values, starts[at], self.sizes[at], self.num_points, self.kinds[at])
+                    for at in self._axes()
+                ]
             )
         raise InputError(f"{self.path}: its data is neither ascii, binary nor binary_compressed")
 
@@ -105,12 +129,16 @@ class _Header:
         lines = lines[: self.num_points]
         table = parse_table("\n".join(lines), num_rows=len(lines))
         if table is None or table.shape[1] != sum(self.counts):
-            raise InputError(f"{self.path}: a point is not the {sum(self.counts)} numbers that its header names")
+            raise InputError(
+                f"{self.path}: a point is not the {sum(self.counts)} numbers that its header names"
+            )
         return np.ascontiguousarray(table[:, [sum(self.counts[:at]) for at in self._axes()]])
 
     def _refuse_short(self, needed: int, found: int) -> None:
         if found < needed:
-            raise InputError(f"{self.path}: truncated, its header promises {needed} bytes of data and {found} follow")
+            raise InputError(
+                f"{self.path}: truncated, its header promises {needed} bytes of data and {found} follow"
+            )
 
     def _unpacked(self, data: bytes, needed: int) -> bytes:
         """Undo LZF: runs of bytes as they are, and repetitions of what is there already."""
@@ -138,6 +166,8 @@ class _Header:
         return bytes(out)
 
 
-def _every(data: bytes, start: int, step: int, num: int, kind: np.dtype[np.generic]) -> NDArray[np.generic]:
+def _every(
+    data: bytes, start: int, step: int, num: int, kind: np.dtype[np.generic]
+) -> NDArray[np.generic]:
     """Return numbers that are so many bytes apart; the caller has made sure that they are there."""
     return np.ndarray((num,), dtype=kind, buffer=data, offset=start if num else 0, strides=(step,))

@@ -101,20 +101,31 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], str, int]:
     header = re.sub(r"\r\n?", "\n", content[: end.start()].decode("latin-1"))
     found = re.search(r"^\s*format\s+(\w+)", header, re.MULTILINE)
     if found is None or found[1] not in _BYTE_ORDERS:
-        raise InputError(f"{path}: malformed PLY header, its format is none of {', '.join(_BYTE_ORDERS)}")
+        raise InputError(
+            f"{path}: malformed PLY header, its format is none of {', '.join(_BYTE_ORDERS)}"
+        )
     order = _BYTE_ORDERS[found[1]]
     elements: list[_Element] = []
     for number, line in enumerate(header.splitlines(), start=1):
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdecimal():
-                raise InputError(f"{path}: line {number}: malformed PLY header, expected 'element NAME COUNT'")
+                raise InputError(
+                    f"{path}: line {number}: malformed PLY header, expected 'element NAME COUNT'"
+                )
             elements.append(_Element(words[1], int(words[2])))
         elif words[:1] == ["property"]:
             is_list = words[1:2] == ["list"]
             kinds = [_TYPES.get(word, "") for word in words[1 + is_list : -1]]
-            if len(kinds) != 1 + is_list or not all(kinds) or (is_list and kinds[0][0] == "f") or not elements:
-                raise InputError(f"{path}: line {number}: malformed PLY header, expected 'property TYPE NAME'")
+            if (
+                len(kinds) != 1 + is_list
+                or not all(kinds)
+                or (is_list and kinds[0][0] == "f")
+                or not elements
+            ):
+                raise InputError(
+                    f"{path}: line {number}: malformed PLY header, expected 'property TYPE NAME'"
+                )
             *length, kind = (np.dtype(order + code) for code in kinds)
             elements[-1].properties.append(_Property(words[-1], kind, *length))
     if len({element.name for element in elements}) < len(elements):
@@ -122,7 +133,9 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], str, int]:
     return order, elements, header, end.end()
 
 
-def _text_tables(path: Path, body: bytes, elements: list[_Element]) -> dict[str, dict[str, _Column]]:
+def _text_tables(
+    path: Path, body: bytes, elements: list[_Element]
+) -> dict[str, dict[str, _Column]]:
     lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
     needed = sum(element.count for element in elements)
     if len(lines) < needed:
@@ -151,7 +164,9 @@ def _text_rows(path: Path, lines: list[str], element: _Element) -> dict[str, _Co
             found[one.name].append(words[start:at])
         if at != len(words):
             kind = element.name if element.name in ("vertex", "face") else "element"
-            raise InputError(f"{path}: {kind} {number} has {len(words)} numbers, its own counts ask for {at}")
+            raise InputError(
+                f"{path}: {kind} {number} has {len(words)} numbers, its own counts ask for {at}"
+            )
     columns: dict[str, _Column] = {}
     for one in element.properties:
         lists = found[one.name]
@@ -182,7 +197,9 @@ def _alike_rows(table: FloatArray, element: _Element) -> dict[str, _Column] | No
     return columns if at == table.shape[1] else None
 
 
-def _binary_tables(path: Path, body: bytes, elements: list[_Element]) -> dict[str, dict[str, _Column]]:
+def _binary_tables(
+    path: Path, body: bytes, elements: list[_Element]
+) -> dict[str, dict[str, _Column]]:
     needed = sum(element.count * element.num_bytes for element in elements)
     if len(body) < needed:
         raise _truncated(path, needed, "bytes", len(body))
@@ -193,7 +210,9 @@ def _binary_tables(path: Path, body: bytes, elements: list[_Element]) -> dict[st
     return tables
 
 
-def _equal_records(body: bytes, start: int, element: _Element) -> tuple[dict[str, _Column], int] | None:
+def _equal_records(
+    body: bytes, start: int, element: _Element
+) -> tuple[dict[str, _Column], int] | None:
     """Return the columns of records that are equally long and where they end, None where they are not."""
     fields: list[tuple[str, np.dtype[np.generic], tuple[int, ...]]] = []
     at = start
@@ -209,7 +228,10 @@ def _equal_records(body: bytes, start: int, element: _Element) -> tuple[dict[str
         at += one.kind.itemsize * (1 if size is None else size)
     kind = np.dtype(fields)
     if not element.count or not kind.itemsize:
-        return {one.name: np.empty(0) if one.length is None else _no_lists() for one in element.properties}, start
+        return {
+            one.name: np.empty(0) if one.length is None else _no_lists()
+            for one in element.properties
+        }, start
     end = start + element.count * kind.itemsize
     if end > len(body):
         return None
@@ -249,7 +271,9 @@ def _records(path: Path, body: bytes, at: int, element: _Element) -> tuple[dict[
         sizes = np.array(lengths[number], dtype=np.int64)
         first = np.repeat(np.array(starts[number], dtype=np.int64), sizes)
         within = np.arange(len(first)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        anywhere = np.ndarray((len(body) - one.kind.itemsize + 1,), dtype=one.kind, buffer=body, strides=(1,))
+        anywhere = np.ndarray(
+            (len(body) - one.kind.itemsize + 1,), dtype=one.kind, buffer=body, strides=(1,)
+        )
         values = anywhere[first + within * one.kind.itemsize]
         columns[one.name] = values if one.length is None else (values, sizes)
     return columns, at
@@ -275,7 +299,9 @@ def _vertices(path: Path, table: dict[str, _Column]) -> FloatArray:
     return np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
 
 
-def _index_lists(path: Path, element: _Element, table: dict[str, _Column]) -> tuple[NDArray[np.generic], IntArray]:
+def _index_lists(
+    path: Path, element: _Element, table: dict[str, _Column]
+) -> tuple[NDArray[np.generic], IntArray]:
     """Return the vertex numbers of faces or strips, one after the other, and how many each has."""
     lists = [one.name for one in element.properties if one.length is not None]
     named = [name for name in lists if name in _INDICES] or lists[: len(lists) == 1]
@@ -287,7 +313,9 @@ def _index_lists(path: Path, element: _Element, table: dict[str, _Column]) -> tu
     return found
 
 
-def _restarted(corners: NDArray[np.generic], sizes: IntArray) -> tuple[NDArray[np.generic], IntArray]:
+def _restarted(
+    corners: NDArray[np.generic], sizes: IntArray
+) -> tuple[NDArray[np.generic], IntArray]:
     """Return strips that begin anew where the number of a vertex is -1, as strips of their own."""
     values = corners.astype(np.float64)
     is_break = (values == -1) | (values == 2**32 - 1)
@@ -298,7 +326,9 @@ def _restarted(corners: NDArray[np.generic], sizes: IntArray) -> tuple[NDArray[n
 
 def _notes(elements: list[_Element], header: str) -> tuple[Note, ...]:
     names = {one.name.lower() for element in elements for one in element.properties}
-    things = ["colours"] * bool(names & _COLOURS) + ["texture coordinates"] * bool(names & _TEXTURES)
+    things = ["colours"] * bool(names & _COLOURS) + ["texture coordinates"] * bool(
+        names & _TEXTURES
+    )
     if "texturefile" in header.lower():
         things.append("textures")
     others = [e.name for e in elements if e.count and e.name not in ("vertex", "face", "tristrips")]
@@ -306,4 +336,6 @@ def _notes(elements: list[_Element], header: str) -> tuple[Note, ...]:
 
 
 def _truncated(path: Path, needed: int, unit: str, found: int) -> InputError:
-    return InputError(f"{path}: truncated, its header promises at least {needed} {unit} of data and {found} follow")
+    return InputError(
+        f"{path}: truncated, its header promises at least {needed} {unit} of data and {found} follow"
+    )

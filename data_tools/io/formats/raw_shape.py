@@ -59,10 +59,17 @@ def content_not_kept(notes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
     notes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    found = {name: note.values["things"] for name, own in notes.items() for note in own if note.code == NOT_KEPT}
+    found = {
+        name: note.values["things"]
+        for name, own in notes.items()
+        for note in own
+        if note.code == NOT_KEPT
+    }
     if not found:
         return ()
-    things = dict.fromkeys(str(thing) for of in found.values() for thing in (of if isinstance(of, tuple) else (of,)))
+    things = dict.fromkeys(
+        str(thing) for of in found.values() for thing in (of if isinstance(of, tuple) else (of,))
+    )
     return (Note("content-not-kept", tuple(found), {"things": tuple(things), "total": len(notes)}),)
 
 
@@ -100,7 +107,9 @@ def strip_triangles(corners: IntArray, sizes: IntArray) -> IntArray:
     """
     first, step = _each_triangle(sizes)
     odd = step % 2
-    triangles = corners[np.column_stack([first + step + odd, first + step + 1 - odd, first + step + 2])]
+    triangles = corners[
+        np.column_stack([first + step + odd, first + step + 1 - odd, first + step + 2])
+    ]
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]
 
@@ -129,7 +138,9 @@ def checked_indices(path: Path, values: ArrayLike, num_vertices: int) -> IntArra
     low, high = given.min(), given.max()
     if low < 0 or high >= num_vertices:
         wrong = int(low if low < 0 else high)
-        raise InputError(f"{path}: a face names vertex {wrong}, there are {num_vertices}, counted from 0")
+        raise InputError(
+            f"{path}: a face names vertex {wrong}, there are {num_vertices}, counted from 0"
+        )
     return given.astype(np.int64)
 
 

@@ -42,7 +42,10 @@ def read_stl(source: Source) -> RawShape:
 def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[Note, ...]]:
     promised = int.from_bytes(content[80:84], "little")
     room, rest = divmod(max(len(content) - 84, 0), STL_TRIANGLE.itemsize)
-    is_unknown = promised in (0, 2**32 - 1)  # of programs that write the header first and never come back to it
+    is_unknown = promised in (
+        0,
+        2**32 - 1,
+    )  # of programs that write the header first and never come back to it
     num = room if is_unknown and rest == 0 else promised
     if not 0 < num <= room:
         raise InputError(
@@ -61,6 +64,10 @@ def _read_text(path: Path, text: bytes) -> tuple[FloatArray, tuple[Note, ...]]:
     rows = [row.decode("ascii", "replace") for row in _VERTEX.findall(body)]
     num_ends = len(re.findall(rb"\bendfacet\b", body, re.IGNORECASE))
     if not rows or len(rows) != 3 * num_ends or not body.lower().endswith(b"endfacet"):
-        raise InputError(f"{path}: truncated STL text, {len(rows)} vertices in {num_ends} complete triangles")
-    notes = () if re.search(rb"\bendsolid\b", text[-1000:], re.IGNORECASE) else (Note("no-endsolid"),)
+        raise InputError(
+            f"{path}: truncated STL text, {len(rows)} vertices in {num_ends} complete triangles"
+        )
+    notes = (
+        () if re.search(rb"\bendsolid\b", text[-1000:], re.IGNORECASE) else (Note("no-endsolid"),)
+    )
     return vertices_of_lines(path, rows), notes

@@ -34,7 +34,11 @@ _TYPES = {
 }
 _CELLS = ("VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS", "CELLS")
 #: Kinds of cells of an unstructured grid that lie on a surface, and those that are points or lines.
-_POLYGONS, _STRIPS, _NO_SURFACE = {5: "triangle", 7: "polygon", 9: "quad"}, {6: "strip"}, {1, 2, 3, 4}
+_POLYGONS, _STRIPS, _NO_SURFACE = (
+    {5: "triangle", 7: "polygon", 9: "quad"},
+    {6: "strip"},
+    {1, 2, 3, 4},
+)
 #: Polygons or strips: all corners, and how many each has.
 _Cells = tuple[IntArray, IntArray]
 
@@ -49,25 +53,37 @@ def read_vtk(source: Source) -> RawShape:
     """
     path, content = source.path, source.content
     head = re.match(
-        rb"\s*#\s*vtk\s+DataFile\s+Version\s+(\d+)[^\r\n]*\r?\n[^\n]*\n\s*(ASCII|BINARY)\s", content, re.I
+        rb"\s*#\s*vtk\s+DataFile\s+Version\s+(\d+)[^\r\n]*\r?\n[^\n]*\n\s*(ASCII|BINARY)\s",
+        content,
+        re.I,
     )
     if head is None:
-        raise InputError(f"{path}: not a VTK file: its first lines do not say 'vtk DataFile' and ASCII or BINARY")
+        raise InputError(
+            f"{path}: not a VTK file: its first lines do not say 'vtk DataFile' and ASCII or BINARY"
+        )
     reader = _Reader(path, content, head.end(), is_binary=head[2].upper() == b"BINARY")
     points, cells, kinds = reader.dataset(offsets=int(head[1]) >= 5)
     if kinds is not None:
         cells = _surface_cells(path, cells.get("CELLS", _no_cells()), kinds)
     return vtk_surface(
-        path, points, cells.get("POLYGONS", _no_cells()), cells.get("TRIANGLE_STRIPS", _no_cells()), reader.lost
+        path,
+        points,
+        cells.get("POLYGONS", _no_cells()),
+        cells.get("TRIANGLE_STRIPS", _no_cells()),
+        reader.lost,
     )
 
 
-def vtk_surface(path: Path, points: FloatArray, polygons: _Cells, strips: _Cells, lost: set[str]) -> RawShape:
+def vtk_surface(
+    path: Path, points: FloatArray, polygons: _Cells, strips: _Cells, lost: set[str]
+) -> RawShape:
     """Return the surface, or the cloud, of points (v, 3) with polygons and strips."""
     faces = [no_faces()]
     for (corners, sizes), split in ((polygons, fan_triangles), (strips, strip_triangles)):
         if (sizes < 0).any() or sizes.sum() != len(corners):
-            raise InputError(f"{path}: damaged, its polygons have other numbers of corners than it says")
+            raise InputError(
+                f"{path}: damaged, its polygons have other numbers of corners than it says"
+            )
         faces.append(split(checked_indices(path, corners, len(points)), sizes))
     return RawShape(points, np.concatenate(faces), not_kept(lost))
 
@@ -96,7 +112,11 @@ class _Reader:
                         "(ParaView: Extract Surface)"
                     )
             elif keyword == "POINTS":
-                points = self._numbers(self._count(words, 1) * 3, words[2]).astype(np.float64).reshape(-1, 3)
+                points = (
+                    self._numbers(self._count(words, 1) * 3, words[2])
+                    .astype(np.float64)
+                    .reshape(-1, 3)
+                )
             elif keyword in _CELLS:
                 cells[keyword] = self._cells(words, offsets=offsets)
                 self.lost |= {"lines"} if keyword == "LINES" and len(cells[keyword][1]) else set()
@@ -112,7 +132,9 @@ class _Reader:
                 self.lost.add("values of points and cells")
                 break
             else:
-                raise InputError(f"{self.path}: damaged, where a block should begin is none that is known")
+                raise InputError(
+                    f"{self.path}: damaged, where a block should begin is none that is known"
+                )
         return points, cells, kinds
 
     def _cells(self, words: list[str], *, offsets: bool) -> _Cells:
@@ -138,7 +160,9 @@ class _Reader:
         """Return the words of the next line that is not empty; none at the end."""
         found = re.compile(rb"\s*([^\r\n]*)(?:\r?\n|$)").match(self._content, self._at)
         if found is None or len(found[1]) > 1000:
-            raise InputError(f"{self.path}: damaged, where a block should begin is none that is known")
+            raise InputError(
+                f"{self.path}: damaged, where a block should begin is none that is known"
+            )
         self._at = found.end()
         return found[1].decode("latin-1").split()
 
@@ -154,7 +178,9 @@ class _Reader:
         left = len(self._content) - self._at
         size = np.dtype(code).itemsize if self._is_binary else 1
         if num * size > left:
-            raise InputError(f"{self.path}: truncated, a block promises {num} numbers and {left} bytes follow")
+            raise InputError(
+                f"{self.path}: truncated, a block promises {num} numbers and {left} bytes follow"
+            )
         if self._is_binary:
             values = np.frombuffer(self._content, dtype=code, count=num, offset=self._at)
             self._at += num * size
@@ -174,7 +200,9 @@ def text_numbers(path: Path, content: bytes, at: int, num: int) -> tuple[FloatAr
     words = content[at:].split(None, num)
     rest = len(words[num]) if len(words) > num else 0
     if len(words) < num:
-        raise InputError(f"{path}: truncated, a block promises {num} numbers and {len(words)} follow")
+        raise InputError(
+            f"{path}: truncated, a block promises {num} numbers and {len(words)} follow"
+        )
     try:
         return np.array([float(word) for word in words[:num]]), len(content) - rest
     except ValueError:
@@ -193,7 +221,9 @@ def _counted(path: Path, values: IntArray, num: int) -> _Cells:
         starts.append(at)
         at += int(values[at]) + 1
     if len(starts) < num or at != len(values):
-        raise InputError(f"{path}: damaged, its polygons have other numbers of corners than it says")
+        raise InputError(
+            f"{path}: damaged, its polygons have other numbers of corners than it says"
+        )
     return np.delete(values, starts), values[starts]
 
 
@@ -209,4 +239,7 @@ def _surface_cells(path: Path, cells: _Cells, kinds: IntArray) -> dict[str, _Cel
         )
     of_corner = np.repeat(kinds, sizes)
     chosen = {"POLYGONS": list(_POLYGONS), "TRIANGLE_STRIPS": list(_STRIPS)}
-    return {name: (corners[np.isin(of_corner, one)], sizes[np.isin(kinds, one)]) for name, one in chosen.items()}
+    return {
+        name: (corners[np.isin(of_corner, one)], sizes[np.isin(kinds, one)])
+        for name, one in chosen.items()
+    }

@@ -21,7 +21,9 @@ from data_tools.io.source import Source
 
 _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": lambda data, size: zlib.decompressobj().decompress(data, size),
-    "vtkLZMADataCompressor": lambda data, size: lzma.LZMADecompressor(memlimit=2**28).decompress(data, size),
+    "vtkLZMADataCompressor": lambda data, size: lzma.LZMADecompressor(memlimit=2**28).decompress(
+        data, size
+    ),
 }
 _APPENDED = re.compile(rb"<AppendedData[^>]*\bencoding\s*=\s*[\"'](raw|base64)[\"'][^>]*>\s*_")
 
@@ -45,8 +47,12 @@ def read_vtp(source: Source) -> RawShape:
         raise InputError(f"{path}: not a VTP file or truncated, its XML is damaged") from None
     surface = root.find("PolyData")
     if surface is None:
-        raise InputError(f"{path}: holds no PolyData; save its surface as PolyData first (ParaView: Extract Surface)")
-    arrays = _Arrays(path, root, None if appended is None else (appended[1] == b"raw", content[appended.end() :]))
+        raise InputError(
+            f"{path}: holds no PolyData; save its surface as PolyData first (ParaView: Extract Surface)"
+        )
+    arrays = _Arrays(
+        path, root, None if appended is None else (appended[1] == b"raw", content[appended.end() :])
+    )
     pieces = [_piece(path, piece, arrays) for piece in surface.iter("Piece")]
     notes = tuple(dict.fromkeys(note for piece in pieces for note in piece.notes))
     return RawShape(*joined([piece[:2] for piece in pieces]), notes)
@@ -61,11 +67,14 @@ def _piece(path: Path, piece: ElementTree.Element, arrays: _Arrays) -> RawShape:
     for name in ("Polys", "Strips"):
         found = {one.get("Name", ""): one for one in piece.findall(f"{name}/DataArray")}
         corners, ends = (
-            arrays.values(found[part]) if part in found else np.empty(0) for part in ("connectivity", "offsets")
+            arrays.values(found[part]) if part in found else np.empty(0)
+            for part in ("connectivity", "offsets")
         )
         starts = np.concatenate([np.zeros(1, dtype=np.int64), ends.astype(np.int64)])
         cells[name] = corners.astype(np.int64), np.diff(starts)
-    has_values = any(piece.find(f"{name}/DataArray") is not None for name in ("PointData", "CellData"))
+    has_values = any(
+        piece.find(f"{name}/DataArray") is not None for name in ("PointData", "CellData")
+    )
     lost = {"values of points and cells"} if has_values else set[str]()
     return vtk_surface(path, points.reshape(-1, 3), cells["Polys"], cells["Strips"], lost)
 
@@ -73,10 +82,14 @@ def _piece(path: Path, piece: ElementTree.Element, arrays: _Arrays) -> RawShape:
 class _Arrays:
     """Reads the arrays of one file, wherever they are and however they are encoded."""
 
-    def __init__(self, path: Path, root: ElementTree.Element, appended: tuple[bool, bytes] | None) -> None:
+    def __init__(
+        self, path: Path, root: ElementTree.Element, appended: tuple[bool, bytes] | None
+    ) -> None:
         self._path = path
         self._order = ">" if root.get("byte_order") == "BigEndian" else "<"
-        self._header = np.dtype(self._order + ("u8" if root.get("header_type") == "UInt64" else "u4"))
+        self._header = np.dtype(
+            self._order + ("u8" if root.get("header_type") == "UInt64" else "u4")
+        )
         self._compressor = root.get("compressor", "")
         self._appended = appended
         if self._compressor and self._compressor not in _DECOMPRESSORS:
@@ -110,7 +123,9 @@ class _Arrays:
     def _base64(self, text: bytes) -> bytes:
         """Decode pieces of base64 that stand one after the other, each with an end of its own."""
         try:
-            return b"".join(base64.b64decode(piece) for piece in re.findall(rb"[^=]+=*", b"".join(text.split())))
+            return b"".join(
+                base64.b64decode(piece) for piece in re.findall(rb"[^=]+=*", b"".join(text.split()))
+            )
         except binascii.Error:
             raise self._truncated() from None
 
@@ -128,11 +143,17 @@ class _Arrays:
         _, size, last, *stored = self._headers(stream, 3 + num).tolist()
         at, found = (3 + num) * self._header.itemsize, list[bytes]()
         if (num - (last > 0)) * size + last > 256 * len(stream) + 2**20:
-            raise InputError(f"{self._path}: damaged, it promises more data than its compressed size can hold")
+            raise InputError(
+                f"{self._path}: damaged, it promises more data than its compressed size can hold"
+            )
         for number, length in enumerate(stored):
             expected = last if last and number == num - 1 else size
             try:
-                block = _DECOMPRESSORS[self._compressor](stream[at : at + length], expected) if expected else b""
+                block = (
+                    _DECOMPRESSORS[self._compressor](stream[at : at + length], expected)
+                    if expected
+                    else b""
+                )
             except (zlib.error, lzma.LZMAError):
                 block = b""
             if len(block) != expected:
@@ -147,4 +168,6 @@ class _Arrays:
         return np.frombuffer(stream, dtype=self._header, count=num)
 
     def _truncated(self) -> InputError:
-        return InputError(f"{self._path}: truncated or damaged, an array has less data than it says")
+        return InputError(
+            f"{self._path}: truncated or damaged, an array has less data than it says"
+        )

@@ -78,7 +78,9 @@ class CollalignWidget(ScriptedLoadableModuleWidget):
 
     def onAlign(self):
         """Run the command, then show what it wrote."""
-        with slicer.util.tryWithErrorDisplay("The collection could not be aligned", waitCursor=True):
+        with slicer.util.tryWithErrorDisplay(
+            "The collection could not be aligned", waitCursor=True
+        ):
             self.logic.ensureInstalled()
             self.log.clear()
             self.logic.align(
@@ -143,13 +145,17 @@ class CollalignLogic(ScriptedLoadableModuleLogic):
     def show(self, results: Results):
         """Add one model, one transform and one list of points per shape, in doubt ones in another colour."""
         for shape in results.shapes:
-            transform = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", f"{shape.name} to common")
+            transform = slicer.mrmlScene.AddNewNodeByClass(
+                "vtkMRMLLinearTransformNode", f"{shape.name} to common"
+            )
             transform.SetMatrixTransformToParent(_vtk_matrix(shape.transform))
             if shape.mesh is not None:
                 model = slicer.util.loadModel(str(shape.mesh))
                 model.SetName(shape.name)
                 model.GetDisplayNode().SetColor(*(DOUBTED if shape.in_doubt else SURE))
-            points = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", f"{shape.name} points")
+            points = slicer.mrmlScene.AddNewNodeByClass(
+                "vtkMRMLMarkupsFiducialNode", f"{shape.name} points"
+            )
             slicer.util.updateMarkupsControlPointsFromArray(points, shape.points)
             points.SetLocked(True)
             points.GetDisplayNode().SetVisibility(False)

@@ -12,17 +12,25 @@ def table(tmp_path, text):
 
 
 def test_columns_by_name_with_unknown_values(tmp_path):
-    labels = read_labels(table(tmp_path, "taxon,name,side\nAotus,a,left\nNA,b.ply,right\n,sub/c,?\n"))
+    labels = read_labels(
+        table(tmp_path, "taxon,name,side\nAotus,a,left\nNA,b.ply,right\n,sub/c,?\n")
+    )
     assert labels.column("taxon", ["a", "b", "c", "d"]) == ("Aotus", "", "", "")
     assert labels.columns_for(["a", "b"]) == {"taxon": ("Aotus", ""), "side": ("left", "right")}
     assert labels.columns_for(["nobody"]) == {}
 
 
 def test_names_that_do_not_fit_are_told(tmp_path):
-    labels = read_labels(table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n"))
+    labels = read_labels(
+        table(tmp_path, "name,file,taxon\na,x/A1.ply,X\nB,b.ply,Y\nbb,bbb.ply,Z\n")
+    )
     source = {"source": str(labels.source)}
-    assert labels.mismatches(["A1", "b"]) == [Note("labels-unknown", values={**source, "rows": ("bb",)})]
-    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [Note("labels-missing", ("d", "e"), source)]
+    assert labels.mismatches(["A1", "b"]) == [
+        Note("labels-unknown", values={**source, "rows": ("bb",)})
+    ]
+    assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [
+        Note("labels-missing", ("d", "e"), source)
+    ]
     assert labels.mismatches(["a", "B", "bb"]) == []
 
 
@@ -53,7 +61,12 @@ def test_first_column_holds_names_if_none_is_called_so(tmp_path):
 
 
 def test_names_lose_folder_and_mesh_ending_only():
-    assert [shape_name(text) for text in ("a/b.PLY", "x\\y.off", " v1.2 ", "n")] == ["b", "y", "v1.2", "n"]
+    assert [shape_name(text) for text in ("a/b.PLY", "x\\y.off", " v1.2 ", "n")] == [
+        "b",
+        "y",
+        "v1.2",
+        "n",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,9 @@ def moved(shapes, rng):
     """The same shapes in other places, poses and sizes."""
     num = len(shapes)
     R = Rotation.random(num, random_state=int(rng.integers(2**31))).as_matrix()
-    return rng.uniform(0.1, 10, (num, 1, 1)) * (shapes @ np.swapaxes(R, 1, 2)) + rng.standard_normal((num, 1, 3))
+    return rng.uniform(0.1, 10, (num, 1, 1)) * (
+        shapes @ np.swapaxes(R, 1, 2)
+    ) + rng.standard_normal((num, 1, 3))
 
 
 def test_superimposition_undoes_similarities(rng):
@@ -49,20 +51,26 @@ def test_components_of_a_planted_family(rng):
     assert abs(float((found.axes[0] * axis).sum())) == pytest.approx(1)
     assert found.variances[0] == pytest.approx(scores.var(ddof=1))
     np.testing.assert_allclose(found.mean, base + scores.mean() * axis, atol=1e-12)
-    np.testing.assert_allclose(found.shape_at(0, 2) - found.shape_at(0, -2), 4 * scores.std(ddof=1) * found.axes[0])
+    np.testing.assert_allclose(
+        found.shape_at(0, 2) - found.shape_at(0, -2), 4 * scores.std(ddof=1) * found.axes[0]
+    )
 
 
 def test_scores_and_axes_give_the_shapes_back(rng):
     shapes = rng.standard_normal((6, 9, 3))
     found = principal_components(shapes)
     assert found.scores.shape == (6, 5)
-    np.testing.assert_allclose(found.mean + np.tensordot(found.scores, found.axes, 1), shapes, atol=1e-12)
+    np.testing.assert_allclose(
+        found.mean + np.tensordot(found.scores, found.axes, 1), shapes, atol=1e-12
+    )
 
 
 def test_distance_is_scipy_s_disparity(rng):
     shapes = rng.standard_normal((2, 15, 3)) * 0.3 + rng.standard_normal((15, 3))
     disparity = procrustes(shapes[0], shapes[1])[2]  # the square of sin(rho)
-    assert np.sin(2.0 * np.arcsin(procrustes_distances(shapes)[0, 1] / 2.0)) ** 2 == pytest.approx(disparity)
+    assert np.sin(2.0 * np.arcsin(procrustes_distances(shapes)[0, 1] / 2.0)) ** 2 == pytest.approx(
+        disparity
+    )
 
 
 def test_distances_ignore_similarities_but_not_reflections(rng):

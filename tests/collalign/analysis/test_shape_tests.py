@@ -31,7 +31,10 @@ def test_groups_differ_as_the_distances_of_their_shapes_say():
     for (a, b), distance, difference in zip(
         ((0, 1), (0, 2), (1, 2)), distances.values, differences.values, strict=True
     ):
-        means = [squared[np.ix_(members[one], members[other])].mean() for one, other in ((a, b), (a, a), (b, b))]
+        means = [
+            squared[np.ix_(members[one], members[other])].mean()
+            for one, other in ((a, b), (a, a), (b, b))
+        ]
         assert np.isclose(distance**2, means[0] - means[1] / 2 - means[2] / 2)
         assert np.isclose(difference, abs(within[a] - within[b]))
 
@@ -42,7 +45,11 @@ def test_only_what_was_planted_is_found():
     sizes = rng.standard_normal(30)
     group = np.array(labels)[:, None] == ["a", "b", "c"]
     planted = shapes + 2 * group[:, [1]] * np.eye(12)[0] + np.outer(sizes, np.eye(12)[1]) * 2
-    terms = {"size": sizes[:, None], "group": group.astype(float), "again": group[:, :2].astype(float)}
+    terms = {
+        "size": sizes[:, None],
+        "group": group.astype(float),
+        "again": group[:, :2].astype(float),
+    }
     size, kind, again, *_ = procrustes_anova(planted, terms)
     assert (size.p, kind.p, again.df) == (0.001, 0.001, 0)
     assert np.isnan([again.f, again.z, again.p]).all()
@@ -66,11 +73,17 @@ def test_neither_order_nor_names_decide():
     rng = np.random.default_rng(2)
     shapes, labels = family(rng)
     order = rng.permutation(30)
-    one, other = compare_groups(shapes, labels), compare_groups(shapes[order], [labels[at] for at in order])
+    one, other = (
+        compare_groups(shapes, labels),
+        compare_groups(shapes[order], [labels[at] for at in order]),
+    )
     np.testing.assert_allclose(one[1].p, other[1].p)
     np.testing.assert_allclose(one[2].z, other[2].z)
     sizes = rng.random((30, 1))
-    rows = procrustes_anova(shapes, {"size": sizes}), procrustes_anova(shapes[order], {"size": sizes[order]})
+    rows = (
+        procrustes_anova(shapes, {"size": sizes}),
+        procrustes_anova(shapes[order], {"size": sizes[order]}),
+    )
     assert np.isclose(rows[0][0].p, rows[1][0].p)
 
 
@@ -79,7 +92,8 @@ def test_p_counts_what_was_found_and_holm_is_no_smaller():
     np.testing.assert_allclose(found.p, [0.25, 1.0, 0.5])
     np.testing.assert_allclose(found.holm, [0.75, 1.0, 1.0])
     np.testing.assert_allclose(
-        Effects(values=found.values, z=found.z, p=np.array([0.02, 0.5, 0.01])).holm, [0.04, 0.5, 0.03]
+        Effects(values=found.values, z=found.z, p=np.array([0.02, 0.5, 0.01])).holm,
+        [0.04, 0.5, 0.03],
     )
 
 
@@ -97,7 +111,11 @@ def unbalanced(rng, num=24):
     sex = np.array(["f"] * 15 + ["m"] * (num - 15))
     size = rng.standard_normal(num) + (sex == "m")
     age = rng.standard_normal(num) + 0.5 * size
-    shapes = rng.standard_normal((num, 4)) + np.outer(size, [1, 0, 0.5, 0]) + np.outer(sex == "m", [0, 1, 0, 0])
+    shapes = (
+        rng.standard_normal((num, 4))
+        + np.outer(size, [1, 0, 0.5, 0])
+        + np.outer(sex == "m", [0, 1, 0, 0])
+    )
     return shapes, size, age, sex
 
 
@@ -115,7 +133,12 @@ def test_sums_of_squares_of_both_types_are_differences_of_models():
     terms["size:sex"] = size[:, None] * terms["sex"]
     columns = {"size": size, "sex": male, "age": age, "size:sex": size * male}
     models = {
-        "I": {"size": [], "sex": ["size"], "age": ["size", "sex"], "size:sex": ["size", "sex", "age"]},
+        "I": {
+            "size": [],
+            "sex": ["size"],
+            "age": ["size", "sex"],
+            "size:sex": ["size", "sex", "age"],
+        },
         "II": {"size": ["sex", "age"], "sex": ["size", "age"], "age": ["size", "sex", "size:sex"]},
     }
     models["II"]["size:sex"] = ["size", "sex", "age"]
@@ -124,7 +147,9 @@ def test_sums_of_squares_of_both_types_are_differences_of_models():
         rows = procrustes_anova(shapes, terms, sums=sums, permutations=99)
         for row in rows[:4]:
             others = [columns[name] for name in before[row.effect]]
-            squares = residual_squares(shapes, *others) - residual_squares(shapes, *others, columns[row.effect])
+            squares = residual_squares(shapes, *others) - residual_squares(
+                shapes, *others, columns[row.effect]
+            )
             assert row.df == 1
             np.testing.assert_allclose(row.sum_of_squares, squares, rtol=1e-9)
             np.testing.assert_allclose(row.f, squares / (whole / 19), rtol=1e-9)
@@ -177,6 +202,11 @@ def test_sums_of_squares_are_those_of_r(tmp_path):
     script = ["Rscript", "--vanilla", "model.R"]
     said = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     male = (sex == "m")[:, None].astype(float)
-    terms = {"size": size[:, None], "sex": male, "age": age[:, None], "size:sex": size[:, None] * male}
+    terms = {
+        "size": size[:, None],
+        "sex": male,
+        "age": age[:, None],
+        "size:sex": size[:, None] * male,
+    }
     found = [row.sum_of_squares for row in procrustes_anova(shapes, terms, permutations=99)[:-1]]
     np.testing.assert_allclose(found, [float(number) for number in said.split()], rtol=1e-9)

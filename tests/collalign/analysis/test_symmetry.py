@@ -17,7 +17,9 @@ def symmetric(points, partner=PARTNER):
 
 def family(rng, *, num=12, directional=0.0, fluctuating=0.01):
     """Return asymmetric variants of one symmetric shape in random poses and sizes, shape (num, 24, 3)."""
-    base = symmetric(rng.standard_normal((24, 3)) + [2.0, 0, 0] * np.repeat([1, -1, 0], [10, 10, 4])[:, None])
+    base = symmetric(
+        rng.standard_normal((24, 3)) + [2.0, 0, 0] * np.repeat([1, -1, 0], [10, 10, 4])[:, None]
+    )
     base /= np.linalg.norm(base)
     one_sided = rng.standard_normal((24, 3))
     one_sided -= symmetric(one_sided)
@@ -38,7 +40,9 @@ def test_components_are_symmetric_antisymmetric_orthogonal_and_whole():
     shapes = family(np.random.default_rng(0), directional=0.02)
     found = object_symmetry(shapes, PARTNER)
     np.testing.assert_allclose(mirror_image(found.symmetric, PARTNER), found.symmetric, atol=1e-12)
-    np.testing.assert_allclose(mirror_image(found.asymmetric, PARTNER), -found.asymmetric, atol=1e-12)
+    np.testing.assert_allclose(
+        mirror_image(found.asymmetric, PARTNER), -found.asymmetric, atol=1e-12
+    )
     assert np.abs((found.symmetric * found.asymmetric).sum(axis=(1, 2))).max() < 1e-12
     whole = found.symmetric + found.asymmetric
     np.testing.assert_allclose(np.linalg.norm(whole, axis=(1, 2)), 1)
@@ -67,14 +71,24 @@ def test_the_planted_asymmetry_is_found_per_specimen():
 
 def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images():
     shapes = family(np.random.default_rng(3), directional=0.02)
-    for individuals in (None, [f"s{at // 2}" for at in range(12)], ["a"] * 5 + ["b"] * 4 + ["c"] * 3):
+    for individuals in (
+        None,
+        [f"s{at // 2}" for at in range(12)],
+        ["a"] * 5 + ["b"] * 4 + ["c"] * 3,
+    ):
         found = object_symmetry(shapes, PARTNER, individuals=individuals)
         whole = found.symmetric + found.asymmetric
         both = np.concatenate([whole, mirror_image(whole, PARTNER)])
         assert np.isclose(row(found, "total"), ((both - both.mean(axis=0)) ** 2).sum())
-        assert found.anova[-1].plain_df == 2 * len(found.asymmetry) - 1 == sum(r.plain_df for r in found.anova[:-1])
+        assert (
+            found.anova[-1].plain_df
+            == 2 * len(found.asymmetry) - 1
+            == sum(r.plain_df for r in found.anova[:-1])
+        )
         assert found.anova[-1].df == 11 * (6 * 10 + 3 * 4 - 7) + 3 * 10 + 4 - 3
-        assert [one.effect for one in found.anova][3] == ("total" if individuals is None else "residual")
+        assert [one.effect for one in found.anova][3] == (
+            "total" if individuals is None else "residual"
+        )
 
 
 def test_directional_asymmetry_is_told_from_fluctuating():
@@ -90,9 +104,9 @@ def test_replicates_tell_fluctuating_asymmetry_from_measurement_error():
     rng = np.random.default_rng(5)
     shapes = family(rng, num=8, fluctuating=0.02)
     sizes = np.linalg.norm(shapes - shapes.mean(axis=1, keepdims=True), axis=(1, 2))
-    again = np.repeat(shapes, 2, axis=0) + 0.001 * np.repeat(sizes, 2)[:, None, None] * rng.standard_normal(
-        (16, 24, 3)
-    )
+    again = np.repeat(shapes, 2, axis=0) + 0.001 * np.repeat(sizes, 2)[
+        :, None, None
+    ] * rng.standard_normal((16, 24, 3))
     individuals = [f"s{at // 2}" for at in range(16)]
     assert object_symmetry(again, PARTNER, individuals=individuals).anova[2].f > 50
     scrambled = [individuals[at] for at in rng.permutation(16)]
@@ -116,7 +130,9 @@ def test_wrong_pairs_are_no_answer():
     normal = mirror_normal(points, PARTNER)
     reflected = points - 2 * np.outer(points @ normal, normal)
     np.testing.assert_allclose(reflected[PARTNER], points, atol=1e-9)
-    inverted = np.array([[1.0, 2, 3], [-1, -2, -3], [4, -1, 2], [-4, 1, -2], [0, 3, -1], [0, -3, 1]])
+    inverted = np.array(
+        [[1.0, 2, 3], [-1, -2, -3], [4, -1, 2], [-4, 1, -2], [0, 3, -1], [0, -3, 1]]
+    )
     with pytest.raises(InputError, match="left and right"):
         mirror_normal(inverted, np.array([1, 0, 3, 2, 5, 4]))
     for bad in (PARTNER[:-1], PARTNER + 1, np.roll(PARTNER, 1), PARTNER.astype(float)):

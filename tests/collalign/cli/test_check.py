@@ -23,7 +23,13 @@ def folder(tmp_path):
     """Five clouds in two folders, two of one name, one in metres among millimetres; and two that are no shapes."""
     rng = np.random.default_rng(0)
     points = 40 * rng.random((40, 3))
-    for name, unit in (("left/a", 1.0), ("left/b", 1.0), ("right/a", 1.0), ("right/c", 1.1), ("right/metres", 1e-3)):
+    for name, unit in (
+        ("left/a", 1.0),
+        ("left/b", 1.0),
+        ("right/a", 1.0),
+        ("right/c", 1.1),
+        ("right/metres", 1e-3),
+    ):
         path = tmp_path / "in" / f"{name}.xyz"
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savetxt(path, unit * (points + 0.4 * rng.standard_normal((40, 3))))
@@ -34,7 +40,10 @@ def folder(tmp_path):
 
 def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     out = folder.parent / "out"
-    assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3
+    assert (
+        main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"])
+        == 3
+    )
     told = json.loads(capsys.readouterr().out)
     assert [one["name"] for one in told["shapes"]] == ["left/a", "left/b", "right/a", "c", "metres"]
     assert all(one["points"] == 40 and one["triangles"] == 0 for one in told["shapes"])
@@ -52,7 +61,10 @@ def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     assert main(["align", str(folder / "left"), *FLAGS]) == 2
     assert "2 of 2 files can be aligned." in capsys.readouterr().out
     (folder / "right" / "readme.md").write_text("again")
-    assert main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"]) == 3
+    assert (
+        main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"])
+        == 3
+    )
     assert json.loads(capsys.readouterr().out)["skipped"] == ["in/readme.md", "right/readme.md"]
     (folder / "left" / "b.xyz").unlink()
     assert main(["align", str(folder / "left"), "--out", str(out), *FLAGS, "--check"]) == 2
@@ -62,7 +74,9 @@ def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
 def test_a_check_says_who_has_too_few_points(folder, capsys):
     np.savetxt(folder / "left" / "few.xyz", np.eye(3))
     places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
-    assert main(["align", *places, "--out", str(folder.parent / "out"), "--jobs", "1", "--check"]) == 3
+    assert (
+        main(["align", *places, "--out", str(folder.parent / "out"), "--jobs", "1", "--check"]) == 3
+    )
     said = capsys.readouterr().out
     assert "Shapes are matched at 40 points: " in said
     assert "Left out by a run, with fewer than 40 points: few." in said
@@ -97,7 +111,9 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
     assert main(["align", str(tmp_path), "--check", "--memory-limit-gib", "0.5", "--json"]) == 3
     told = json.loads(capsys.readouterr().out)
     assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
-    assert [(one["file"], one["reason"]) for one in told["left_out"]] == [("huge.ply", "does not fit in memory")]
+    assert [(one["file"], one["reason"]) for one in told["left_out"]] == [
+        ("huge.ply", "does not fit in memory")
+    ]
 
 
 def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
@@ -111,7 +127,11 @@ def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
         shape = family[int(name[1])]
         vertices = sign * shape.vertices @ random_rotation(rng) + 5.0
         write_mesh(tmp_path / "in" / f"{name}.stl", Shape.from_arrays(vertices, shape.faces))
-    expected = ["add --exclude s0_copy.", "add --exclude s1t.", "s2, s2m: these files hold mirror images"]
+    expected = [
+        "add --exclude s0_copy.",
+        "add --exclude s1t.",
+        "s2, s2m: these files hold mirror images",
+    ]
     assert main(["align", str(tmp_path / "in"), *FLAGS, "--check", "--json"]) == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     assert [sum(words in note["text"] for note in notes) for words in expected] == [1, 1, 1]

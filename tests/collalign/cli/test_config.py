@@ -22,8 +22,14 @@ def folder(tmp_path):
         ("[sampling]\nseed = 24\n", ("[sampling][seed]",)),
         ("[matching]\nseed = 24\n", ("[matching][seed]",)),
         ("sed = 24\n", ("there is no option [sed]; did you mean 'seed'?",)),
-        ("[sampling]\nnum_pionts = 24\n", ("[sampling][num_pionts]", "did you mean 'sampling.num-points'?")),
-        ("[smapling]\nnum_points = 24\n", ("[smapling][num_points]", "did you mean 'sampling.num-points'?")),
+        (
+            "[sampling]\nnum_pionts = 24\n",
+            ("[sampling][num_pionts]", "did you mean 'sampling.num-points'?"),
+        ),
+        (
+            "[smapling]\nnum_points = 24\n",
+            ("[smapling][num_points]", "did you mean 'sampling.num-points'?"),
+        ),
         ("[align]\nseed = 24\n", ("'align'", "top level")),
         ("verbose = true\n", ("'verbose'", "command line")),
         ("seed = 123456789012345678901234567890\n", ("seed", "2^63")),
@@ -33,7 +39,10 @@ def folder(tmp_path):
 def test_entries_that_would_be_ignored_or_changed_are_refused(text, words, folder, capfd):
     config = folder.parent / "c.toml"
     config.write_text(text)
-    assert main(["--config", str(config), "align", str(folder), "--out", str(folder.parent / "out")]) == 2
+    assert (
+        main(["--config", str(config), "align", str(folder), "--out", str(folder.parent / "out")])
+        == 2
+    )
     said = "".join(capfd.readouterr())
     assert all(word in said for word in words), said
     assert "readable shapes" not in said, "the entry was taken"

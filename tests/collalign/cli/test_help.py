@@ -22,7 +22,9 @@ def test_one_screen_first_and_everything_when_asked_for(capsys):
     first = capsys.readouterr().out
     assert main(["align", "--help-all"]) == 0
     everything = capsys.readouterr().out
-    named = {argument.name for argument in app["align"].assemble_argument_collection() if argument.show}
+    named = {
+        argument.name for argument in app["align"].assemble_argument_collection() if argument.show
+    }
     named |= {"--config", "--verbose", "--quiet", "--json", "--log"}
     assert named <= options_in(everything)
     shown = options_in(first) & named

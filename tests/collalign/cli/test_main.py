@@ -42,7 +42,11 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
     (tmp_path / "Schädel").mkdir()
     command = [*COLLALIGN, "align", str(tmp_path / "Schädel"), "--out", str(tmp_path / "out")]
     done = subprocess.run(
-        command, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=600
+        command,
+        capture_output=True,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        timeout=600,
     )
     assert done.returncode == 2
     assert b"Sch\\xe4del: holds no shape file" in done.stderr
@@ -120,7 +124,11 @@ def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypa
 
 @pytest.mark.parametrize(
     "arguments",
-    [["demo", "--out", "FILE"], ["align", "FOLDER", "--out", "FILE"], ["align", "FILE", "--out", "o"]],
+    [
+        ["demo", "--out", "FILE"],
+        ["align", "FOLDER", "--out", "FILE"],
+        ["align", "FILE", "--out", "o"],
+    ],
 )
 def test_a_file_in_the_place_of_a_folder_is_called_so(arguments, folder, tmp_path, capsys):
     places = {"FILE": tmp_path / "file", "FOLDER": folder, "o": tmp_path / "o"}
@@ -136,7 +144,15 @@ def test_help_is_quick_and_imports_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "cyclopts" in loaded
-    assert not loaded & {"numpy", "scipy", "trimesh", "matplotlib", "joblib", "potpourri3d", "networkx"}
+    assert not loaded & {
+        "numpy",
+        "scipy",
+        "trimesh",
+        "matplotlib",
+        "joblib",
+        "potpourri3d",
+        "networkx",
+    }
 
 
 def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch, capsys):

@@ -10,7 +10,11 @@ from collalign.cli import _COMMANDS, app
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "integrations").rglob("*.md")]
-MODULES = [path for package in ("collalign", "pairwise", "data_tools") for path in (ROOT / package).rglob("*.py")]
+MODULES = [
+    path
+    for package in ("collalign", "pairwise", "data_tools")
+    for path in (ROOT / package).rglob("*.py")
+]
 #: An option's name, but no variable of a style sheet.
 OPTION = re.compile(r"(?<![\w/(-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*(?![\w:.-]*[:(])")
 #: A call of a command, in a code block or between backquotes, on one line.
@@ -21,14 +25,25 @@ COMMAND = re.compile(r"(?:`|/bin/|^\$ |^(?=\w+ \w+ .*--))collalign ([a-z]+)\b", 
 OTHERS = {
     *("--config", "--verbose", "--quiet", "--json", "--log", "--help", "--help-all", "--version"),
     *("--data", "--quick"),
-    *("--only", "--random", "--stores", "--shapes", "--certificates", "--kills", "--signals", "--write"),
+    *(
+        "--only",
+        "--random",
+        "--stores",
+        "--shapes",
+        "--certificates",
+        "--kills",
+        "--signals",
+        "--write",
+    ),
     *("--nthreads", "--nworkers", "--port", "--check"),
     *("--entrypoint", "--network", "--rm"),
 }
 
 
 def options_of(command):
-    return {name for argument in app[command].assemble_argument_collection() for name in argument.names}
+    return {
+        name for argument in app[command].assemble_argument_collection() for name in argument.names
+    }
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +59,9 @@ def unknown(text, known):
 def misplaced(text, commands):
     """Return the calls of a command with an option that it has not."""
     calls = [(name, rest) for name, rest in CALL.findall(text) if name in commands]
-    return {f"collalign {name}{rest}" for name, rest in calls if unknown(rest, commands[name] | OTHERS)}
+    return {
+        f"collalign {name}{rest}" for name, rest in calls if unknown(rest, commands[name] | OTHERS)
+    }
 
 
 def gone(text, commands):
@@ -57,7 +74,9 @@ def test_options_of_pages_exist(page, commands):
     text = page.read_text("utf-8")
     assert not unknown(text, set.union(OTHERS, *commands.values()))
     assert not misplaced(text, commands)
-    assert page.name == "CHANGELOG.md" or not gone(text, commands), "only the changelog speaks of what went"
+    assert page.name == "CHANGELOG.md" or not gone(text, commands), (
+        "only the changelog speaks of what went"
+    )
 
 
 def test_options_in_messages_and_docstrings_exist(commands):
@@ -66,7 +85,11 @@ def test_options_in_messages_and_docstrings_exist(commands):
     )  # beginnings, in help.py
     for module in MODULES:
         tree = ast.parse(module.read_text("utf-8"))
-        texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+        texts = [
+            n.value
+            for n in ast.walk(tree)
+            if isinstance(n, ast.Constant) and isinstance(n.value, str)
+        ]
         assert not unknown("\n".join(texts), known), module
         assert not misplaced("\n".join(texts), commands), module
         assert not gone("\n".join(texts), commands), module
@@ -75,7 +98,12 @@ def test_options_in_messages_and_docstrings_exist(commands):
 def test_wrong_names_are_noticed(commands):
     assert unknown("give --num-pionts more, or `--group`", commands["align"]) == {"--num-pionts"}
     assert not unknown("color: var(--ink); --card: #fff", commands["align"])
-    assert gone("run `collalign poses OUT`, or .venv/bin/collalign algin FOLDER", commands) == {"poses", "algin"}
+    assert gone("run `collalign poses OUT`, or .venv/bin/collalign algin FOLDER", commands) == {
+        "poses",
+        "algin",
+    }
     assert not gone("`collalign align`; collalign matches pairs", commands)
-    assert misplaced("`collalign status OUT --certify`", commands) == {"collalign status OUT --certify"}
+    assert misplaced("`collalign status OUT --certify`", commands) == {
+        "collalign status OUT --certify"
+    }
     assert not misplaced("`collalign align FOLDER --out OUT --certify` and `--json`", commands)

@@ -35,7 +35,10 @@ fetch("../state").then(() => managed.push("fetch"), () => {}).finally(done);
 
 #: Of a run that takes little time.
 FEW = collalign.AlignOptions(
-    seed=3, refine=False, incomplete="never", sampling=SamplingOptions(num_points=16, num_dense_points=0)
+    seed=3,
+    refine=False,
+    incomplete="never",
+    sampling=SamplingOptions(num_points=16, num_dense_points=0),
 )
 
 
@@ -52,7 +55,10 @@ def ask(out):
 
         def asked(path, body=None, **headers):
             connection = HTTPConnection(host)
-            path, headers = path if path[0] == "/" else f"/{base}{path}", {"Origin": f"http://{host}"} | headers
+            path, headers = (
+                path if path[0] == "/" else f"/{base}{path}",
+                {"Origin": f"http://{host}"} | headers,
+            )
             connection.request("POST" if body else "GET", path, body, headers)
             return (answer := connection.getresponse()).status, answer.read().decode()
 
@@ -62,15 +68,25 @@ def ask(out):
 def test_only_who_knows_the_token_and_asks_from_the_page_is_answered(ask):
     assert ask("state")[0] == 200
     assert {ask(path)[0] for path in ("/", "/state", "/wrong/state")} == {403}
-    assert {ask("run/align", "{}", Origin=other)[0] for other in ("null", "http://evil.example")} == {403}
+    assert {
+        ask("run/align", "{}", Origin=other)[0] for other in ("null", "http://evil.example")
+    } == {403}
     assert ask("state", Host="evil.example:80")[0] == 403
 
 
 def test_only_pages_are_served_and_hostile_files_and_names_are_refused(ask, out):
     assert ask("result/report.html")[0] == 200
-    assert {ask(f"result/{path}")[0] for path in ("../a", "%2e%2e/a", "store.sqlite", "/etc/passwd")} == {404}
-    assert {ask(f"files/{name}", "1,2,3")[0] for name in ("..%2Fa", "%2E%2E", "decisions.json")} <= {400, 404}
-    for task, names in [("align", {"exclude": ["--store=x"]}), ("export", {"format": "../x"}), ("certify", {})]:
+    assert {
+        ask(f"result/{path}")[0] for path in ("../a", "%2e%2e/a", "store.sqlite", "/etc/passwd")
+    } == {404}
+    assert {
+        ask(f"files/{name}", "1,2,3")[0] for name in ("..%2Fa", "%2E%2E", "decisions.json")
+    } <= {400, 404}
+    for task, names in [
+        ("align", {"exclude": ["--store=x"]}),
+        ("export", {"format": "../x"}),
+        ("certify", {}),
+    ]:
         assert ask(f"run/{task}", json.dumps(names))[0] == 400
     assert not [path for path in (out / "given").rglob("*") if path.is_file()]
 
@@ -129,7 +145,12 @@ def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out
     frame = {one: R.tolist() for one, R in zip(result.names, result.rotations, strict=True)}
     R = Rotation.from_euler("x", 40, degrees=True).as_matrix() @ frame.pop(result.names[0])
     decisions = [{"shape": result.names[0], "decision": "pose", "rotation": R.tolist()}]
-    record = {"format": "collalign-corrections", "version": 1, "decisions": decisions, "frame": frame}
+    record = {
+        "format": "collalign-corrections",
+        "version": 1,
+        "decisions": decisions,
+        "frame": frame,
+    }
     assert ask("files/decisions.json", json.dumps(record))[0] == 200
     words = Workspace(out).words("align", {"exclude": [result.names[3]]})
     asked = (f"--corrections={out / 'given' / 'decisions.json'}", f"--exclude={result.names[3]}")
@@ -177,7 +198,9 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
         ticked = page.locator("#shapes li", has_text="chair2").get_by_label("leave out")
         for out_of_it in (True, False):
             card.get_by_label("leave out").set_checked(out_of_it)
-            page.wait_for_function("([box, on]) => box.checked === on", arg=[ticked.element_handle(), out_of_it])
+            page.wait_for_function(
+                "([box, on]) => box.checked === on", arg=[ticked.element_handle(), out_of_it]
+            )
         assert frame("align").locator(".decisions").is_hidden()
         frame("align").locator(".tile").nth(1).click()
         frame("align").get_by_label("Compare with").select_option(index=1)
@@ -207,7 +230,9 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
         page.locator("#where").fill(str(tmp_path))
         page.get_by_role("button", name="They are here").click()
         page.locator("#said", has_text="holds none of the files").wait_for()
-        assert ["400" in problem for problem in opened.problems] == [True]  # which the browser's console notes
+        assert ["400" in problem for problem in opened.problems] == [
+            True
+        ]  # which the browser's console notes
         opened.problems.clear()
         page.locator("#where").fill(str(now))
         page.get_by_role("button", name="They are here").click()
@@ -247,7 +272,9 @@ def test_specimens_of_parts_are_opened(tmp_path):
             part = Shape(name=name, vertices=shape.vertices + way, faces=shape.faces)
             (tmp_path / "shapes" / f"c{at}").mkdir(parents=True, exist_ok=True)
             write_mesh(tmp_path / "shapes" / f"c{at}" / f"{name}.ply", part)
-    aligned = collalign.align_collection(tmp_path / "shapes", options=FEW, parts=True, jobs=1, progress=False)
+    aligned = collalign.align_collection(
+        tmp_path / "shapes", options=FEW, parts=True, jobs=1, progress=False
+    )
     aligned.save(tmp_path / "out", report=False)
     workspace = Workspace(tmp_path / "out")
     assert [shape["name"] for shape in workspace.state()["shapes"]] == ["c0", "c1", "c2"]
@@ -262,8 +289,17 @@ def test_a_folder_is_described_before_anything_is_aligned(tmp_path):
     assert not state["aligned"]
     assert state["found"].startswith("3 shapes (3 ply). ")
     assert [shape["name"] for shape in state["shapes"]] == ["chair1", "chair2", "chair3"]
-    asked = {"exclude": ["chair1"], "incomplete": ["chair1", "chair2"], "group": "O", "scaling": "similarity"}
-    assert {*workspace.words("align", asked)[3:]} == {"--group=O", "--incomplete=chair2", "--exclude=chair1"}
+    asked = {
+        "exclude": ["chair1"],
+        "incomplete": ["chair1", "chair2"],
+        "group": "O",
+        "scaling": "similarity",
+    }
+    assert {*workspace.words("align", asked)[3:]} == {
+        "--group=O",
+        "--incomplete=chair2",
+        "--exclude=chair1",
+    }
     with pytest.raises(InputError, match="exclude"):
         workspace.words("align", {"exclude": ["--store=x"]})
     with pytest.raises(OptionsError):

@@ -20,7 +20,9 @@ def poses_of(*shares, in_front=np.nan):
     )
 
 
-@pytest.mark.parametrize("shares", [[(0.5, 0.1)], [(0.5, 0.1), (0.6, 0.05), (0.0, 0.0)], [(0.0, 0.0)] * 6])
+@pytest.mark.parametrize(
+    "shares", [[(0.5, 0.1)], [(0.5, 0.1), (0.6, 0.05), (0.0, 0.0)], [(0.0, 0.0)] * 6]
+)
 def test_chances_with_none_sum_to_one(shares):
     poses = poses_of(*shares)
     chances, odds = overlap_chances(poses), overlap_log_odds(poses)
@@ -34,7 +36,9 @@ def test_more_overlap_and_more_matches_make_a_pose_more_probable():
     assert low < 0.2 < middle < high
     first, second = overlap_chances(poses_of((0.6, 0.1), (0.5, 0.1)))
     assert first > second
-    alone, with_rival = (overlap_chances(poses_of(*given))[0] for given in ([(0.6, 0.1)], [(0.6, 0.1)] * 2))
+    alone, with_rival = (
+        overlap_chances(poses_of(*given))[0] for given in ([(0.6, 0.1)], [(0.6, 0.1)] * 2)
+    )
     assert with_rival < 0.6 * alone + 0.1
 
 
@@ -48,7 +52,8 @@ def test_a_part_all_of_which_lies_on_a_whole_is_sure():
 
 def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
     unknown, clear, little, much = (
-        overlap_chances(poses_of((0.6, 0.1), in_front=share))[0] for share in (np.nan, 0.0, 0.01, 0.1)
+        overlap_chances(poses_of((0.6, 0.1), in_front=share))[0]
+        for share in (np.nan, 0.0, 0.01, 0.1)
     )
     assert clear > 0.95 > unknown > 0.3
     assert clear > little > much

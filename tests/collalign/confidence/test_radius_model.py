@@ -26,7 +26,9 @@ from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
 
 
-def shown(num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0):
+def shown(
+    num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0
+):
     """Return evidence of templates that agree."""
     return RadiusEvidence(
         spread=np.full(num, spread),
@@ -89,7 +91,9 @@ def test_without_templates_there_are_no_radii():
 
 
 def test_surroundings_that_are_turned_are_alike_and_flat_ones_have_no_relief():
-    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 31)], indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 31)], indexing="ij"), axis=-1).reshape(
+        -1, 2
+    )
     faces = Delaunay(grid).simplices
 
     def surface(height, width):
@@ -126,11 +130,18 @@ def test_templates_nearer_to_the_specimen_count_more():
     mean, faces = sphere_mesh(200)
     vertices = np.stack([mean, 1.1 * mean, 1.5 * mean])
     marks = mean[[3, 50]]
-    templates = [template(0, marks, vertices[0], faces, 1.0), template(2, 1.5 * marks, vertices[2], faces, 1.0)]
+    templates = [
+        template(0, marks, vertices[0], faces, 1.0),
+        template(2, 1.5 * marks, vertices[2], faces, 1.0),
+    ]
     weights = template_weights(templates, 1, vertices, np.ones((3, 200)))
     assert (weights[0] > weights[1]).all()
     np.testing.assert_allclose(weights.sum(axis=0), 1)
-    assert 0 < template_distance(templates, 1, vertices) < template_distance(templates[1:], 1, vertices)
+    assert (
+        0
+        < template_distance(templates, 1, vertices)
+        < template_distance(templates[1:], 1, vertices)
+    )
     points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
     np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
     np.testing.assert_allclose(spreads, 0, atol=1e-6)

@@ -69,7 +69,8 @@ def test_one_side_is_no_mix_nor_are_strong_preferences_that_contradict_each_othe
 def test_preferences_at_random_are_hardly_ever_likely(num):
     rng = np.random.default_rng(num)
     found = [
-        find_sides(*planted(rng, np.zeros(num, dtype=bool), clear=0.0, noise=0.1), num).are_likely for _ in range(25)
+        find_sides(*planted(rng, np.zeros(num, dtype=bool), clear=0.0, noise=0.1), num).are_likely
+        for _ in range(25)
     ]
     assert sum(found) <= 1
 
@@ -171,7 +172,14 @@ def test_suspected_sides_that_surfaces_share_are_open():
     assert not are_open(suspected, WEAK)
     assert not are_open(replace(CLEAR, median_between=0.04), CONFIRMED), "not even suspected"
     unsure = replace(suspected, unsure=np.arange(6) == 5)
-    assert undecided_sides(unsure, CONFIRMED, NOTHING_ALONE).tolist() == [True, True, False, False, True, True]
+    assert undecided_sides(unsure, CONFIRMED, NOTHING_ALONE).tolist() == [
+        True,
+        True,
+        False,
+        False,
+        True,
+        True,
+    ]
     assert not undecided_sides(unsure, WEAK, NOTHING_ALONE).any()
 
 
@@ -185,9 +193,14 @@ def test_few_likely_sides_are_open_by_fits_alone():
 def test_sides_that_surfaces_alone_support_are_open_whatever_fits_find():
     none = replace(CLEAR, mirrored=np.zeros(6, dtype=bool), num_between=0, median_between=np.nan)
     strong = replace(NOTHING_ALONE, support=np.full(6, 7e-4), across=7e-4)
-    assert undecided_sides(none, replace(WEAK, across=np.nan), strong).tolist() == strong.mirrored.tolist()
+    assert (
+        undecided_sides(none, replace(WEAK, across=np.nan), strong).tolist()
+        == strong.mirrored.tolist()
+    )
     for weak in ({"support": np.full(6, 5e-4)}, {"across": 5e-4}, {"across": np.nan}):
-        assert not undecided_sides(none, replace(WEAK, across=np.nan), replace(strong, **weak)).any(), weak
+        assert not undecided_sides(
+            none, replace(WEAK, across=np.nan), replace(strong, **weak)
+        ).any(), weak
 
 
 def test_two_kinds_of_shapes_are_no_two_sides():
@@ -218,7 +231,9 @@ def test_surfaces_of_strong_chirality_name_both_sides(num, rng):
     assert np.array_equal(found.mirrored, mirrored)
     assert found.across == pytest.approx(3e-3, rel=0.2)
     assert found.support == pytest.approx(np.full(num, 3e-3), rel=0.2)
-    assert not surface_sides(scores_of(np.zeros(num, dtype=bool), 3e-3, 2e-4, rng)).are_clear, "one side"
+    assert not surface_sides(scores_of(np.zeros(num, dtype=bool), 3e-3, 2e-4, rng)).are_clear, (
+        "one side"
+    )
     assert not surface_sides(scores_of(mirrored, 0.0, 2e-4, rng)).are_clear, "bilateral"
     assert not surface_sides(scores_of(mirrored, 5e-4, 1e-5, rng)).are_clear, "too weak"
 

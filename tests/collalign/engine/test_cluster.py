@@ -103,7 +103,9 @@ def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(tmp_path, monk
     monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 4.0)
     with own_cluster(tmp_path) as cluster:
         for number in (signal.SIGSTOP, signal.SIGKILL):
-            results = run_jobs(spectrum, [(str(i), i) for i in range(300)], scheduler=cluster.address)
+            results = run_jobs(
+                spectrum, [(str(i), i) for i in range(300)], scheduler=cluster.address
+            )
             assert next(results).failure is None
             cluster.scheduler.send_signal(number)
             hit_s = time.monotonic()
@@ -119,7 +121,9 @@ def test_without_workers_the_run_ends_and_what_is_finished_is_kept(folder, tmp_p
         run = RunOptions(scheduler=cluster.address, store=tmp_path / "store.sqlite")
 
         def progress(kind, total, *, done=0):
-            monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 2.0)  # of the next stage
+            monkeypatch.setattr(
+                "collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 2.0
+            )  # of the next stage
             return nullcontext(lambda job: cluster.kill_worker())
 
         with pytest.raises(RunLost, match=r"has no workers|workers are gone|not answer"):

@@ -19,7 +19,12 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def test_a_command_that_fails_is_not_taken_for_a_survivor():
     with pytest.raises(RuntimeError, match="code 3"):
-        run_with_kills([sys.executable, "-c", "import sys; sys.exit(3)"], 0, np.random.default_rng(0), delay_s=(1, 1))
+        run_with_kills(
+            [sys.executable, "-c", "import sys; sys.exit(3)"],
+            0,
+            np.random.default_rng(0),
+            delay_s=(1, 1),
+        )
 
 
 def test_processes_that_are_no_workers_are_not_listed():
@@ -57,7 +62,11 @@ def test_every_loss_would_be_noticed(tmp_path, damage):
     elif damage == "staging":
         (out / ".collalign" / "staging").mkdir()
     else:
-        lost = {"original": shapes / "a.ply", "foreign": out / "notes.txt", "mesh": out / "meshes" / "a.ply"}
+        lost = {
+            "original": shapes / "a.ply",
+            "foreign": out / "notes.txt",
+            "mesh": out / "meshes" / "a.ply",
+        }
         lost[damage].unlink()
     with pytest.raises(RuntimeError):
         watch.check_end()
@@ -77,7 +86,9 @@ def test_shapes_that_are_added_survive_kills_and_move_nothing(tmp_path):
     run_with_kills(fault_test.command(old, out, options), 0, rng, delay_s=(1, 1))
     before = json.loads((out / "alignment.json").read_text())["shapes"]
     command = [sys.executable, "-m", "collalign", "add", str(out), str(new), "--jobs", "2"]
-    log = run_with_kills(command, 3, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check)
+    log = run_with_kills(
+        command, 3, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check
+    )
     watch.check_end()
     after = json.loads((out / "alignment.json").read_text())["shapes"]
     assert log.kills

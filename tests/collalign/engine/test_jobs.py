@@ -81,7 +81,9 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(40))
     assert results["killed-once"].value == str(tmp_path / "killed")
-    failures = {key: result.failure for key, result in results.items() if result.failure is not None}
+    failures = {
+        key: result.failure for key, result in results.items() if result.failure is not None
+    }
     assert failures.keys() == {"raise", "segfault", "hang", "fill"}
     reasons = {
         "raise": "no answer for 7",
@@ -98,7 +100,9 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
 def test_failures_are_records_in_one_process_too():
     results = collect(misbehave, [("a", ("raise", 1)), ("b", ("return", 2))])
     assert results["a"].failure is not None
-    assert results["a"].failure.startswith("ValueError: no answer for 1 (in misbehave, tests/job_functions.py:")
+    assert results["a"].failure.startswith(
+        "ValueError: no answer for 1 (in misbehave, tests/job_functions.py:"
+    )
     assert results["b"].value == 2
 
 
@@ -137,7 +141,9 @@ def test_workers_end_when_their_parent_is_killed():
         "for result in run_jobs(process_id, ((str(i), i) for i in range(100000)), num_jobs=2):\n"
         "    print(result.value, flush=True)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT
+    ) as process:
         assert process.stdout is not None
         workers = {int(process.stdout.readline()) for _ in range(20)}
         os.kill(process.pid, signal.SIGKILL)
@@ -152,7 +158,9 @@ def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once():
     )
     with subprocess.Popen(["true"]) as zombie:
         os.waitid(os.P_PID, zombie.pid, os.WEXITED | os.WNOWAIT)  # ended, and not waited for
-        ended = subprocess.run([sys.executable, "-c", script, str(zombie.pid)], cwd=ROOT, timeout=600, check=False)
+        ended = subprocess.run(
+            [sys.executable, "-c", script, str(zombie.pid)], cwd=ROOT, timeout=600, check=False
+        )
     assert ended.returncode == 1
 
 
@@ -167,7 +175,9 @@ def assert_gone(processes):
 def test_shared_records_are_looked_up_by_key(num_jobs):
     records = ((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(300))
     with SharedTable.create(records) as table:
-        results = collect(look_up, [(f"{i}", str(i)) for i in range(300)], num_jobs=num_jobs, shared=table)
+        results = collect(
+            look_up, [(f"{i}", str(i)) for i in range(300)], num_jobs=num_jobs, shared=table
+        )
         assert all(result.value == 12.0 * int(key) for key, result in results.items())
         with pytest.raises(KeyError):
             table.made("missing", positions)
@@ -187,7 +197,9 @@ def test_what_is_made_of_records_is_kept_while_they_fit(monkeypatch):
         assert table.made("2", total_and_key) == (2000.0, "2")
         assert table.made("0", total_and_key) is zero
         assert table.made("1", total_and_key) is not one
-        assert table.made("1", positions).shape == (1000,)  # kept apart from what else is made of it
+        assert table.made("1", positions).shape == (
+            1000,
+        )  # kept apart from what else is made of it
 
 
 def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path, monkeypatch):
@@ -202,14 +214,23 @@ def test_a_table_that_cannot_be_written_leaves_no_file(tmp_path, monkeypatch):
 def test_progress_is_told_of_every_result():
     text = io.StringIO()
     with ProgressBar("pairs", 6, done=2, file=text) as progress:
-        collect(misbehave, [("a", ("return", 1)), ("b", ("raise", 1)), ("c", ("return", 1))], progress=progress)
+        collect(
+            misbehave,
+            [("a", ("return", 1)), ("b", ("raise", 1)), ("c", ("return", 1))],
+            progress=progress,
+        )
         progress.advance()
     assert "6/6" in text.getvalue()
     assert "failed=1" in text.getvalue()
 
 
 def test_impossible_limits_are_refused():
-    wrong = [("time_limit_s", 0.0), ("time_limit_s", np.nan), ("time_limit_s", np.inf), ("memory_limit_bytes", 5)]
+    wrong = [
+        ("time_limit_s", 0.0),
+        ("time_limit_s", np.nan),
+        ("time_limit_s", np.inf),
+        ("memory_limit_bytes", 5),
+    ]
     for limit in (*wrong, ("num_jobs", 0)):
         with pytest.raises(OptionsError):
             run_jobs(spectrum, SPECTRA, **dict([limit]))

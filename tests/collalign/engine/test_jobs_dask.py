@@ -17,14 +17,21 @@ from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
 from tests.job_functions import look_up, misbehave, spectrum
 
-distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
+distributed = pytest.importorskip(
+    "distributed", reason="Dask is not installed: pip install 'collalign[dask]'"
+)
 dask = pytest.importorskip("dask")
 dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
+    options = {
+        "n_workers": 2,
+        "threads_per_worker": 1,
+        "processes": True,
+        "dashboard_address": ":0",
+    }
     timeouts = {f"distributed.comm.timeouts.{name}": "300s" for name in ("connect", "tcp")}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1, **timeouts}),
@@ -53,7 +60,9 @@ def kill_one_worker(cluster):
 
 def test_restarted_workers_have_the_shared_records(cluster):
     found = {}
-    with SharedTable.create((str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)) as table:
+    with SharedTable.create(
+        (str(i), {"positions": np.full((4, 3), float(i))}) for i in range(10)
+    ) as table:
         tasks = [(f"{i} {j}", str(i)) for i in range(10) for j in range(20)]
         for result in run_jobs(look_up, tasks, scheduler=cluster.scheduler_address, shared=table):
             assert result.failure is None
@@ -65,7 +74,13 @@ def test_restarted_workers_have_the_shared_records(cluster):
 
 @pytest.mark.parametrize(
     "error",
-    [asyncio.CancelledError(), CancelledError(), OSError("gone"), UnboundLocalError("result"), TimeoutError()],
+    [
+        asyncio.CancelledError(),
+        CancelledError(),
+        OSError("gone"),
+        UnboundLocalError("result"),
+        TimeoutError(),
+    ],
 )
 def test_results_that_are_lost_on_their_way_are_asked_for_again(error, cluster, monkeypatch):
     ask, lost = distributed.Future.result, iter(range(3))
@@ -106,10 +121,17 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster):
     tasks = [(f"r{i}", ("return", i)) for i in range(20)]
     tasks[3:3] = [("raise", ("raise", 1)), ("segfault", ("segfault", 1)), ("fill", ("fill", 1))]
     limits = {"time_limit_s": 300.0, "memory_limit_bytes": 2**31}
-    results = {one.key: one for one in run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address, **limits)}
+    results = {
+        one.key: one
+        for one in run_jobs(misbehave, tasks, scheduler=cluster.scheduler_address, **limits)
+    }
     assert results.keys() == dict(tasks).keys()
     assert all(results[f"r{i}"].value == i for i in range(20))
-    assert {key for key, result in results.items() if result.failure} == {"raise", "segfault", "fill"}
+    assert {key for key, result in results.items() if result.failure} == {
+        "raise",
+        "segfault",
+        "fill",
+    }
     # Memory is about the machine: another run may succeed.
     assert {key for key, result in results.items() if result.crashed} == {"segfault", "fill"}
 

@@ -50,7 +50,10 @@ def test_the_ledger_says_that_a_task_started_and_ended_however_it_did(tmp_path, 
     guard = Guard(directory=tmp_path)
     outcome = run_guarded(call_of(function, time_limit_s=60.0), TASK, guard)
     assert (outcome.failure is None) == (function is abs)
-    assert [line.split()[:2] for line in guard.ledger.read_text().splitlines()] == [["S", "7"], ["E", "7"]]
+    assert [line.split()[:2] for line in guard.ledger.read_text().splitlines()] == [
+        ["S", "7"],
+        ["E", "7"],
+    ]
     assert _LocalRun(call_of(abs), guard, 1)._started_and_not_ended() == {}
 
 
@@ -58,7 +61,9 @@ def test_the_watchdog_is_called_off(tmp_path, monkeypatch):
     calls = []
     for name in ("dump_traceback_later", "cancel_dump_traceback_later"):
         monkeypatch.setattr(faulthandler, name, lambda *_, name=name, **__: calls.append(name))
-    assert isinstance(run_guarded(call_of(abs, time_limit_s=60.0), TASK, Guard(directory=tmp_path)), Outcome)
+    assert isinstance(
+        run_guarded(call_of(abs, time_limit_s=60.0), TASK, Guard(directory=tmp_path)), Outcome
+    )
     assert calls == ["dump_traceback_later", "cancel_dump_traceback_later"]
 
 

@@ -37,7 +37,9 @@ def test_workers_that_are_just_starting_end_without_a_word(no_pool, monkeypatch,
     monkeypatch.setattr(fork_exec, "fork_exec", start_and_interrupt)
     arrived, wakeup = socket.socketpair()
     wakeup.setblocking(False)
-    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever ran before in this process
+    handler = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # whatever ran before in this process
     former = signal.set_wakeup_fd(wakeup.fileno())
     done = threading.Event()
     other = threading.Thread(target=done.wait)  # Ctrl-C reaches any thread of a process

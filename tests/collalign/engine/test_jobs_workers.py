@@ -33,7 +33,10 @@ if __name__ == "__main__":
 
 
 def process_ids(num_jobs=2):
-    return {outcome.value for outcome in run_jobs(process_id, TASKS, num_jobs=num_jobs, time_limit_s=60.0)}
+    return {
+        outcome.value
+        for outcome in run_jobs(process_id, TASKS, num_jobs=num_jobs, time_limit_s=60.0)
+    }
 
 
 def process_record(payload):
@@ -41,7 +44,9 @@ def process_record(payload):
 
 
 def pids_of_session(run):
-    job = Job(kind="shapes", version="pid", run=process_record, reader=lambda record, name: record["pid"])
+    job = Job(
+        kind="shapes", version="pid", run=process_record, reader=lambda record, name: record["pid"]
+    )
     wanted = {key: Wanted(key=key, label=key, arguments={"payload": value}) for key, value in TASKS}
     with Session.open(None, run) as session:
         return {*session.compute(job, wanted, time_limit_s=60.0).values()}
@@ -90,7 +95,9 @@ def grow(payload):
 def test_a_worker_that_has_grown_is_replaced_without_a_warning():
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        pids = [outcome.value for outcome in run_jobs(grow, [(str(n), n) for n in range(6)], num_jobs=2)]
+        pids = [
+            outcome.value for outcome in run_jobs(grow, [(str(n), n) for n in range(6)], num_jobs=2)
+        ]
     assert len(pids) == 6
     assert len({*pids}) > 2, "workers were replaced"
     assert not [str(one.message) for one in said]

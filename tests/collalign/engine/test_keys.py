@@ -38,7 +38,12 @@ def test_options_of_other_kinds_are_refused():
 
 
 def test_pair_seeds_depend_on_seed_and_both_names_in_order():
-    seeds = {pair_seed(0, "a", "b"), pair_seed(0, "b", "a"), pair_seed(1, "a", "b"), pair_seed(0, "ab", "")}
+    seeds = {
+        pair_seed(0, "a", "b"),
+        pair_seed(0, "b", "a"),
+        pair_seed(1, "a", "b"),
+        pair_seed(0, "ab", ""),
+    }
     assert len(seeds) == 4
     assert pair_seed(0, "a", "b") == pair_seed(0, "a", "b")
     assert all(0 <= seed < 2**63 for seed in seeds)

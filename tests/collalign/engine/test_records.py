@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from collalign.engine.store.records import decode, encode
 from data_tools.errors import StoreError
 
-PLAIN = st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text()
+PLAIN = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63 - 1)
+    | st.floats(allow_nan=False)
+    | st.text()
+)
 
 
 def array_bytes(code, shape, raw):
@@ -49,7 +55,15 @@ def test_bytes_depend_neither_on_order_of_keys_nor_on_layout(rng):
 
 
 @pytest.mark.parametrize(
-    "value", [{"a": object()}, {"a": {1: 2}}, {"a": 1j}, {"a": np.array(["x"])}, {"a": np.array([None])}, [1]]
+    "value",
+    [
+        {"a": object()},
+        {"a": {1: 2}},
+        {"a": 1j},
+        {"a": np.array(["x"])},
+        {"a": np.array([None])},
+        [1],
+    ],
 )
 def test_what_a_record_cannot_hold_is_refused(value):
     with pytest.raises(TypeError):
@@ -93,7 +107,9 @@ def test_malformed_bytes_are_refused(data, reason):
 @given(data=st.data())
 @settings(max_examples=150, deadline=None, derandomize=True)
 def test_mutated_records_are_refused_or_well_formed(data):
-    raw = bytearray(encode({"R": np.eye(3), "map": np.arange(5), "n": {"x": [1.5, None, "text", True]}}))
+    raw = bytearray(
+        encode({"R": np.eye(3), "map": np.arange(5), "n": {"x": [1.5, None, "text", True]}})
+    )
     for _ in range(data.draw(st.integers(1, 4))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     with suppress(StoreError):

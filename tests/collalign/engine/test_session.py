@@ -34,7 +34,12 @@ def whole(record, name):
 JOB = Job(kind="measurements", version="1", run=root, reader=whole)
 WANTED = {
     name: Wanted(key=key, label=name, arguments={"value": value})
-    for key, name, value in (("a", "one", 1.0), ("b", "four", 4.0), ("c", "bad", -1.0), ("b", "four again", 4.0))
+    for key, name, value in (
+        ("a", "one", 1.0),
+        ("b", "four", 4.0),
+        ("c", "bad", -1.0),
+        ("b", "four again", 4.0),
+    )
 }
 
 
@@ -47,7 +52,11 @@ def test_results_and_failures_are_kept_and_not_computed_again():
         first = session_around(store)
         found = first.compute(JOB, WANTED, time_limit_s=None)
         assert found.failures == {"bad": "negative"}
-        assert dict(found) == {"one": {"root": 1.0}, "four": {"root": 2.0}, "four again": {"root": 2.0}}
+        assert dict(found) == {
+            "one": {"root": 1.0},
+            "four": {"root": 2.0},
+            "four again": {"root": 2.0},
+        }
         assert (len(found), "bad" in found, "nobody" in found) == (3, False, False)
         with pytest.raises(KeyError):
             found["bad"]
@@ -93,8 +102,14 @@ def test_results_of_one_job_are_arguments_of_another(num_jobs):
     adding = Job(kind="evidence", version="1", run=add, reader=Sum)
     with Session.open(None, RunOptions(jobs=num_jobs)) as session:
         roots = session.compute(job, WANTED, time_limit_s=None)
-        arguments = {"root": roots.shared("one"), "others": (roots.shared("four"), roots.shared("four")), "more": 0.5}
-        sums = session.compute(adding, {"all": Wanted(key="s", label="all", arguments=arguments)}, time_limit_s=None)
+        arguments = {
+            "root": roots.shared("one"),
+            "others": (roots.shared("four"), roots.shared("four")),
+            "more": 0.5,
+        }
+        sums = session.compute(
+            adding, {"all": Wanted(key="s", label="all", arguments=arguments)}, time_limit_s=None
+        )
         assert sums["all"] == Sum(total=5.5)
         assert session.map_parallel("sums", add, {(1, 2): arguments}) == {(1, 2): Sum(total=5.5)}
         assert session.store.require("evidence", "s") == {"total": 5.5}
@@ -105,7 +120,8 @@ def test_a_table_holds_what_readers_ask_for_alone():
         for key in ("a", "b"):
             store.put("shapes", key, {"root": 1.0, "total": 2.0, "large": 3.0})
         root, total, whole = (
-            {"x": replace(JOB, kind="shapes").shared("a", reader)} for reader in (Root, Sum, record_fields)
+            {"x": replace(JOB, kind="shapes").shared("a", reader)}
+            for reader in (Root, Sum, record_fields)
         )
         every = ["large", "root", "total"]
         for tasks, expected in (
@@ -145,7 +161,9 @@ def test_results_are_spread_counted_and_not_kept(num_jobs):
         return nullcontext(lambda result: counted.append(result.key))
 
     with Session.open(None, RunOptions(jobs=num_jobs), count) as session:
-        found = session.map_parallel("things", misbehave, {i: {"payload": ("return", i)} for i in range(6)})
+        found = session.map_parallel(
+            "things", misbehave, {i: {"payload": ("return", i)} for i in range(6)}
+        )
         assert session.map_parallel("things", misbehave, {}) == {}
         assert not any(session.store.keys(kind) for kind in ("shapes", "pairs"))
     assert found == {i: i for i in range(6)}
@@ -154,8 +172,13 @@ def test_results_are_spread_counted_and_not_kept(num_jobs):
 
 
 def test_a_failure_is_an_error_that_names_the_task():
-    with Session.open(None, RunOptions(jobs=1)) as session, pytest.raises(SolveFailed, match="things, b: ValueError"):
-        session.map_parallel("things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}})
+    with (
+        Session.open(None, RunOptions(jobs=1)) as session,
+        pytest.raises(SolveFailed, match="things, b: ValueError"),
+    ):
+        session.map_parallel(
+            "things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}}
+        )
 
 
 def test_displays_count_steps_without_workers():

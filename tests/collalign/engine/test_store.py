@@ -125,7 +125,9 @@ def test_a_killed_writer_leaves_its_records_and_no_lock(path):
         "print('ready', flush=True)\n"
         "while True: i += 1; store.put('pairs', str(i), {'i': i})\n"
     )
-    with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
         os.kill(process.pid, signal.SIGKILL)
@@ -188,7 +190,10 @@ def test_text_that_is_not_unicode_is_refused_or_read(path):
     with Store.open(path) as store:
         store.put_failure("pairs", "k", "took too long")
     content = path.read_bytes()
-    for found, damaged in ((b"took too", b"took \xcetoo"[:8]), (b"CREATE TABLE plan", b"CREATE TABLE \xceplan"[:17])):
+    for found, damaged in (
+        (b"took too", b"took \xcetoo"[:8]),
+        (b"CREATE TABLE plan", b"CREATE TABLE \xceplan"[:17]),
+    ):
         path.write_bytes(content.replace(found, damaged))
         with suppress(StoreError), Store.open(path, read_only=True) as store:
             assert "took" in store.failures("pairs")["k"].reason
@@ -245,7 +250,9 @@ def test_journals_of_somebody_else_are_not_touched(path, ending, is_there):
     with pytest.raises(StoreError, match=rf"{ending}: lies where a journal"):
         Store.open(path)
     assert mine.read_text() == "my notes of the log"
-    assert sorted(p.name for p in path.parent.iterdir()) == sorted([path.name] * is_there + [mine.name])
+    assert sorted(p.name for p in path.parent.iterdir()) == sorted(
+        [path.name] * is_there + [mine.name]
+    )
 
 
 def test_journals_without_a_store_are_not_touched(path):

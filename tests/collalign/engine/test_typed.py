@@ -53,7 +53,9 @@ def same(a, b):
 
 
 def same_fields(a, b, *, without=()):
-    return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.name not in without)
+    return all(
+        same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.name not in without
+    )
 
 
 @pytest.fixture
@@ -80,8 +82,12 @@ def test_poses_come_back(poses):
 
 
 def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
-    failed = replace(match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED)
-    monkeypatch.setattr("collalign.stages.pairs.match.match_problem", lambda problem, options: failed)
+    failed = replace(
+        match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED
+    )
+    monkeypatch.setattr(
+        "collalign.stages.pairs.match.match_problem", lambda problem, options: failed
+    )
     with pytest.raises(SolveFailed, match="No usable answer"):
         match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())
 
@@ -119,10 +125,17 @@ def test_every_kind_of_field_comes_back_and_a_reader_takes_what_it_names():
     record = through_bytes(to_record(value))
     assert "name" not in record
     back = from_record(Everything, record | {"unknown": 1}, "all")
-    assert (back.parts, back.maybe, back.status, back.blob) == (value.parts, None, Status.FAILED, b"abc")
+    assert (back.parts, back.maybe, back.status, back.blob) == (
+        value.parts,
+        None,
+        Status.FAILED,
+        b"abc",
+    )
     assert back.weights.dtype == np.float32
     assert back.table["a"].tolist() == [1.0] * 3
-    assert from_record(Everything, record | {"maybe": {"colour": "red"}}, "all").maybe == Part("red")
+    assert from_record(Everything, record | {"maybe": {"colour": "red"}}, "all").maybe == Part(
+        "red"
+    )
     assert fields_of(Part) == {"colour"}
     assert fields_of(lambda record, name: record) is None
     with pytest.raises(StoreError, match="'GOOD' is none"):
@@ -204,20 +217,28 @@ def test_impossible_samples_are_refused(rng, change):
 
 def test_numbers_that_are_not_known_come_back(poses):
     assert np.isnan(poses.mismatches).all()  # of so few samples neighbourhoods say nothing
-    assert np.isnan(from_record(PairPoses, through_bytes(to_record(poses)), "a ~ b").mismatches).all()
+    assert np.isnan(
+        from_record(PairPoses, through_bytes(to_record(poses)), "a ~ b").mismatches
+    ).all()
 
 
 def test_missing_fields_are_named(rng, poses):
     for record, kind in ((to_record(make_samples(rng)), Samples), (to_record(poses), PairPoses)):
         for field in record:
             with pytest.raises(StoreError, match=f"'{field}' is missing"):
-                from_record(kind, {name: value for name, value in record.items() if name != field}, "x")
+                from_record(
+                    kind, {name: value for name, value in record.items() if name != field}, "x"
+                )
 
 
 def test_arrays_may_be_annotated_by_a_named_alias_as_numpys_own_is():
     scalar = TypeVar("scalar", bound=np.generic)
-    named = TypeAliasType("named", np.ndarray[tuple[Any, ...], np.dtype[scalar]], type_params=(scalar,))
+    named = TypeAliasType(
+        "named", np.ndarray[tuple[Any, ...], np.dtype[scalar]], type_params=(scalar,)
+    )
     held = make_dataclass("Held", [("values", named[np.float64])], frozen=True)
-    np.testing.assert_array_equal(from_record(held, {"values": np.arange(3.0)}, "x").values, np.arange(3.0))
+    np.testing.assert_array_equal(
+        from_record(held, {"values": np.arange(3.0)}, "x").values, np.arange(3.0)
+    )
     with pytest.raises(StoreError, match="values: expected an array, got list"):
         from_record(held, {"values": [1.0]}, "x")

@@ -30,7 +30,9 @@ def test_unevenly_drawn_curves_are_spaced_evenly():
     np.testing.assert_allclose(spaced[[0, -1]], drawn[[0, -1]], atol=1e-9)
     assert gaps(spaced).std() < 0.01 * gaps(spaced).mean()
     assert np.abs(np.linalg.norm(spaced, axis=1) - 1).max() < 0.01
-    assert gaps(drawn).std() > 0.3 * gaps(drawn).mean(), "the check would notice curves that are left as they are"
+    assert gaps(drawn).std() > 0.3 * gaps(drawn).mean(), (
+        "the check would notice curves that are left as they are"
+    )
 
 
 def test_a_closed_curve_goes_all_the_way_round():
@@ -72,7 +74,9 @@ def test_templates_drawn_in_other_ways_and_poses_agree():
     assert table.labels == ("tip", *(f"rim-{number}" for number in range(1, 7)))
     assert table.semilandmarks == (("rim", "open curve", (1, 2, 3, 4, 5, 6)),)
     assert table.landmark_rows == [0]
-    np.testing.assert_allclose(table.points["b"][1:] @ pose[:3, :3].T + pose[:3, 3], table.points["a"][1:], atol=5e-3)
+    np.testing.assert_allclose(
+        table.points["b"][1:] @ pose[:3, :3].T + pose[:3, 3], table.points["a"][1:], atol=5e-3
+    )
     more = landmark_table({"a": curve(drawn)}, {"a": STILL}, curve_points=20)
     assert len(more.labels) == 21
 
@@ -80,7 +84,9 @@ def test_templates_drawn_in_other_ways_and_poses_agree():
 def test_a_closed_curve_is_counted_from_where_the_first_template_begins():
     ring = arc(np.linspace(0, 2 * np.pi, 12, endpoint=False)) * [3, 1, 1]
     elsewhere = curve(np.roll(ring[::-1], 5, axis=0), "closed curve")
-    table = landmark_table({"a": curve(ring, "closed curve"), "b": elsewhere}, {"a": STILL, "b": STILL})
+    table = landmark_table(
+        {"a": curve(ring, "closed curve"), "b": elsewhere}, {"a": STILL, "b": STILL}
+    )
     apart = np.linalg.norm(table.points["b"][1:, None] - table.points["a"][1:], axis=2)
     assert apart.argmin(axis=1).tolist() == list(range(12))
 
@@ -97,9 +103,18 @@ def test_what_does_not_fit_together_is_named():
     for given, words in (
         ({}, "no landmark file"),
         ({"a": open_one, "b": closed}, "'rim' is a closed curve here"),
-        ({"a": curve(arc(np.arange(4.0)), "patch"), "b": curve(arc(np.arange(3.0)), "patch")}, "has 3 points"),
-        ({"a": Landmarks(labels=("x", "x"), points=np.ones((2, 3)))}, "two landmarks are called 'x'"),
-        ({"a": open_one, "b": Landmarks(labels=("x",), points=np.ones((1, 3)))}, "no landmark .* has the name"),
+        (
+            {"a": curve(arc(np.arange(4.0)), "patch"), "b": curve(arc(np.arange(3.0)), "patch")},
+            "has 3 points",
+        ),
+        (
+            {"a": Landmarks(labels=("x", "x"), points=np.ones((2, 3)))},
+            "two landmarks are called 'x'",
+        ),
+        (
+            {"a": open_one, "b": Landmarks(labels=("x",), points=np.ones((1, 3)))},
+            "no landmark .* has the name",
+        ),
     ):
         with pytest.raises(InputError, match=words):
             landmark_table(given, {"a": STILL, "b": STILL})

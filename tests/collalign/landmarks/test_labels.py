@@ -23,13 +23,23 @@ def numbered(prefix, numbers):
 @pytest.mark.parametrize(
     ("own", "other", "labels", "how"),
     [
-        (numbered("skullB_LM1-", range(1, 10)), numbered("skullA_LM1-", range(1, 10)), None, "by-order"),
+        (
+            numbered("skullB_LM1-", range(1, 10)),
+            numbered("skullA_LM1-", range(1, 10)),
+            None,
+            "by-order",
+        ),
         (numbered("F-", range(10, 19)), numbered("F-", range(1, 10)), None, "by-order"),
         (numbered("F-", range(3, 12)), numbered("F-", range(1, 10)), None, "by-order"),
         (numbered("", range(1, 4)), numbered("", range(3)), None, "by-order"),
         (numbered("S00", range(3)), numbered("F_", range(1, 4)), None, "by-order"),
         (numbered("B-", (1, 3)), numbered("A-", (1, 2, 3)), ("A-1", "A-3"), "without-prefix"),
-        (marks("b_nasion", "b_bregma"), marks("a_bregma", "a_nasion"), ("a_nasion", "a_bregma"), "without-prefix"),
+        (
+            marks("b_nasion", "b_bregma"),
+            marks("a_bregma", "a_nasion"),
+            ("a_nasion", "a_bregma"),
+            "without-prefix",
+        ),
         (marks("p", "q"), marks("q", "r"), ("p", "q"), ""),
         (marks("F-2", "F-1"), marks("F-1", "F-2"), ("F-2", "F-1"), ""),
         (marks("p", "q"), marks("r", "s"), ("p", "q"), ""),
@@ -43,7 +53,9 @@ def test_labels_that_differ_by_prefix_or_numbers_are_matched(own, other, labels,
 
 
 def test_curves_that_are_called_after_their_lists_are_matched_by_their_order():
-    found, said = called_like(marks("p", curves=("B_rim", "B_ridge")), marks("p", curves=("A_rim", "A_ridge")))
+    found, said = called_like(
+        marks("p", curves=("B_rim", "B_ridge")), marks("p", curves=("A_rim", "A_ridge"))
+    )
     assert [one.name for one in found.semilandmarks] == ["A_rim", "A_ridge"]
     assert said == "curves-by-order"
     found, said = called_like(marks("p", curves=("ridge",)), marks("p", curves=("rim", "ridge")))
@@ -52,9 +64,13 @@ def test_curves_that_are_called_after_their_lists_are_matched_by_their_order():
 
 def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
     poses = dict.fromkeys("ab", np.eye(4))
-    table = landmark_table({"a": numbered("A-", range(1, 4)), "b": numbered("B-", range(1, 4))}, poses)
+    table = landmark_table(
+        {"a": numbered("A-", range(1, 4)), "b": numbered("B-", range(1, 4))}, poses
+    )
     assert table.labels == ("A-1", "A-2", "A-3")
     assert all(np.isfinite(points).all() for points in table.points.values())
     assert table.notes == (Note("landmarks-renamed", ("b",), {"template": "a", "how": "by-order"}),)
-    with pytest.raises(InputError, match=r"no landmark \('p', 'q'\) has the name of one of a .*same labels"):
+    with pytest.raises(
+        InputError, match=r"no landmark \('p', 'q'\) has the name of one of a .*same labels"
+    ):
         landmark_table({"a": numbered("A-", range(1, 4)), "b": marks("p", "q")}, poses)

@@ -26,14 +26,22 @@ RADIUS = float(np.sqrt(((SHAPE.vertices - SHAPE.vertices.mean(axis=0)) ** 2).sum
 
 
 def marks(points, system=None):
-    return Landmarks(labels=tuple(f"L{at}" for at in range(len(points))), points=points, system=system)
+    return Landmarks(
+        labels=tuple(f"L{at}" for at in range(len(points))), points=points, system=system
+    )
 
 
 def placed(tmp_path, given, *, declared="", shape=SHAPE):
     file = write_mesh(tmp_path / "a.ply", shape)
     if declared:
-        file.write_bytes(file.read_bytes().replace(b"\nelement", f"\ncomment SPACE={declared}\nelement".encode(), 1))
-    return place_templates({"a": given}, {"a": file}, [(one.name, one.vertices, one.faces) for one in (SHAPE, OTHER)])
+        file.write_bytes(
+            file.read_bytes().replace(
+                b"\nelement", f"\ncomment SPACE={declared}\nelement".encode(), 1
+            )
+        )
+    return place_templates(
+        {"a": given}, {"a": file}, [(one.name, one.vertices, one.faces) for one in (SHAPE, OTHER)]
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
@@ -81,7 +89,9 @@ def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(t
     found = placed(tmp_path, marks(POINTS, "RAS"))
     np.testing.assert_array_equal(found[0]["a"].points, POINTS)
     assert found[2] == "RAS"
-    assert found[1] == (Note("landmarks-in-system", ("a",), {"declared": ("RAS",), "system": "RAS"}),)
+    assert found[1] == (
+        Note("landmarks-in-system", ("a",), {"declared": ("RAS",), "system": "RAS"}),
+    )
     found = placed(tmp_path, marks(POINTS * LPS_RAS, "LPS"))
     np.testing.assert_allclose(found[0]["a"].points, POINTS)
     assert found[2] == "RAS"
@@ -92,7 +102,9 @@ def test_where_the_mesh_says_nothing_its_surface_decides_which_system_it_is_in(t
 
 def test_a_surface_that_fits_both_ways_is_lps_as_slicer_takes_it(tmp_path):
     halves = np.vstack([SEAT.vertices, SEAT.vertices * LPS_RAS + 0.005 * RADIUS])
-    both = Shape.from_arrays(halves, np.vstack([SEAT.faces, SEAT.faces + len(SEAT.vertices)]), name="a")
+    both = Shape.from_arrays(
+        halves, np.vstack([SEAT.faces, SEAT.faces + len(SEAT.vertices)]), name="a"
+    )
     found = placed(tmp_path, marks(SEAT.vertices[ROWS], "RAS"), shape=both)
     np.testing.assert_allclose(found[0]["a"].points, SEAT.vertices[ROWS] * LPS_RAS)
     assert found[2] == "LPS"
@@ -109,7 +121,11 @@ def test_single_landmarks_off_the_surface_are_named(tmp_path):
     found = placed(tmp_path, marks(points))
     np.testing.assert_array_equal(found[0]["a"].points, points)
     (note,) = found[1]
-    assert (note.code, note.shapes, note.values["labels"]) == ("landmarks-off-surface", ("a",), ("L3",))
+    assert (note.code, note.shapes, note.values["labels"]) == (
+        "landmarks-off-surface",
+        ("a",),
+        ("L3",),
+    )
 
 
 @pytest.mark.parametrize("far", [20.0, 1e6])
@@ -117,7 +133,9 @@ def test_landmarks_farther_than_a_radius_from_the_surface_are_missing(tmp_path, 
     points = np.array(POINTS)
     points[3, 0] += far * RADIUS
     found = placed(tmp_path, marks(points))
-    assert np.isnan(found[0]["a"].points).all(axis=1).tolist() == [at == 3 for at in range(len(POINTS))]
+    assert np.isnan(found[0]["a"].points).all(axis=1).tolist() == [
+        at == 3 for at in range(len(POINTS))
+    ]
     assert found[1] == (Note("landmarks-too-far", ("a",), {"labels": ("L3",)}),)
 
 

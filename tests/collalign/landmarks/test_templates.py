@@ -18,7 +18,12 @@ def test_files_belong_to_shapes_by_name_by_what_they_say_or_as_told(tmp_path, ca
     (tmp_path / "one.tps").write_text(TPS.format("a"))
     (tmp_path / "d.tps").write_text(TPS.format("specimen 7"))
     names = ("a", "b", "c", "d", "left/e")
-    files = [tmp_path / "all.tps", tmp_path / "c.csv", tmp_path / "d.tps", f"left/e={tmp_path / 'one.tps'}"]
+    files = [
+        tmp_path / "all.tps",
+        tmp_path / "c.csv",
+        tmp_path / "d.tps",
+        f"left/e={tmp_path / 'one.tps'}",
+    ]
     with caplog.at_level(logging.WARNING):
         assert read_templates(files, names).keys() == set(names)
     (tmp_path / "other.tps").write_text(TPS.format("b.ply"))
@@ -52,15 +57,15 @@ def test_a_word_for_landmarks_after_the_name_does_not_matter(tmp_path, caplog):
         (tmp_path / name).write_text(text if name.endswith("json") else "a,0,0,1\n")
     names = ("s0", "s0_2", "s1")
     with caplog.at_level(logging.WARNING):
-        assert [*read_templates([tmp_path / "s0_LM1.mrk.json", tmp_path / "s0_2_landmarks.csv"], names)] == [
+        assert [
+            *read_templates([tmp_path / "s0_LM1.mrk.json", tmp_path / "s0_2_landmarks.csv"], names)
+        ] == [
             "s0",
             "s0_2",
         ]
     assert "s0_LM1.mrk.json: taken as the landmarks of s0" in caplog.text
     (tmp_path / "s0_left.csv").write_text("a,0,0,1\n")
-    message = (
-        r"s0_left\.csv: no shape is called 's0_left' \(call the file like its shape, or give it as SHAPE=s0_left"
-    )
+    message = r"s0_left\.csv: no shape is called 's0_left' \(call the file like its shape, or give it as SHAPE="
     with pytest.raises(InputError, match=message):
         read_templates([tmp_path / "s0_left.csv"], names)
     with pytest.raises(InputError, match="no shape is called 's0_3'; did you mean 's0_2'"):
@@ -79,7 +84,9 @@ def test_names_in_either_encoding_of_accents_are_the_same(tmp_path):
 
 
 def test_specimens_without_any_landmark_are_no_templates(tmp_path, caplog):
-    (tmp_path / "all.tps").write_text(TPS.format("a") + TPS.replace("0 0 0", "NA NA NA").format("b"))
+    (tmp_path / "all.tps").write_text(
+        TPS.format("a") + TPS.replace("0 0 0", "NA NA NA").format("b")
+    )
     with caplog.at_level(logging.WARNING):
         assert [*read_templates([tmp_path / "all.tps"], ("a", "b"))] == ["a"]
     assert "all their landmarks are missing: b" in caplog.text

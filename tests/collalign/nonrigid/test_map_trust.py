@@ -5,7 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.confidence.map_model import MOST_CONFIDENT, WITHOUT_SIDES, map_probability, point_probability
+from collalign.confidence.map_model import (
+    MOST_CONFIDENT,
+    WITHOUT_SIDES,
+    map_probability,
+    point_probability,
+)
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
 from collalign.tools.match.nonrigid import chosen_first
@@ -13,12 +18,16 @@ from collalign.tools.match.nonrigid import chosen_first
 NUM = 50
 ANGLES = np.arange(NUM) * 2 * np.pi / NUM
 CIRCLE = np.column_stack([np.cos(ANGLES), np.sin(ANGLES), np.zeros(NUM)])
-SHAPE = SimpleNamespace(vertices=CIRCLE, dense=np.arange(NUM), nearest_dense=np.arange(NUM), area=1.0)
+SHAPE = SimpleNamespace(
+    vertices=CIRCLE, dense=np.arange(NUM), nearest_dense=np.arange(NUM), area=1.0
+)
 
 
 def candidate(forward, score, *, commutativity=0.1, orientation=1.0):
     """Return a candidate map of the circle to itself, with its inverse."""
-    maps = SimpleNamespace(map_target_source=forward, map_source_target=np.argsort(forward, kind="stable"))
+    maps = SimpleNamespace(
+        map_target_source=forward, map_source_target=np.argsort(forward, kind="stable")
+    )
     evidence = SimpleNamespace(commutativity=commutativity, orientation=orientation)
     return SimpleNamespace(functional_map=maps, evidence=evidence, score=score)
 
@@ -40,11 +49,18 @@ def test_agreement_and_lead_are_those_of_the_candidates():
 
 
 def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():
-    best, many = candidate(TURNED, -2.0), [candidate(np.roll(SAME, shift), -1.9) for shift in (0, 0)]
+    best, many = (
+        candidate(TURNED, -2.0),
+        [candidate(np.roll(SAME, shift), -1.9) for shift in (0, 0)],
+    )
     first, second, _ = chosen_first(SHAPE, [*many, best], NonrigidOptions())
     assert first is many[0]
     assert second is best
-    mixed = [candidate(SAME, -2.0, orientation=0.1), candidate(TURNED, -2.0), candidate(SAME, -2.0, orientation=0.2)]
+    mixed = [
+        candidate(SAME, -2.0, orientation=0.1),
+        candidate(TURNED, -2.0),
+        candidate(SAME, -2.0, orientation=0.2),
+    ]
     assert chosen_first(SHAPE, mixed[:2], NonrigidOptions())[0] is mixed[1]
     assert chosen_first(SHAPE, mixed, NonrigidOptions())[0] is mixed[2]
     swapped = [candidate(BACKWARDS, -2.0, orientation=-1.0), candidate(SAME, -1.9)]
@@ -58,7 +74,9 @@ def test_what_speaks_for_a_map_raises_its_confidence():
     assert all(map_probability(terms + 0.2 * step, knows_sides=True) > base for step in np.eye(3))
     assert map_probability(np.full(3, 99.0), knows_sides=True) == MOST_CONFIDENT
     assert map_probability(np.full(3, 99.0), knows_sides=False) == WITHOUT_SIDES
-    points = point_probability(at := np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5, knows_sides=True)
+    points = point_probability(
+        at := np.array([[0.0, 2.0], [-2.0, 2.0], [0.0, 1.0]]), 0.5, knows_sides=True
+    )
     assert points[0] > max(points[1:])
     assert (point_probability(at, 0.9, knows_sides=True) > points).all()
 

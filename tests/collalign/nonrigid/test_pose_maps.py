@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import at_few_samples, posed_candidates, refined_with_evidence, with_pose_evidence
+from collalign.nonrigid.portfolio import (
+    at_few_samples,
+    posed_candidates,
+    refined_with_evidence,
+    with_pose_evidence,
+)
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses, prepare_posed, sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
@@ -28,7 +33,9 @@ def bent_pair():
 def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
-    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]])
+    tilt = np.array(
+        [[1.0, 0.0, 0.0], [0.0, np.cos(0.4), -np.sin(0.4)], [0.0, np.sin(0.4), np.cos(0.4)]]
+    )
     found = mapper.rotation_of(mapper.map_from(tilt @ true), chirality=1.0)
     assert rotation_angle_deg(found, true) < 12.0
 
@@ -36,7 +43,10 @@ def test_a_rough_start_leads_to_the_pose_of_the_map(bent_pair):
 def test_evidence_prefers_the_right_start(bent_pair):
     target, source, true = bent_pair
     mapper = PoseMapper(target, source)
-    right, turned = (mapper.evidence(mapper.map_from(start)) for start in (true, np.diag([-1.0, 1.0, -1.0]) @ true))
+    right, turned = (
+        mapper.evidence(mapper.map_from(start))
+        for start in (true, np.diag([-1.0, 1.0, -1.0]) @ true)
+    )
     assert right.score < turned.score - 0.5
     assert right.orientation > 0.8
 
@@ -48,7 +58,9 @@ def test_signs_of_eigenfunctions_find_the_pose_without_one(bent_pair):
     judged = [mapper.evidence(one) for one in maps]
     assert max(one.orientation for one in judged) > 0.8
     assert min(one.orientation for one in judged) < 0.3, "signs that do not fit lead to torn maps"
-    off = np.array([rotation_angle_deg(mapper.rotation_of(one, chirality=1.0), true) for one in maps])
+    off = np.array(
+        [rotation_angle_deg(mapper.rotation_of(one, chirality=1.0), true) for one in maps]
+    )
     scores = np.array([one.score for one in judged])
     assert off[np.argmin(scores)] < 12.0
     assert (off > 150.0).any(), "some of them turn the figure around"
@@ -81,7 +93,10 @@ def test_clouds_and_tiny_meshes_are_refused():
 
 
 def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one():
-    rng, options = np.random.default_rng(3), SurfaceOptions(num_functions=40, num_samples=60, num_dense=200)
+    rng, options = (
+        np.random.default_rng(3),
+        SurfaceOptions(num_functions=40, num_samples=60, num_dense=200),
+    )
     shape, turn = figure(resolution=2), random_rotation(np.random.default_rng(4))
     other = bent(shape, rng, angle=0.5)
     target = prepare_surface(shape, options)
@@ -94,9 +109,12 @@ def test_what_a_pose_leaves_tells_a_torn_map_from_the_right_one():
     assert rotation_angle_deg(best, turn.T) < 15.0
     starts = [mapper.map_from(start @ turn.T) for start in (np.eye(3), np.diag([-1.0, -1.0, 1.0]))]
     judgements = [
-        refined_with_evidence(target, source, mapper.oriented(one, preserving=True), "poses") for one in starts
+        refined_with_evidence(target, source, mapper.oriented(one, preserving=True), "poses")
+        for one in starts
     ]
-    right, flipped = (with_pose_evidence(mapper, one, NonrigidOptions()).evidence for one in judgements)
+    right, flipped = (
+        with_pose_evidence(mapper, one, NonrigidOptions()).evidence for one in judgements
+    )
     assert right.normals < flipped.normals
     assert right.surface < flipped.surface
     blind = replace(right, normals=float("nan"), surface=float("nan"))

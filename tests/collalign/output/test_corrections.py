@@ -74,18 +74,32 @@ def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
         (record(frame=[]), "'frame' an object"),
         (record(decisions=[{"shape": "b"}]), "decision 1: expected 'shape'"),
         (record(decisions=[{"shape": "b", "decision": "pose", "rotation": "x"}]), "decision 1"),
-        (record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[1, 0], [0, 1]]}]), "3 x 3"),
-        (record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[10**400] * 3] * 3}]), "decision 1"),
+        (
+            record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[1, 0], [0, 1]]}]),
+            "3 x 3",
+        ),
+        (
+            record(decisions=[{"shape": "b", "decision": "pose", "rotation": [[10**400] * 3] * 3}]),
+            "decision 1",
+        ),
         (record(frame={"a": [[10**400] * 3] * 3}), "frame of 'a'"),
         (
-            record(decisions=[{"shape": "b", "decision": "pose", "rotation": np.ones((3, 3)).tolist()}]),
+            record(
+                decisions=[{"shape": "b", "decision": "pose", "rotation": np.ones((3, 3)).tolist()}]
+            ),
             "not orthogonal",
         ),
         (record(decisions=record()["decisions"][:1] * 2), "two decisions about 'b'"),
-        (record(incomplete=["c"], decisions=[placed()]), "'b' has a translation and a scale, but is complete"),
+        (
+            record(incomplete=["c"], decisions=[placed()]),
+            "'b' has a translation and a scale, but is complete",
+        ),
         (record(incomplete=["b"], decisions=[placed(scale=0)]), r"decision 1 \(b\): scale is 0"),
         (record(incomplete=["b"], decisions=[placed(scale=None)]), r"decision 1 \(b\), scale"),
-        (record(incomplete=["b"], decisions=[placed(translation=[1, [2]])]), "translation: expected 3 finite"),
+        (
+            record(incomplete=["b"], decisions=[placed(translation=[1, [2]])]),
+            "translation: expected 3 finite",
+        ),
         (record(incomplete="b"), "'decisions' and 'incomplete' must be lists"),
     ],
 )
@@ -112,15 +126,24 @@ def test_files_of_several_pages_are_kept_together(tmp_path):
 
 
 def test_incomplete_shapes_are_placed_among_whole_poses(tmp_path):
-    frame = {name: {key: placed()[key] for key in ("rotation", "translation", "scale")} for name in "ad"}
-    found = read_corrections(write(tmp_path, record(version=2, decisions=[placed()], frame=frame, incomplete=["b"])))
+    frame = {
+        name: {key: placed()[key] for key in ("rotation", "translation", "scale")} for name in "ad"
+    }
+    found = read_corrections(
+        write(tmp_path, record(version=2, decisions=[placed()], frame=frame, incomplete=["b"]))
+    )
     pose = fixed_by([found], NAMES)[0]["b"]
-    np.testing.assert_allclose(pose, np.vstack([np.column_stack([0.5 * R[1], [1, 2, 3]]), [0, 0, 0, 1]]))
+    np.testing.assert_allclose(
+        pose, np.vstack([np.column_stack([0.5 * R[1], [1, 2, 3]]), [0, 0, 0, 1]])
+    )
     assert found.frame["a"].shape == (4, 4)
     for told in ("auto", "all", "c, b"):
         assert [set(poses) for poses in fixed_by([found], NAMES, told)] == [{"b"}, {*"ad"}]
     beside = replace(found, incomplete=("b", "d"))
-    assert [set(poses) for poses in fixed_by([beside], NAMES)] == [{"b"}, {"a"}]  # d is placed anew on the others
+    assert [set(poses) for poses in fixed_by([beside], NAMES)] == [
+        {"b"},
+        {"a"},
+    ]  # d is placed anew on the others
     for told in ("never", "c"):
         with pytest.raises(InputError, match="'b' was incomplete there; name it in --incomplete"):
             fixed_by([found], NAMES, told)

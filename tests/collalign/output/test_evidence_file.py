@@ -64,7 +64,12 @@ def test_another_version_is_refused(tmp_path):
 
 
 def test_arrays_that_need_pickle_are_refused(tmp_path):
-    np.savez(tmp_path / EVIDENCE_FILE, version=np.array(2), text=np.array([{}], dtype=object), allow_pickle=True)
+    np.savez(
+        tmp_path / EVIDENCE_FILE,
+        version=np.array(2),
+        text=np.array([{}], dtype=object),
+        allow_pickle=True,
+    )
     with pytest.raises(InputError, match="damaged"):
         load(tmp_path)
 
@@ -87,14 +92,23 @@ def test_views_check_themselves(tmp_path):
 def test_decomposition_of_the_transforms():
     view = view_of(5)
     np.testing.assert_allclose(
-        view.rotations @ np.swapaxes(view.rotations, 1, 2), np.tile(np.eye(3), (5, 1, 1)), atol=1e-12
+        view.rotations @ np.swapaxes(view.rotations, 1, 2),
+        np.tile(np.eye(3), (5, 1, 1)),
+        atol=1e-12,
     )
     assert view.reflected.tolist() == [False, False, True, False, False]
-    np.testing.assert_allclose(view.scales[:, None, None] * view.rotations, view.transforms[:, :3, :3], rtol=1e-12)
+    np.testing.assert_allclose(
+        view.scales[:, None, None] * view.rotations, view.transforms[:, :3, :3], rtol=1e-12
+    )
 
 
 def test_json_types_know_no_nan():
-    value = {"a": (np.float64("nan"), np.array([1, 2]), Path("x")), 1: True, "none": None, "inf": float("inf")}
+    value = {
+        "a": (np.float64("nan"), np.array([1, 2]), Path("x")),
+        1: True,
+        "none": None,
+        "inf": float("inf"),
+    }
     assert json_types(value) == {"a": [None, [1, 2], "x"], "1": True, "none": None, "inf": None}
 
 
@@ -116,7 +130,10 @@ def first_pair(change):
         ("pairs", first_pair(lambda pair: {"target": 10**6})),
         ("pairs", first_pair(lambda pair: {"target": pair["source"]})),
         ("pairs", first_pair(lambda pair: {"choice": 2})),
-        ("pairs", first_pair(lambda pair: {"map_target_source": pair["map_target_source"] + NUM_SAMPLES})),
+        (
+            "pairs",
+            first_pair(lambda pair: {"map_target_source": pair["map_target_source"] + NUM_SAMPLES}),
+        ),
         ("part_numbers", lambda array: array + 0.5),
         ("landmarks", lambda array: array[:-1]),
         ("options", lambda options: options | {"group": "SU"}),

@@ -20,7 +20,9 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 
 def matched(i, j, rotations, map_i_j, choice=0, **known):
     energies = 0.5 + np.arange(len(rotations))
-    return settled_pair_of(rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice, **known)
+    return settled_pair_of(
+        rotations, energies, target=i, source=j, map_target_source=map_i_j, choice=choice, **known
+    )
 
 
 def test_pair_maps_are_in_terms_of_labels():
@@ -45,7 +47,9 @@ def test_pair_maps_are_in_terms_of_labels():
 
 
 def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one():
-    turns = Rotation.from_rotvec(np.radians([[0, 0, a] for a in (0, 5, 60, 120, 170, 240, 300, 303)])).as_matrix()
+    turns = Rotation.from_rotvec(
+        np.radians([[0, 0, a] for a in (0, 5, 60, 120, 170, 240, 300, 303)])
+    ).as_matrix()
     energies = np.array([1, 2, 5, 3, 4, 6, 8, 7.0])
     kept, choice = distinct_poses(turns, energies, 6)
     assert energies[kept].tolist() == [1, 3, 4, 7]
@@ -61,7 +65,9 @@ def test_a_pair_is_shown_with_poses_that_a_person_tells_apart():
     np.testing.assert_array_equal(pair.rotations, [np.eye(3), HALF_TURN])
     assert (pair.choice, pair.energies.tolist(), pair.maps.shape) == (1, [0.5, 2.5], (2, 0))
     np.testing.assert_array_equal(shown_pair(pair).rotations, pair.rotations)
-    likely = shown_pair(matched(0, 1, [np.eye(3), HALF_TURN], np.arange(K), log_odds=np.array([0.0, 3.0]), choice=1))
+    likely = shown_pair(
+        matched(0, 1, [np.eye(3), HALF_TURN], np.arange(K), log_odds=np.array([0.0, 3.0]), choice=1)
+    )
     assert (likely.choice, likely.energies.tolist()) == (0, [1.5, 0.5])
 
 

@@ -18,7 +18,9 @@ def test_figures_are_those_of_the_result():
     assert said.startswith("We aligned 6 surfaces with collalign ")
     assert f"confidence was at least 95 % for {num_sure} of 6 poses." in said
     assert f"{len(view.pairs)} pairs of surfaces were matched" in said
-    assert "(2016) Point registration via efficient convex relaxation" in said.split("References")[1]
+    assert (
+        "(2016) Point registration via efficient convex relaxation" in said.split("References")[1]
+    )
     assert "by hand" not in said
     assert "incomplete" not in said
     by_hand = methods_paragraph(dataclasses.replace(view, by_hand={view.names[0]: 0.1}))

@@ -22,9 +22,14 @@ def touched(folder, *names):
 
 def test_files_are_found_by_name_and_by_their_own_folders(tmp_path):
     now = touched(tmp_path / "now", "left/a.xyz", "right/a.xyz", "b.xyz", "saved.ply")
-    names, files = ("l", "r", "b", "saved"), ("/old/left/a.xyz", r"C:\old\right\a.xyz", "/old/b.xyz", "")
+    names, files = (
+        ("l", "r", "b", "saved"),
+        ("/old/left/a.xyz", r"C:\old\right\a.xyz", "/old/b.xyz", ""),
+    )
     found = find_files(names, files, now)
-    assert found == tuple(str(now / one) for one in ("left/a.xyz", "right/a.xyz", "b.xyz", "saved.ply"))
+    assert found == tuple(
+        str(now / one) for one in ("left/a.xyz", "right/a.xyz", "b.xyz", "saved.ply")
+    )
     assert missing_files(files) == list(files[:3])
     assert missing_files(found) == []
 
@@ -35,14 +40,21 @@ def test_a_folder_without_the_files_or_with_one_for_two_is_refused(tmp_path):
         find_files(("c",), ("/old/c.xyz",), now)
     with pytest.raises(InputError, match="would stand for several shapes"):
         find_files(("l", "r"), ("/old/left/a.xyz", "/old/right/a.xyz"), now)
-    assert find_files(("a", "c"), ("/old/a.xyz", "/old/c.xyz"), now) == (str(now / "a.xyz"), "/old/c.xyz")
+    assert find_files(("a", "c"), ("/old/a.xyz", "/old/c.xyz"), now) == (
+        str(now / "a.xyz"),
+        "/old/c.xyz",
+    )
 
 
 def test_commands_go_on_with_the_files_where_they_are_now(tmp_path, capsys):
-    options = collalign.AlignOptions(refine=False, sampling=SamplingOptions(num_points=16, num_dense_points=0))
+    options = collalign.AlignOptions(
+        refine=False, sampling=SamplingOptions(num_points=16, num_dense_points=0)
+    )
     out = finished_run(tmp_path, chairs(3), options)
     shutil.move(tmp_path / "shapes", tmp_path / "now")
-    assert main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0  # needs no original
+    assert (
+        main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0
+    )  # needs no original
     words = ["export", str(out), "--format", "ply", "--to", str(tmp_path / "ply")]
     assert main(words) == 2
     assert "say where they are now (--sources FOLDER)" in "".join(capsys.readouterr())
@@ -53,4 +65,7 @@ def test_commands_go_on_with_the_files_where_they_are_now(tmp_path, capsys):
         collalign.load(out, sources=tmp_path / "tps")
     moved = collalign.load(out, sources=tmp_path / "now")
     assert moved.source_files() == tuple(tmp_path / "now" / f"{name}.ply" for name in moved.names)
-    assert dataclasses.replace(moved, files=("",) * 3).with_sources(tmp_path / "now").files == moved.files
+    assert (
+        dataclasses.replace(moved, files=("",) * 3).with_sources(tmp_path / "now").files
+        == moved.files
+    )

@@ -30,7 +30,9 @@ UNNAMED = """() => [...document.querySelectorAll('button, select, input, a, canv
 #: Red + green + blue of a computed colour.
 BRIGHTNESS = """([selector, property]) => getComputedStyle(document.querySelector(selector))[property]
   .match(/\\d+/g).slice(0, 3).reduce((sum, value) => sum + Number(value), 0)"""
-ALL_DRAWN = "() => [...document.querySelectorAll('.tile canvas')].every(canvas => canvas.dataset.drawn)"
+ALL_DRAWN = (
+    "() => [...document.querySelectorAll('.tile canvas')].every(canvas => canvas.dataset.drawn)"
+)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +85,9 @@ def test_many_shapes_load_draw_and_open_without_a_complaint(browser, tmp_path):
 
 def test_alignment_is_visible(read):
     read.page.wait_for_function(ALL_DRAWN)
-    shapes = np.array(read.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool)
+    shapes = np.array(
+        read.page.locator(".tile canvas").evaluate_all(f"all => all.map({SILHOUETTE})"), dtype=bool
+    )
     before, after = shapes[::2], shapes[1::2]
 
     def overlap(masks):
@@ -177,7 +181,9 @@ def test_a_correction_is_chosen_downloaded_and_read(opened, small, tmp_path):
     download.value.save_as(tmp_path / "corrections.json")
     found = read_corrections(tmp_path / "corrections.json")
     assert list(found.decisions) == ["shape_001", second]
-    np.testing.assert_allclose(found.decisions["shape_001"], small.alternatives[1][0].rotation, atol=1e-12)
+    np.testing.assert_allclose(
+        found.decisions["shape_001"], small.alternatives[1][0].rotation, atol=1e-12
+    )
     fixed, kept = fixed_by([found], small.names)
     assert set(fixed) | set(kept) == set(small.names)
     np.testing.assert_allclose(kept["shape_005"], small.rotations[5], atol=1e-12)
@@ -208,10 +214,13 @@ def test_a_pose_set_by_hand_is_marked_and_can_be_taken_back(browser, small, tmp_
 def test_map_is_walked_by_keys_and_coloured_by_labels(read):
     points = read.page.locator("#map g.dot")
     assert points.count() == 9  # shape_001 is in doubt and stays out of statistics
-    assert points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length") == 1
-    assert points.first.locator("circle").get_attribute("fill") != points.nth(1).locator("circle").get_attribute(
-        "fill"
+    assert (
+        points.evaluate_all("all => all.filter(one => one.getAttribute('tabindex') === '0').length")
+        == 1
     )
+    assert points.first.locator("circle").get_attribute("fill") != points.nth(1).locator(
+        "circle"
+    ).get_attribute("fill")
     points.first.focus()
     reached = set()
     for key in ("ArrowRight", "ArrowLeft", "ArrowUp", "ArrowDown"):
@@ -236,7 +245,9 @@ def test_every_part_holds_what_it_should_and_controls_have_names(read):
     assert "Going around 400 cycles" in text["cycles"]
     assert read.page.locator("#cycles rect").count() == 36
     assert read.page.locator("#tree text").count() == 9
-    assert read.page.locator("#map a").count() == 0  # the page of collalign variation may not be there
+    assert (
+        read.page.locator("#map a").count() == 0
+    )  # the page of collalign variation may not be there
     assert "variation/variation.html" in read.page.locator("#map").text_content()
     first = read.page.locator("#confidence tbody tr").first.inner_text()
     assert first.startswith("shape_001")
@@ -265,7 +276,9 @@ def test_nothing_sticks_out_and_text_can_be_read(browser, small_file, scheme):
         for width in (360, 900, 1600):
             page.page.set_viewport_size({"width": width, "height": 700})
             assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        text, back = (page.page.evaluate(BRIGHTNESS, ["body", what]) for what in ("color", "backgroundColor"))
+        text, back = (
+            page.page.evaluate(BRIGHTNESS, ["body", what]) for what in ("color", "backgroundColor")
+        )
         assert (text > back + 300) == (scheme == "dark")
         page.page.locator("#theme").click()
         assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) > 600
@@ -277,7 +290,10 @@ def test_printing_finds_every_shape_drawn(opened, tmp_path):
     opened.page.wait_for_function(ALL_DRAWN)
     opened.page.emulate_media(media="print", color_scheme="dark")
     assert not opened.page.locator("nav").is_visible()
-    assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert (
+        opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+        == "rgb(255, 255, 255)"
+    )
     pdf = opened.page.pdf(path=tmp_path / "report.pdf")
     assert len(pdf) > 100_000
 
@@ -296,7 +312,9 @@ def test_page_without_webgl_keeps_tables_and_charts(driver, small_file):
 def test_hostile_names_stay_text_and_clouds_are_drawn(browser, tmp_path):
     bad = "</script><img src=x onerror=\"document.title='owned'\">"
     clouds = dataclasses.replace(view_of(3), faces=(np.empty((0, 3), dtype=np.int64),) * 3)
-    view = dataclasses.replace(clouds, names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")})
+    view = dataclasses.replace(
+        clouds, names=(bad, "<b>b</b>", "c"), labels={"<i>kind</i>": ("<u>", "v", "")}
+    )
     with Page(browser, write_report(view, tmp_path, title="safe")) as page:
         assert page.page.title() == "safe"
         assert page.page.locator("main img, main b, main i, main u").count() == 0
@@ -315,7 +333,10 @@ def test_a_page_that_was_cut_short_says_so(browser, small_file, tmp_path):
 
 
 def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
-    before, plain = opened.image(".tile canvas", 1), opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS)
+    before, plain = (
+        opened.image(".tile canvas", 1),
+        opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS),
+    )
     opened.page.locator("#gallery").get_by_label("corresponding points").check()
     opened.wait_until_changed(".tile canvas", before, 1)
     assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100

@@ -45,7 +45,9 @@ def rendered(view, title="Aligned collection"):
 
 
 def data_of(page):
-    found = re.search(r'<script type="application/json" id="collalign-data">(.*?)</script>', page, re.DOTALL)
+    found = re.search(
+        r'<script type="application/json" id="collalign-data">(.*?)</script>', page, re.DOTALL
+    )
     assert found is not None
     return json.loads(found[1])
 
@@ -109,7 +111,9 @@ def test_offered_poses_are_distinct_and_begin_with_the_evidence():
 
 def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     half = Incomplete(shape=4, reason="named", partners=np.array([0]), overlaps=np.ones((1, 2)))
-    view = dataclasses.replace(view_of(9), part_numbers=np.array([0, 0, 0, 0, 0, 0, 0, 0, 1]), incomplete=(half,))
+    view = dataclasses.replace(
+        view_of(9), part_numbers=np.array([0, 0, 0, 0, 0, 0, 0, 0, 1]), incomplete=(half,)
+    )
     who = statistics_members(view)
     assert who.chosen.tolist() == [0, 2, 3, 5, 6, 7]
     reasons = {
@@ -122,10 +126,14 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     assert (note.shapes, note.values["reasons"]) == (tuple(reasons), tuple(reasons.values()))
     assert [line.split(",", 1)[0] for line in who.table.decode().splitlines()] == ["name", *reasons]
     assert statistics_members(view, include_doubtful=True).chosen.tolist() == [0, 1, 2, 3, 5, 6, 7]
-    everyone = statistics_members(view, include_doubtful=True, include_incomplete=True, one_part=False)
+    everyone = statistics_members(
+        view, include_doubtful=True, include_incomplete=True, one_part=False
+    )
     assert (everyone.chosen.tolist(), everyone.notes) == (list(range(9)), ())
     unknown = dataclasses.replace(view, confidence=np.full(9, np.nan), incomplete=())
-    assert statistics_members(unknown).chosen.tolist() == list(range(8))  # a baseline states no confidence
+    assert statistics_members(unknown).chosen.tolist() == list(
+        range(8)
+    )  # a baseline states no confidence
     assert "7 shapes are complete and sure, at least 8 are needed; left out: shape_001" in (
         statistics_members(dataclasses.replace(view, incomplete=())).too_few(8)
     )
@@ -149,7 +157,13 @@ def test_shapes_without_a_place_on_the_map_are_listed_still():
     heights = [height for _, _, height in found["tree"]["linkage"]]
     assert heights == sorted(heights)
     assert 0 < found["tree"]["correlation"] <= 1
-    assert list(build_content(view)[0]["orders"]) == ["similarity", "name", "confidence", "taxon", "side"]
+    assert list(build_content(view)[0]["orders"]) == [
+        "similarity",
+        "name",
+        "confidence",
+        "taxon",
+        "side",
+    ]
     for order in build_content(view)[0]["orders"].values():
         assert sorted(order) == list(range(9))
 
@@ -168,7 +182,9 @@ def test_only_shared_labels_become_colours():
 @pytest.mark.parametrize("num_shapes", [2, 3])
 def test_tiny_collections_say_what_they_cannot_show(num_shapes):
     plain = view_of(num_shapes)
-    view = dataclasses.replace(plain, landmarks=plain.landmarks[:, :2], landmark_names=plain.landmark_names[:2])
+    view = dataclasses.replace(
+        plain, landmarks=plain.landmarks[:, :2], landmark_names=plain.landmark_names[:2]
+    )
     document, _ = build_content(view)
     assert "problem" in document["map"]
 
@@ -198,7 +214,9 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
 
 def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
-    view = dataclasses.replace(view_of(3), names=(bad, "a & b", "<!--"), notes=(Note("doubtful", (bad,)),))
+    view = dataclasses.replace(
+        view_of(3), names=(bad, "a & b", "<!--"), notes=(Note("doubtful", (bad,)),)
+    )
     page = rendered(view, title=bad)
     assert bad not in page
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
@@ -208,9 +226,15 @@ def test_bundle_was_built_from_the_sources_beside_it():
     """After a change in viewer/src run ``npm ci && npm run build`` in viewer/."""
     folder = Path(report.__file__).parent
     digest = hashlib.sha256()
-    for file in [*sorted((folder / "viewer" / "src").iterdir()), folder / "viewer" / "package-lock.json"]:
+    for file in [
+        *sorted((folder / "viewer" / "src").iterdir()),
+        folder / "viewer" / "package-lock.json",
+    ]:
         digest.update(file.read_bytes())
-    assert f"sources {digest.hexdigest()};" in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
+    assert (
+        f"sources {digest.hexdigest()};"
+        in (folder / "viewer.min.js").read_text(encoding="utf-8")[:200]
+    )
 
 
 def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(monkeypatch):
@@ -221,10 +245,14 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(m
     doubtful = np.argsort(view.confidence)[:3]
     assert {view.names[i] for i in doubtful} <= set(part.names)
     assert part.names == tuple(sorted(part.names))
-    assert part.notes[-1] == Note("shown-in-part", values={"num": 6, "total": 12, "num_doubtful": 3})
+    assert part.notes[-1] == Note(
+        "shown-in-part", values={"num": 6, "total": 12, "num_doubtful": 3}
+    )
     kept = [view.names.index(name) for name in part.names]
     assert np.array_equal(part.transforms, view.transforms[kept])
-    whole = {(view.names[pair.target], view.names[pair.source]): pair.energies for pair in view.pairs}
+    whole = {
+        (view.names[pair.target], view.names[pair.source]): pair.energies for pair in view.pairs
+    }
     assert part.pairs
     assert all(whole[part.names[p.target], part.names[p.source]] is p.energies for p in part.pairs)
     assert len(part.pairs) == sum(a in part.names and b in part.names for a, b in whole)
@@ -258,7 +286,9 @@ def test_shapes_of_a_page_were_compared_with_each_other(monkeypatch):
     view = view_of(60)
     order = np.random.default_rng(0).permutation(60)
     ring = [
-        dataclasses.replace(view.pairs[0], target=int(order[i]), source=int(order[i - 1]), inlier=True)
+        dataclasses.replace(
+            view.pairs[0], target=int(order[i]), source=int(order[i - 1]), inlier=True
+        )
         for i in range(60)
     ]
     members = page_members(dataclasses.replace(view, pairs=tuple(ring)))

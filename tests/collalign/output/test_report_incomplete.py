@@ -28,7 +28,9 @@ def broken_view(*, every=False):
     samples = view.landmarks.copy()
     samples[BROKEN][placed[:, 0] > height] = np.nan
     partners = np.array([0, 1, 2])
-    incomplete = Incomplete(shape=BROKEN, reason="named", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0]))
+    incomplete = Incomplete(
+        shape=BROKEN, reason="named", partners=partners, overlaps=np.full((3, 2), [0.7, 1.0])
+    )
     others = [
         Incomplete(shape=i, reason="", partners=np.array([BROKEN]), overlaps=np.ones((1, 2)))
         for i in range(6)
@@ -36,7 +38,11 @@ def broken_view(*, every=False):
     ]
     return dataclasses.replace(
         view,
-        vertices=(*view.vertices[:BROKEN], view.vertices[BROKEN][kept], *view.vertices[BROKEN + 1 :]),
+        vertices=(
+            *view.vertices[:BROKEN],
+            view.vertices[BROKEN][kept],
+            *view.vertices[BROKEN + 1 :],
+        ),
         faces=(*view.faces[:BROKEN], faces, *view.faces[BROKEN + 1 :]),
         samples=samples,
         incomplete=(incomplete, *others),
@@ -47,7 +53,9 @@ def mesh_of(meshes, name):
     """Return the vertices and the values of a packed mesh."""
     info, text = meshes[name]
     arrays = unpack(info["fields"], text)
-    return np.array(info["centre"]) + info["step"] * arrays["vertices"].reshape(-1, 3), arrays["scalars"] / 255.0
+    return np.array(info["centre"]) + info["step"] * arrays["vertices"].reshape(-1, 3), arrays[
+        "scalars"
+    ] / 255.0
 
 
 def test_colours_tell_where_the_plane_was():
@@ -58,7 +66,10 @@ def test_colours_tell_where_the_plane_was():
     assert entry["own"] == f"coverage-{BROKEN}"
     whole, broken = (moved_by(view.transforms[at], view.vertices[at]) for at in (0, BROKEN))
     assert mesh_of(meshes, f"coverage-{BROKEN}")[1].min() == 1.0
-    beyond, found = whole[:, 0] - broken[:, 0].max(), counterparts_on(broken, view.faces[BROKEN])(whole)
+    beyond, found = (
+        whole[:, 0] - broken[:, 0].max(),
+        counterparts_on(broken, view.faces[BROKEN])(whole),
+    )
     assert not found[beyond > 0.15].any()
     assert found[beyond < -0.05].all()
 
@@ -81,7 +92,11 @@ def test_the_record_counts_what_the_arrays_hold():
     labels[BROKEN, 5:] = -1  # label 0 among those that stay
     view = dataclasses.replace(view, maps=dataclasses.replace(view.maps, labels=labels))
     (told,) = _incomplete(view)["incomplete"]
-    assert (told["name"], told["reason"], told["samples_with_labels"]) == (view.names[BROKEN], "named", 5)
+    assert (told["name"], told["reason"], told["samples_with_labels"]) == (
+        view.names[BROKEN],
+        "named",
+        5,
+    )
     assert told["coverage"] == pytest.approx(view.incomplete[0].coverage)
     assert told["overlaps"] == {view.names[i]: {"partner": 0.7, "own": 1.0} for i in (0, 1, 2)}
     np.testing.assert_allclose(told["translation"], view.transforms[BROKEN][:3, 3])
@@ -90,6 +105,8 @@ def test_the_record_counts_what_the_arrays_hold():
 
 def test_a_scan_that_nothing_overlaps_is_covered_nowhere():
     view = broken_view()
-    alone = Incomplete(shape=1, reason="", partners=np.array([], dtype=int), overlaps=np.empty((0, 2)))
+    alone = Incomplete(
+        shape=1, reason="", partners=np.array([], dtype=int), overlaps=np.empty((0, 2))
+    )
     _, meshes = incomplete_content(dataclasses.replace(view, incomplete=(*view.incomplete, alone)))
     assert (mesh_of(meshes, "coverage-1")[1] == 0.0).all()

@@ -15,7 +15,9 @@ from tests.view_problems import bumpy_shapes, view_of
 
 
 @pytest.mark.parametrize(("most", "drawn"), [(100, [0, 1, 2, 3, 4]), (3, [0, 2, 4])])
-def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most, drawn, tmp_path, monkeypatch):
+def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(
+    most, drawn, tmp_path, monkeypatch
+):
     monkeypatch.setattr(write, "_MAX_TILES", most)
     view = view_of(5)
     with OutputFolder.open(tmp_path, writer="align") as output:
@@ -25,7 +27,9 @@ def test_all_shapes_are_drawn_or_as_many_as_fit_from_the_first_to_the_last(most,
 
 
 def test_colours_are_the_places_along_the_axes_of_the_reference():
-    corners = np.stack(np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    corners = np.stack(
+        np.meshgrid([0.0, 1.0], [5.0, 7.0], [-2.0, 3.0], indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     other = np.array([[0.5, 6.0, 0.5], [np.nan] * 3, [9.0, 9.0, 9.0]])
     maps = VertexMaps(names=("a", "b"), reference="a", places=(corners, other))
     colours = PlaceColours(maps)
@@ -37,7 +41,9 @@ def test_colours_are_the_places_along_the_axes_of_the_reference():
     assert set(outside.round(9)) <= {0.08, 0.92}
     for grey in (unknown, none, of_corners[-1], *colours.of_file("c")):
         np.testing.assert_array_equal(grey, 0.6)
-    sure = dataclasses.replace(maps, vertex_confidence=(np.linspace(0.0, 1.0, 8), np.array([0.9, np.nan, 0.2])))
+    sure = dataclasses.replace(
+        maps, vertex_confidence=(np.linspace(0.0, 1.0, 8), np.array([0.9, np.nan, 0.2]))
+    )
     known = PlaceColours(sure).of_file("b")
     np.testing.assert_array_equal(known[:, :3], colours.of_file("b"))
     np.testing.assert_array_equal(known[:, 3], [0.9, 0.0, 0.2, 0.0])

@@ -44,7 +44,11 @@ def certified():
     certificate = solve_relaxation(
         coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2])
     ).certificate
-    known = {"lower_bound": certificate.bound, "energy": 1.1 * certificate.bound, "certificate": certificate}
+    known = {
+        "lower_bound": certificate.bound,
+        "energy": 1.1 * certificate.bound,
+        "certificate": certificate,
+    }
     pairs = (
         settled_pair_of([], [], lower_bound=0.1, energy=0.2),
         settled_pair_of([], [], source=2, **known),
@@ -80,7 +84,9 @@ def folder(certified, tmp_path):
         record, positions = summary(certified, "centroid")
         np.savez(output.stage("correspondences.npz"), positions=positions)
         output.stage("alignment.json").write_text(json.dumps(record))
-        rows = [(NAMES[p.target], NAMES[p.source], p.lower_bound, p.energy) for p in certified.pairs]
+        rows = [
+            (NAMES[p.target], NAMES[p.source], p.lower_bound, p.energy) for p in certified.pairs
+        ]
         output.stage("pairs.csv").write_text(csv_text([COLUMNS, *rows]))
         output.publish()
     return tmp_path / "out"
@@ -113,7 +119,9 @@ def test_other_invariants_are_noticed(folder, certified):
 def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(folder, certified, change):
     samples = certified.coordinates[2]
     samples = {"shifted": samples + 0.1, "mirrored": -samples}.get(change, 1.5 * samples)
-    if change == "vanishing":  # taken back, those of the result are zeros, which fit whatever has no size
+    if (
+        change == "vanishing"
+    ):  # taken back, those of the result are zeros, which fit whatever has no size
         record, positions = summary(certified, "centroid")
         record["shapes"][2]["transform"] = np.diag([1e300, 1e300, 1e300, 1.0]).tolist()
         (folder / "alignment.json").write_text(json.dumps(record))
@@ -123,7 +131,11 @@ def test_samples_of_the_result_must_be_centred_and_scaled_as_by_the_run(folder, 
     ends = (coordinates[0], coordinates[2])
     proof = solve_relaxation(*ends, invariants=(certified.invariants[0], certified.invariants[2]))
     proof.certificate.save(folder / "certificates" / "0-2.npz")
-    np.savez(folder / "certificates" / "problems.npz", coordinates=coordinates, invariants=certified.invariants)
+    np.savez(
+        folder / "certificates" / "problems.npz",
+        coordinates=coordinates,
+        invariants=certified.invariants,
+    )
     rewrite_table(folder, lambda rows: rows[2].__setitem__(slice(2, 4), ["4.1", "5.0"]))
     with pytest.raises(InputError, match=r"samples of shape 2 are not those .* centred and scaled"):
         verify_result(folder)
@@ -134,13 +146,17 @@ def test_the_run_may_have_scaled_by_no_size_or_by_the_area(folder, certified):
     np.savez(folder / "correspondences.npz", positions=positions)
     (folder / "alignment.json").write_text(json.dumps(record))
     assert verify_result(folder).holds
-    np.savez(folder / "correspondences.npz", positions=[positions[0], positions[1], 2.0 * positions[2]])
+    np.savez(
+        folder / "correspondences.npz", positions=[positions[0], positions[1], 2.0 * positions[2]]
+    )
     with pytest.raises(InputError, match="samples of shape 2 are not those"):
         verify_result(folder)
     np.savez(folder / "correspondences.npz", positions=positions)
     record["options"]["sampling"]["normalisation"] = "area"
     (folder / "alignment.json").write_text(json.dumps(record))
-    for name, transform in zip(NAMES, [shape["transform"] for shape in record["shapes"]], strict=True):
+    for name, transform in zip(
+        NAMES, [shape["transform"] for shape in record["shapes"]], strict=True
+    ):
         sphere = Shape.from_arrays(*sphere_mesh(1000), name=name)
         sphere = sphere.transformed(np.diag([*[1 / np.sqrt(4 * np.pi)] * 3, 1.0]))
         write_mesh(folder / "meshes" / f"{name}.ply", sphere.transformed(np.array(transform)))
@@ -155,12 +171,20 @@ def test_bounds_above_the_energy_are_refused(folder, certified):
     rewrite_table(folder, lambda rows: rows[2].__setitem__(3, repr(bound * (1 + 1e-8))))
     assert verify_result(folder).holds
     for energy in (repr(bound * (1 - 1e-4)), "", "inf"):  # what is no energy allows no bound
-        rewrite_table(folder, lambda rows, energy=energy: rows[2].__setitem__(slice(2, 4), ["", energy]))
+        rewrite_table(
+            folder, lambda rows, energy=energy: rows[2].__setitem__(slice(2, 4), ["", energy])
+        )
         assert "above the pair's energy" in verify_result(folder).pairs[0].fault
-    rewrite_table(folder, lambda rows: rows[2].__setitem__(slice(2, 4), ["0.0", repr(bound * (1 - 1e-4))]))
+    rewrite_table(
+        folder, lambda rows: rows[2].__setitem__(slice(2, 4), ["0.0", repr(bound * (1 - 1e-4))])
+    )
     assert "above the pair's energy" in verify_result(folder).pairs[0].fault
-    rewrite_table(folder, lambda rows: rows[1].__setitem__(2, "0.21"))  # of a pair without a certificate
-    with pytest.raises(InputError, match=r"states a lower bound of 0\.21 for =sum - b, above its energy 0\.2"):
+    rewrite_table(
+        folder, lambda rows: rows[1].__setitem__(2, "0.21")
+    )  # of a pair without a certificate
+    with pytest.raises(
+        InputError, match=r"states a lower bound of 0\.21 for =sum - b, above its energy 0\.2"
+    ):
         verify_result(folder)
 
 
@@ -177,7 +201,11 @@ def test_each_pair_counts_once_and_only_files_of_the_manifest(folder):
     manifest.write_text(json.dumps(content))
     found = verify_result(folder)
     assert [(pair.target, pair.source, pair.fault.split("/")[-1]) for pair in found.pairs] == [
-        ("=sum", "b", "0-1.npz: cannot be read as a certificate (no such file, or not a regular one)"),
+        (
+            "=sum",
+            "b",
+            "0-1.npz: cannot be read as a certificate (no such file, or not a regular one)",
+        ),
         ("=sum", "c", ""),
         ("c", "=sum", "2-0.npz: pairs.csv has no such pair"),
     ]
@@ -188,7 +216,13 @@ def test_each_pair_counts_once_and_only_files_of_the_manifest(folder):
 
 @pytest.mark.parametrize(
     "name",
-    ["alignment.json", "pairs.csv", "correspondences.npz", "certificates/problems.npz", ".collalign/manifest.json"],
+    [
+        "alignment.json",
+        "pairs.csv",
+        "correspondences.npz",
+        "certificates/problems.npz",
+        ".collalign/manifest.json",
+    ],
 )
 def test_pipes_are_not_opened(folder, name):
     (folder / name).unlink()
@@ -209,10 +243,16 @@ def test_a_certificate_of_another_group_or_pair_is_refused(folder):
 def test_samples_that_are_not_those_of_the_result_are_refused(folder, certified):
     moved = certified.coordinates.copy()
     moved[1, 0, 0] += 1e-3
-    np.savez(folder / "certificates" / "problems.npz", coordinates=moved, invariants=certified.invariants)
+    np.savez(
+        folder / "certificates" / "problems.npz", coordinates=moved, invariants=certified.invariants
+    )
     with pytest.raises(InputError, match="samples of shape 1 are not those"):
         verify_result(folder)
-    np.savez(folder / "certificates" / "problems.npz", coordinates=moved[..., :2], invariants=certified.invariants)
+    np.savez(
+        folder / "certificates" / "problems.npz",
+        coordinates=moved[..., :2],
+        invariants=certified.invariants,
+    )
     with pytest.raises(InputError, match="coordinates: 2 of each sample"):
         verify_result(folder)
 
@@ -221,7 +261,11 @@ def test_samples_that_are_not_those_of_the_result_are_refused(folder, certified)
     ("file", "content", "message"),
     [
         ("alignment.json", "{", "cannot be read as a result"),
-        ("alignment.json", '{"shapes": [], "decided": {"group": "SO"}}', "cannot be read as a result"),
+        (
+            "alignment.json",
+            '{"shapes": [], "decided": {"group": "SO"}}',
+            "cannot be read as a result",
+        ),
         ("pairs.csv", "target,source\na,b\n", "cannot be read as a table"),
         ("certificates/problems.npz", "PK", "not an NPZ archive"),
     ],
@@ -246,4 +290,6 @@ def test_the_samples_are_those_of_the_problem(certified):
     # what verify_result states is what was solved
     q, p = certified.coordinates[[0, 2]]
     problem = Problem.from_user(q, p, invariants=(certified.invariants[0], certified.invariants[2]))
-    assert np.array_equal(certified.pairs[1].certificate.arrays["constant_cost"], problem.constant_cost)
+    assert np.array_equal(
+        certified.pairs[1].certificate.arrays["constant_cost"], problem.constant_cost
+    )

@@ -52,7 +52,10 @@ def test_a_scattered_map_is_improved_and_the_figure_comes_to_lie_on_the_target()
     smoothed = bent_by_map(with_faces(BENT), FIGURE, every(goals))
     assert smoothed is not None
     assert errors(found, BENT).mean() < 0.1 * errors(goals, BENT).mean()
-    gaps = [errors(SurfaceLocator(BENT, FIGURE.faces).closest(at).on(BENT), at).mean() for at in (found, smoothed)]
+    gaps = [
+        errors(SurfaceLocator(BENT, FIGURE.faces).closest(at).on(BENT), at).mean()
+        for at in (found, smoothed)
+    ]
     assert gaps[0] < 0.35 * gaps[1]
 
 
@@ -74,7 +77,9 @@ def test_poses_and_sizes_do_not_matter(fitted):
 def test_how_the_target_numbers_its_vertices_does_not_matter(fitted):
     goals, found = fitted
     order = np.random.default_rng(4).permutation(len(BENT))
-    again = fitted_by_map(Shape.from_arrays(BENT[order], np.argsort(order)[FIGURE.faces]), FIGURE, every(goals))
+    again = fitted_by_map(
+        Shape.from_arrays(BENT[order], np.argsort(order)[FIGURE.faces]), FIGURE, every(goals)
+    )
     assert errors(again, found).max() < 1e-6
 
 

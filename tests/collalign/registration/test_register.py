@@ -130,21 +130,33 @@ def test_a_similarity_is_fitted_exactly_and_never_mirrors():
     points, pose = rng.random((30, 3)), np.eye(4)
     pose[:3, :3] = 1.7 * Rotation.from_rotvec([0.3, -0.8, 0.4]).as_matrix()
     pose[:3, 3] = [1, 2, 3]
-    np.testing.assert_allclose(fitting_similarity(moved_by(pose, points), points, rng.random(30)), pose, atol=1e-12)
+    np.testing.assert_allclose(
+        fitting_similarity(moved_by(pose, points), points, rng.random(30)), pose, atol=1e-12
+    )
     mirrored = fitting_similarity(points * [1, 1, -1], points, np.ones(30))
     assert np.linalg.det(mirrored[:3, :3]) > 0
     held = fitting_similarity(1.5 * points + 2, points, np.ones(30), may_rotate=False)
-    np.testing.assert_allclose(held[:3], np.hstack([1.5 * np.eye(3), np.full((3, 1), 2.0)]), atol=1e-12)
+    np.testing.assert_allclose(
+        held[:3], np.hstack([1.5 * np.eye(3), np.full((3, 1), 2.0)]), atol=1e-12
+    )
 
 
 def test_the_jacobian_is_that_of_the_displacement():
     rng = np.random.default_rng(5)
     field = SmoothField(
-        centres=rng.random((20, 3)), weights=rng.normal(size=(20, 3)), widths=(0.5, 0.2), amplitudes=(0.3, 0.2)
+        centres=rng.random((20, 3)),
+        weights=rng.normal(size=(20, 3)),
+        widths=(0.5, 0.2),
+        amplitudes=(0.3, 0.2),
     )
     points, step = rng.random((6, 3)), 1e-6
-    columns = [(field.moved(points + step * e) - field.moved(points - step * e)) / (2 * step) for e in np.eye(3)]
-    np.testing.assert_allclose(volume_change(field, points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5)
+    columns = [
+        (field.moved(points + step * e) - field.moved(points - step * e)) / (2 * step)
+        for e in np.eye(3)
+    ]
+    np.testing.assert_allclose(
+        volume_change(field, points), np.linalg.det(np.stack(columns, axis=2)), rtol=1e-5
+    )
 
 
 def test_the_medoid_is_in_the_middle():

@@ -29,7 +29,10 @@ def test_a_small_turn_and_a_size_are_found_exactly_and_nearly_from_scattered_goa
     truth = 3.0 * FIGURE.vertices @ turn_by(20.0).T + rng.random(3)
     np.testing.assert_allclose(started(truth, every(truth)), truth, atol=1e-3)
     scattered = truth + 0.05 * radius(truth) * rng.standard_normal(truth.shape)
-    assert errors(started(truth, every(scattered)), truth).mean() < 0.4 * errors(scattered, truth).mean()
+    assert (
+        errors(started(truth, every(scattered)), truth).mean()
+        < 0.4 * errors(scattered, truth).mean()
+    )
 
 
 def test_bent_limbs_follow_a_map_of_which_a_tenth_is_wrong():
@@ -48,7 +51,10 @@ def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere():
     rng = np.random.default_rng(2)
     shift = np.array([0.3, 0.0, 0.0])
     at = np.flatnonzero(rng.random(len(FIGURE.vertices)) < 0.8)
-    goals = (np.concatenate([at, at]), np.concatenate([FIGURE.vertices[at] + 2 * shift, FIGURE.vertices[at]]))
+    goals = (
+        np.concatenate([at, at]),
+        np.concatenate([FIGURE.vertices[at] + 2 * shift, FIGURE.vertices[at]]),
+    )
     np.testing.assert_allclose(started(FIGURE.vertices, goals), FIGURE.vertices + shift, atol=1e-3)
 
 
@@ -72,7 +78,10 @@ def test_unbent_copies_have_the_posture_of_the_source_and_their_own_lengths():
     copies = [bent(thick, rng, angle=1.0).vertices for _ in range(2)]
     for copy, found in zip(copies, unbent(FIGURE, copies), strict=True):
         assert unlikeness(found, thick.vertices) < 0.5 * unlikeness(copy, thick.vertices)
-        areas = [Shape.from_arrays(points, FIGURE.faces).area for points in (found, copy, FIGURE.vertices)]
+        areas = [
+            Shape.from_arrays(points, FIGURE.faces).area
+            for points in (found, copy, FIGURE.vertices)
+        ]
         assert abs(areas[0] / areas[1] - 1.0) < 0.05 < areas[1] / areas[2] - 1.0
     np.testing.assert_allclose(unbent(FIGURE, [FIGURE.vertices])[0], FIGURE.vertices, atol=1e-6)
 

@@ -44,7 +44,9 @@ def true_pairs(truth):
 def weighed_pairs(measured):
     """Return pairs whose one candidate is that of a map."""
     return [
-        pair_of([rotation], [0.1], target=int(i), source=int(j), num_samples=32, log_odds=np.zeros(1))
+        pair_of(
+            [rotation], [0.1], target=int(i), source=int(j), num_samples=32, log_odds=np.zeros(1)
+        )
         for (i, j), rotation in zip(EDGES, measured, strict=True)
     ]
 
@@ -53,7 +55,9 @@ def noisy_crowns(rng, noise):
     """Return one crown in several poses, its samples moved by some noise."""
     samples, turns = posed_crowns(rng, NUM, num_points=32, num_dense=0)
     moved = [item.positions + noise * rng.standard_normal(item.positions.shape) for item in samples]
-    return [replace(item, positions=p, coordinates=p) for item, p in zip(samples, moved, strict=True)], turns
+    return [
+        replace(item, positions=p, coordinates=p) for item, p in zip(samples, moved, strict=True)
+    ], turns
 
 
 def largest_error(rotations, truth):
@@ -104,7 +108,9 @@ def test_shares_of_few_samples_are_not_counted_twice(most, numbers):
 
 def test_the_likeliest_candidate_near_the_pose_is_the_maps(rng):
     asked = random_rotation(rng)
-    poses = np.stack([np.diag([1.0, -1, -1]) @ asked, *turned(np.stack([asked, asked, asked]), 10.0, rng)])
+    poses = np.stack(
+        [np.diag([1.0, -1, -1]) @ asked, *turned(np.stack([asked, asked, asked]), 10.0, rng)]
+    )
     pair = pair_of(poses, np.ones(4), log_odds=np.array([9.0, 1.0, 2.0, -np.inf]))
     assert np.array_equal(_nearest_map(pair, asked), poses[2])
     assert not _nearest_map(pair, np.diag([-1.0, 1, -1]) @ asked).any()
@@ -136,7 +142,9 @@ def test_a_way_that_most_pairs_lack_is_not_trusted(rng):
     right, free = true_pairs(truth), np.arange(NUM) > 0
     frames = transposed(truth)
     exact = _trust(frames, EDGES, right[:, None], np.ones(len(EDGES), dtype=bool), free)
-    loose = _trust(frames, EDGES, turned(right, 10.0, rng)[:, None], np.ones(len(EDGES), dtype=bool), free)
+    loose = _trust(
+        frames, EDGES, turned(right, 10.0, rng)[:, None], np.ones(len(EDGES), dtype=bool), free
+    )
     assert exact == pytest.approx(0.1**-3.0)
     assert 0 < loose < 1e-3 * exact
     assert _trust(frames, EDGES, right[:, None], np.arange(len(EDGES)) < 4, free) == 0

@@ -124,7 +124,9 @@ def test_of_too_few_shapes_surfaces_name_the_sides_and_confidence_is_limited(tmp
 
 def test_points_without_triangles_are_not_mirrored_but_in_doubt(tmp_path):
     for i, side in enumerate((1, -1, 1, 1, -1, 1, 1)):
-        shape = deformed_family(lopsided(crown(num_vertices=300)), 1, np.random.default_rng(i), rms=0.01)[0]
+        shape = deformed_family(
+            lopsided(crown(num_vertices=300)), 1, np.random.default_rng(i), rms=0.01
+        )[0]
         write_mesh(tmp_path / f"crown{i}.ply", Shape.from_arrays(shape.vertices * [side, 1.0, 1.0]))
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert found.group == "SO"
@@ -152,7 +154,9 @@ def test_bilateral_shapes_that_bend_to_either_side_are_not_mirrored(tmp_path):
     ("agreement", "group", "limited", "code"),
     [(1e-3, "O", [5], "left-right-mixed"), (2e-4, "SO", [1, 4, 5], "not-reflected-unclear")],
 )
-def test_shapes_of_an_undecided_side_are_limited_to_one_half(monkeypatch, agreement, group, limited, code):
+def test_shapes_of_an_undecided_side_are_limited_to_one_half(
+    monkeypatch, agreement, group, limited, code
+):
     sides = np.where(np.isin(np.arange(7), (1, 4)), -1.0, 1.0)
     fits = find_sides(all_pairs(7), np.exp(np.outer(mixed_preferences(sides), [-0.5, 0.5])), 7)
     fits = replace(fits, unsure=np.arange(7) == 5)
@@ -160,7 +164,9 @@ def test_shapes_of_an_undecided_side_are_limited_to_one_half(monkeypatch, agreem
     scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
     np.fill_diagonal(scores, np.nan)
     monkeypatch.setattr(pilot, "surface_scores", lambda session, shapes: 7 / 5 * scores)
-    monkeypatch.setattr(pilot, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2))))
+    monkeypatch.setattr(
+        pilot, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2)))
+    )
     shapes = SimpleNamespace(names=tuple("abcdefg"), samples=())
     with Session.open(AlignOptions(), ONE) as session:
         found, notes, limits = group_of_shapes(session, shapes, np.zeros((7, 1)), all_pairs(7))
@@ -175,7 +181,11 @@ def mixed_preferences(sides):
 
 
 def test_the_energies_of_both_kinds_are_told_apart():
-    few = sample_shape(crown(num_vertices=200), SamplingOptions(num_points=8, num_dense_points=0), EmbeddingOptions())
+    few = sample_shape(
+        crown(num_vertices=200),
+        SamplingOptions(num_points=8, num_dense_points=0),
+        EmbeddingOptions(),
+    )
     kinds = [np.diag([1.0, 1.0, -1.0]), np.eye(3), np.diag([-1.0, -1.0, 1.0])]
     assert chirality_energies(pair_of(kinds, [0.1, 0.2, 0.3]), few, few, 1, 4) == (0.2, 0.1)
     alone = chirality_energies(pair_of(kinds[1:], [0.2, 0.3]), few, few, 1, 4)
@@ -183,12 +193,21 @@ def test_the_energies_of_both_kinds_are_told_apart():
 
 
 def test_dense_samples_tell_the_kinds_apart_where_few_do_not():
-    shape, options = lopsided(crown(num_vertices=300)), SamplingOptions(num_points=8, num_dense_points=150)
-    target, source = (sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape)))
+    shape, options = (
+        lopsided(crown(num_vertices=300)),
+        SamplingOptions(num_points=8, num_dense_points=150),
+    )
+    target, source = (
+        sample_shape(one, options, EmbeddingOptions()) for one in (shape, mirrored(shape))
+    )
     mirror = np.diag([-1.0, 1.0, 1.0])
-    plain, reflected = chirality_energies(pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source, 1, 4)
+    plain, reflected = chirality_energies(
+        pair_of([np.eye(3), mirror], [0.2, 0.2]), target, source, 1, 4
+    )
     assert reflected < 0.2 * plain
-    poses = pair_of([np.eye(3), -np.roll(np.eye(3), 1, axis=0), mirror], [0.2] * 3)  # a worse one first of its kind
+    poses = pair_of(
+        [np.eye(3), -np.roll(np.eye(3), 1, axis=0), mirror], [0.2] * 3
+    )  # a worse one first of its kind
     assert chirality_energies(poses, target, source, 1, 4)[1] > reflected
     assert chirality_energies(poses, target, source, 2, 4)[1] == reflected
 
@@ -202,10 +221,14 @@ def test_the_pilot_takes_the_nearest_pairs_of_every_shape():
     assert kept.tolist() == [[0, 4], [1, 4]], "only pairs of the run"
 
 
-def test_added_shapes_keep_what_was_decided(aligned_mixed, aligned_one_sided, mixed, store, tmp_path):
+def test_added_shapes_keep_what_was_decided(
+    aligned_mixed, aligned_one_sided, mixed, store, tmp_path
+):
     new = tmp_path / "new"
     late = read_shape(read_folder(mixed).files[4])
-    write_mesh(new / "late.ply", Shape.from_arrays(1.1 * late.vertices, late.faces))  # a copy would be skipped
+    write_mesh(
+        new / "late.ply", Shape.from_arrays(1.1 * late.vertices, late.faces)
+    )  # a copy would be skipped
     aligned_mixed.save(tmp_path / "mixed", report=False)
     added = add_to_collection(tmp_path / "mixed", new, run=store)
     assert (added.group, added.options.group) == ("O", "auto")
@@ -229,7 +252,15 @@ def test_added_shapes_do_not_hide_what_was_left_out(one_sided, tmp_path):
         write_copy(file, folder / file.name)
     (folder / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
     (folder / "mended.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
-    flags = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1", "--no-report"]
+    flags = [
+        "--sampling.num-points",
+        "12",
+        "--sampling.num-dense-points",
+        "0",
+        "--jobs",
+        "1",
+        "--no-report",
+    ]
     assert main(["align", str(folder), "--out", str(out), *flags]) == 3
     write_copy(read_folder(one_sided).files[5], tmp_path / "new" / "mended.ply")
     assert main(["add", str(out), str(tmp_path / "new"), "--jobs", "1", "--no-report"]) == 3
@@ -246,6 +277,8 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(aligned_mixed, mixed, 
 
 
 def test_a_large_collection_is_decided_on_a_part_of_it(mixed, store, monkeypatch):
-    monkeypatch.setattr(pilot, "MOST_SHAPES", 5)  # of 7, without the third and the fifth, one of the two mirrored
+    monkeypatch.setattr(
+        pilot, "MOST_SHAPES", 5
+    )  # of 7, without the third and the fifth, one of the two mirrored
     chosen = align_collection(mixed, options=OPTIONS, run=store)
     assert only(chosen.notes, "sides-sampled").values == {"num": 5, "total": 7}

@@ -148,8 +148,12 @@ def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(deformed
     reference = shapes[maps.names.index(maps.reference)]
     locator = SurfaceLocator(reference.vertices, reference.faces)
     for places in maps.places:
-        np.testing.assert_allclose(locator.closest(places).on(reference.vertices), places, atol=1e-6)
-    np.testing.assert_array_equal(maps[maps.reference, maps.reference], np.arange(len(reference.vertices)))
+        np.testing.assert_allclose(
+            locator.closest(places).on(reference.vertices), places, atol=1e-6
+        )
+    np.testing.assert_array_equal(
+        maps[maps.reference, maps.reference], np.arange(len(reference.vertices))
+    )
 
 
 def test_right_places_are_trusted_and_those_of_the_other_side_are_not(deformed):
@@ -161,8 +165,13 @@ def test_right_places_are_trusted_and_those_of_the_other_side_are_not(deformed):
     sampled = (sampled_surface(prepare_surface(shapes[i], small)) for i in (at, at - 1))
     surfaces = tuple(StoredSurface.of(one.spectral, one.normals) for one in sampled)
     right, other = maps.places[at - 1], 2 * maps.places[at - 1].mean(axis=0) - maps.places[at - 1]
-    wrong = SurfaceLocator(shapes[at].vertices, shapes[at].faces).closest(other).on(shapes[at].vertices)
-    stated = [trust_of_places(shapes[at - 1], places, surfaces, mirrored=False) for places in (right, wrong)]
+    wrong = (
+        SurfaceLocator(shapes[at].vertices, shapes[at].faces).closest(other).on(shapes[at].vertices)
+    )
+    stated = [
+        trust_of_places(shapes[at - 1], places, surfaces, mirrored=False)
+        for places in (right, wrong)
+    ]
     assert stated[0][0] > 0.5 > 0.2 > stated[1][0]
     assert np.median(stated[0][1]) > 0.8 > 0.5 > np.median(stated[1][1])
 
@@ -171,7 +180,9 @@ def test_vertices_without_a_place_have_no_map_and_get_none_to_them():
     rng = np.random.default_rng(9)
     first, nowhere = rng.random((5, 3)), np.full((1, 3), np.nan)
     second = np.vstack([nowhere, first[::-1] + 1e-3])
-    maps = VertexMaps(names=("a", "b", "c"), reference="a", places=(first, second, np.tile(nowhere, (2, 1))))
+    maps = VertexMaps(
+        names=("a", "b", "c"), reference="a", places=(first, second, np.tile(nowhere, (2, 1)))
+    )
     np.testing.assert_array_equal(maps["a", "b"], [-1, 4, 3, 2, 1, 0])
     np.testing.assert_array_equal(maps["b", "a"], [5, 4, 3, 2, 1])
     assert (maps["c", "a"] == -1).all()
@@ -183,7 +194,9 @@ def test_maps_survive_saving(deformed, tmp_path):
     assert (again["f1", "f3"] == maps["f1", "f3"]).all()
     assert again.reference == maps.reference
     np.testing.assert_array_equal(again.confidence, maps.confidence)
-    np.testing.assert_allclose(np.concatenate(again.vertex_confidence), np.concatenate(maps.vertex_confidence), 1e-6)
+    np.testing.assert_allclose(
+        np.concatenate(again.vertex_confidence), np.concatenate(maps.vertex_confidence), 1e-6
+    )
     data = dict(np.load(out / VERTEX_MAPS_FILE))
     del data["confidence"], data["vertex_confidence"]
     np.savez(tmp_path / VERTEX_MAPS_FILE, **data)

@@ -8,7 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.align import align_collection
-from collalign.confidence.candidate_model import EVIDENCE, candidate_chances, candidate_costs, evidence_score
+from collalign.confidence.candidate_model import (
+    EVIDENCE,
+    candidate_chances,
+    candidate_costs,
+    evidence_score,
+)
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
@@ -94,14 +99,22 @@ def test_mirrored_poses_are_proposed_only_where_they_may_be(tmp_path):
     two = [shape, shape.transformed(flip)]
     samples = [sample_shape(one, SamplingOptions(num_points=24), EmbeddingOptions()) for one in two]
     weigher = PoseWeigher(*samples, PoseMapper(*(prepare_posed(one) for one in two)))
-    files = [{"path": tmp_path / f"{n}.ply", "name": f"{n}", "digest": None, "cleaning": AS_STORED} for n in (0, 1)]
+    files = [
+        {"path": tmp_path / f"{n}.ply", "name": f"{n}", "digest": None, "cleaning": AS_STORED}
+        for n in (0, 1)
+    ]
     for file, one in zip(files, two, strict=True):
         write_mesh(file["path"], one)
     surfaces = searched_surfaces(files, [shape.area] * 2, SEARCHED)
     assert not searched_surfaces(files, [2.0 * shape.area] * 2, SEARCHED)
-    proper = weigher.candidates_from_signs(mirrored=False) + search_pair(*samples, surfaces, "SO", None)
+    proper = weigher.candidates_from_signs(mirrored=False) + search_pair(
+        *samples, surfaces, "SO", None
+    )
     assert {round(float(np.linalg.det(rotation))) for rotation, _, _ in proper} == {1}
-    for both in (weigher.candidates_from_signs(mirrored=True), search_pair(*samples, surfaces, "O", None)):
+    for both in (
+        weigher.candidates_from_signs(mirrored=True),
+        search_pair(*samples, surfaces, "O", None),
+    ):
         best = distinct_weighed(both)[0][0]
         assert rotation_angle_deg(best, flip[:3, :3]) < 10.0
     (asked,) = search_pair(*samples, surfaces, "O", best[None])
@@ -123,7 +136,10 @@ def test_maps_are_asked_where_pairs_match_badly():
 
 def test_maps_are_not_asked_where_surfaces_overlap_at_rigid_poses():
     shape = blob(np.random.default_rng(0), num_vertices=400)
-    whole, other = (sample_shape(replace(shape, vertices=shape.vertices * [k, 1.0, 1.0 / k])) for k in (2.5, 1.0))
+    whole, other = (
+        sample_shape(replace(shape, vertices=shape.vertices * [k, 1.0, 1.0 / k]))
+        for k in (2.5, 1.0)
+    )
     weak = replace(a_pair([1.5 * BENT_ENERGY]), target=0, source=1)
     near = replace(weak, rotations=Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix()[None])
     assert not wants_maps(AlignOptions(), [whole, whole], [near])
@@ -136,12 +152,16 @@ def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
     turns = [random_rotation(rng) for _ in range(6)]
     edges = list(itertools.combinations(range(6), 2))
     weak = [
-        replace(a_pair([1.5 * BENT_ENERGY]), target=i, source=j, rotations=(turns[i].T @ turns[j])[None])
+        replace(
+            a_pair([1.5 * BENT_ENERGY]), target=i, source=j, rotations=(turns[i].T @ turns[j])[None]
+        )
         for i, j in edges
     ]
     assert closing_share(weak) == 1.0
     assert not wants_maps(AlignOptions(), BARE, weak)
-    wrong = [replace(pair, rotations=pair.rotations @ np.diag([1.0, -1.0, -1.0])) for pair in weak[:3]]
+    wrong = [
+        replace(pair, rotations=pair.rotations @ np.diag([1.0, -1.0, -1.0])) for pair in weak[:3]
+    ]
     assert closing_share([*wrong, *weak[3:]]) < CLOSING_CYCLES
     assert wants_maps(AlignOptions(), BARE, [*wrong, *weak[3:]])
     mirrored = [replace(pair, rotations=-pair.rotations) for pair in weak[:1]]
@@ -153,7 +173,10 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part():
     assert len(pair.energies) == len(pair.log_odds) == len(pair.evidence) == 5
     np.testing.assert_array_equal(pair.log_odds[2:], evidence_score(pair.evidence[2:]))
     graph = pair_graph([pair, replace(by_energy(a_pair([0.1, 0.2])), source=2)], 3, "SO")
-    assert graph.present.tolist() == [[False, False, True, True, True], [True, True, False, False, False]]
+    assert graph.present.tolist() == [
+        [False, False, True, True, True],
+        [True, True, False, False, False],
+    ]
     assert graph.best_choice.tolist() == [int(np.argmax(pair.log_odds)), 0]
 
 
@@ -163,12 +186,17 @@ def test_bent_figures_are_put_right_by_maps(tmp_path, monkeypatch):
     (folder := tmp_path / "figures").mkdir()
     for number in range(4):
         shape, turn = bent(figure(resolution=2), rng, angle=0.9), random_rotation(rng)
-        write_mesh(folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces))
+        write_mesh(
+            folder / f"{number}.ply", Shape.from_arrays(shape.vertices @ turn.T, shape.faces)
+        )
         turns.append(turn)
     options = AlignOptions(maps="always", group="SO")
     run = RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     aligned = align_collection(folder, options=options, run=run)
-    relative = [aligned.rotations[0].T @ pose @ turns[i] @ turns[0].T for i, pose in enumerate(aligned.rotations)]
+    relative = [
+        aligned.rotations[0].T @ pose @ turns[i] @ turns[0].T
+        for i, pose in enumerate(aligned.rotations)
+    ]
     assert max(rotation_angle_deg(turn, np.eye(3)) for turn in relative) < 25.0
     again = align_collection(folder, options=options, run=run)
     assert np.array_equal(aligned.rotations, again.rotations)
@@ -185,7 +213,11 @@ def test_the_strongest_votes_are_rivals_and_tried_against_sure_partners(monkeypa
             right = poses[i].T @ poses[j]
             # The pairs of shape 3 but one know its flipped pose alone.
             own = right @ flip if j == 3 and i > 0 else right
-            pairs.append(replace(a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1)))
+            pairs.append(
+                replace(
+                    a_pair([0.1]), target=i, source=j, rotations=own[None], log_odds=np.zeros(1)
+                )
+            )
     rivals = voted_poses(votes_of(pairs, poses)[3], poses[3])
     assert rotation_angle_deg(rivals[1], poses[3] @ flip.T) < 1e-3
     found, laid = {2: from_record(PairEvidence, a_record(2), "0 - 3")}, {}
@@ -194,7 +226,9 @@ def test_the_strongest_votes_are_rivals_and_tried_against_sure_partners(monkeypa
     settled = settle_doubtful(None, None, pairs, poses, np.array([0.95, 0.95, 0.95, 0.5]))
     assert [e for e, pair in enumerate(pairs) if pair.source == 3] == list(laid)
     assert [len(pair.energies) for pair in settled] == [1, 1, 3, 1, 1, 1]
-    np.testing.assert_allclose(rotation_angle_deg(laid[2][:2], poses[0].T @ poses[3]), [0.0, 180.0], atol=1e-3)
+    np.testing.assert_allclose(
+        rotation_angle_deg(laid[2][:2], poses[0].T @ poses[3]), [0.0, 180.0], atol=1e-3
+    )
 
 
 def costs_of(pair):
@@ -205,7 +239,9 @@ def test_neighbourhoods_count_beside_energies():
     pair = replace(a_pair([0.10, 0.11, 0.3]), mismatches=np.array([0.09, 0.03, 0.2]))
     assert np.argmin(costs_of(pair)) == 1
     assert costs_of(pair)[0] == pytest.approx(0.10)
-    assert costs_of(replace(pair, energies=2.0 * pair.energies)) == pytest.approx(2.0 * costs_of(pair))
+    assert costs_of(replace(pair, energies=2.0 * pair.energies)) == pytest.approx(
+        2.0 * costs_of(pair)
+    )
     assert np.argmin(costs_of(replace(pair, mismatches=np.array([0.03, 0.09, 0.2])))) == 0
     for unknown in ([], [0.1, np.nan, 0.2], [0.1]):
         assert (costs_of(replace(pair, mismatches=np.array(unknown))) == pair.energies).all()
@@ -217,7 +253,9 @@ def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():
     assert np.argmax(chances) == 0
     assert 0.85 < chances.sum() < 0.95
     assert chances[0] / chances[1] == pytest.approx(1.1**24)
-    np.testing.assert_allclose(candidate_chances(replace(pair, energies=7.0 * pair.energies)), chances)
+    np.testing.assert_allclose(
+        candidate_chances(replace(pair, energies=7.0 * pair.energies)), chances
+    )
     assert candidate_chances(a_pair([0.1]))[0] == pytest.approx(1.0 / (1.0 + np.exp(-2.35)))
     assert candidate_chances(a_pair([0.0, 0.0])) == pytest.approx([1.0 / (2.0 + np.exp(-2.35))] * 2)
     weighed = candidate_chances(replace(pair, log_odds=np.array([-np.inf, -3.0, -4.0])))
@@ -226,6 +264,8 @@ def test_chances_of_candidates_leave_room_for_none_and_do_not_depend_on_units():
 
 def test_the_paper_s_own_synchronization_takes_energies_alone():
     pair = replace(a_pair([0.10, 0.11]), mismatches=np.array([0.09, 0.03]))
-    costly, published = (pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True))
+    costly, published = (
+        pair_graph([pair], 2, "SO", energies_alone=alone) for alone in (False, True)
+    )
     np.testing.assert_array_equal(published.energies[0], pair.energies)
     np.testing.assert_array_equal(costly.energies[0], costs_of(pair))

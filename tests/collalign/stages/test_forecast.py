@@ -14,7 +14,9 @@ KINDS = {"shapes": COSTS, "pairs": COSTS, "surfaces": NOTHING, "evidence": NOTHI
 
 
 def estimate(num_jobs=1, costs=KINDS, pilot=False, missing_shapes=0, missing_pairs=0):
-    return forecast(costs, (10, missing_shapes), (45, missing_pairs), AlignOptions(), num_jobs, pilot=pilot)
+    return forecast(
+        costs, (10, missing_shapes), (45, missing_pairs), AlignOptions(), num_jobs, pilot=pilot
+    )
 
 
 def test_time_follows_what_a_store_holds(tmp_path):

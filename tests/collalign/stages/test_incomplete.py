@@ -13,7 +13,12 @@ from collalign.confidence.incomplete_model import log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
-from collalign.stages.incomplete.detect import find_incomplete, match_like_copies, named_incomplete, open_among_closed
+from collalign.stages.incomplete.detect import (
+    find_incomplete,
+    match_like_copies,
+    named_incomplete,
+    open_among_closed,
+)
 from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _tries_scans, _without_found
@@ -38,7 +43,9 @@ BROKEN = ("tooth2",)
 
 
 def align(shapes, store=None, **options):
-    return align_collection(shapes, options=replace(OPTIONS, **options), jobs=1, store=store, progress=False)
+    return align_collection(
+        shapes, options=replace(OPTIONS, **options), jobs=1, store=store, progress=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +58,9 @@ def planted(tmp_path_factory):
     for number, (tooth, turn) in enumerate(zip(teeth, turns, strict=True)):
         name = f"tooth{number}"
         part = cut(tooth, rng.standard_normal(3), 0.25) if name in BROKEN else tooth
-        write_mesh(folder / f"{name}.ply", moved(part, turn, rng.uniform(0.5, 2.0), rng.standard_normal(3)))
+        write_mesh(
+            folder / f"{name}.ply", moved(part, turn, rng.uniform(0.5, 2.0), rng.standard_normal(3))
+        )
     return folder, turns
 
 
@@ -101,7 +110,9 @@ def test_missing_regions_have_no_labels(aligned):
     onto = aligned.maps["tooth2", "tooth0"]
     lacking = np.flatnonzero(onto < 0)
     assert len(lacking) == 24 - (labels[2] >= 0).sum()
-    distances = np.linalg.norm(aligned.positions[0][:, None] - aligned.positions[2], axis=2).min(axis=1)
+    distances = np.linalg.norm(aligned.positions[0][:, None] - aligned.positions[2], axis=2).min(
+        axis=1
+    )
     assert distances[lacking].mean() > distances[onto >= 0].mean()
 
 
@@ -118,9 +129,13 @@ def test_the_result_says_what_is_missing_and_takes_more(aligned, planted, tmp_pa
     assert [one["name"] for one in record["incomplete"]] == list(BROKEN)
     assert set(record["incomplete"][0]["overlaps"]) <= {"tooth0", "tooth1", "tooth3", "tooth4"}
     view = load(tmp_path / "out")
-    assert np.isnan(view.landmarks).any(axis=(1, 2)).tolist() == [name in BROKEN for name in aligned.names]
+    assert np.isnan(view.landmarks).any(axis=(1, 2)).tolist() == [
+        name in BROKEN for name in aligned.names
+    ]
     fresh, known = tmp_path / "fresh", read_shape(planted[0] / "tooth0.ply")
-    write_mesh(fresh / "new.ply", moved(known, np.eye(3), 1.1, np.zeros(3)))  # a copy would be skipped
+    write_mesh(
+        fresh / "new.ply", moved(known, np.eye(3), 1.1, np.zeros(3))
+    )  # a copy would be skipped
     more = add_to_collection(tmp_path / "out", fresh, run={"jobs": 1}, progress=False)
     np.testing.assert_array_equal(more.transforms[:5], aligned.transforms)
     assert rotation_angle_deg(more.rotations[5], more.rotations[0]) < 2
@@ -131,13 +146,19 @@ def test_a_tooth_that_is_placed_by_hand_stays_there_and_the_others_where_they_we
     at = aligned.names.index("tooth2")
     size, shift = 1.1 * aligned.scales[at], np.array([0.1, 0.0, 0.0])
     by_hand = Similarity(rotation=aligned.rotations[1], scale=size, shift=shift)
-    fixed = dict(zip(aligned.names, aligned.transforms, strict=True)) | {"tooth2": by_hand.transform}
-    again = align_collection(aligned.files, options=aligned.options, fixed=fixed, jobs=1, store=store, progress=False)
+    fixed = dict(zip(aligned.names, aligned.transforms, strict=True)) | {
+        "tooth2": by_hand.transform
+    }
+    again = align_collection(
+        aligned.files, options=aligned.options, fixed=fixed, jobs=1, store=store, progress=False
+    )
     np.testing.assert_array_equal(again.transforms, np.stack([*fixed.values()]))
     assert [again.names[one.shape] for one in again.incomplete] == list(BROKEN)
     assert again.coverage[at] != aligned.coverage[at]
     offered = aligned.alternatives[at][0]
-    np.testing.assert_allclose(Similarity.of_transforms(offered.transform).rotation, offered.rotation, atol=1e-12)
+    np.testing.assert_allclose(
+        Similarity.of_transforms(offered.transform).rotation, offered.rotation, atol=1e-12
+    )
     for pose, words in [(np.ones((4, 4)), "not the transform"), (by_hand.transform, "sizes stay")]:
         options = replace(aligned.options, scaling="rigid")
         with pytest.raises(InputError, match=rf"fixed\[tooth2\]: .*{words}"):
@@ -170,7 +191,9 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
     teeth = deformed_family(crown(rng, num_vertices=900), 7, rng, rms=0.012)
     for number, tooth in enumerate(teeth):
         part = cut(tooth, np.array([1.0, 0.3, 0.2]), 0.25) if number == 4 else tooth
-        write_mesh(tmp_path / f"tooth{number}.ply", moved(part, random_rotation(rng), 1.0, np.zeros(3)))
+        write_mesh(
+            tmp_path / f"tooth{number}.ply", moved(part, random_rotation(rng), 1.0, np.zeros(3))
+        )
     aligned = align(tmp_path, sampling=SamplingOptions(num_points=24, num_dense_points=400))
     assert [aligned.names[one.shape] for one in aligned.incomplete] == ["tooth4"]
     assert aligned.incomplete[0].reason == "cut-off"
@@ -186,16 +209,23 @@ def test_nothing_is_missing_among_whole_teeth(without):
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
     turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    sure, close = (share_of_best(turns, log_odds(np.array([[0.1, own], [0.0, 0.0]]))) for own in (0.6, 0.11))
+    sure, close = (
+        share_of_best(turns, log_odds(np.array([[0.1, own], [0.0, 0.0]]))) for own in (0.6, 0.11)
+    )
     assert close < 0.6 < 0.95 < sure
     assert share_of_best(turns[[0, 0, 1]], np.zeros(3)) == pytest.approx(2 / 3)
 
 
 def test_sizes_of_complete_shapes_say_how_large_a_piece_is_where_they_are_alike():
-    alike, apart = (np.eye(4) * [[[size] * 3 + [1.0]] for size in sizes] for sizes in ((0.9, 1, 1.1), (1, 2)))
+    alike, apart = (
+        np.eye(4) * [[[size] * 3 + [1.0]] for size in sizes] for sizes in ((0.9, 1, 1.1), (1, 2))
+    )
     low, high = sizes_of_complete(alike, estimate_scale=True)
     assert low < 0.9 < 1.1 < high < 1.5
-    assert [sizes_of_complete(apart, estimate_scale=True), sizes_of_complete(alike, estimate_scale=False)] == [
+    assert [
+        sizes_of_complete(apart, estimate_scale=True),
+        sizes_of_complete(alike, estimate_scale=False),
+    ] == [
         None,
         (1.0, 1.0),
     ]
@@ -203,24 +233,35 @@ def test_sizes_of_complete_shapes_say_how_large_a_piece_is_where_they_are_alike(
 
 def test_samples_far_from_everything_get_no_label():
     consensus = np.stack([np.arange(6.0), np.zeros(6), np.zeros(6)], axis=1)
-    labels = nearest_labels(np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus)
+    labels = nearest_labels(
+        np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus
+    )
     assert labels.tolist() == [2, -1, 0]
 
 
 def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2)
+    monkeypatch.setattr(
+        "collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2
+    )
     monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_MISSING", 1.0)
-    monkeypatch.setattr("collalign.stages.incomplete.detect.cloud_rim", lambda points, _: np.ones(len(points), bool))
+    monkeypatch.setattr(
+        "collalign.stages.incomplete.detect.cloud_rim", lambda points, _: np.ones(len(points), bool)
+    )
     rng = np.random.default_rng(4)
     for number in range(5):
         write_mesh(tmp_path / f"blob{number}.ply", blob(np.random.default_rng(1), num_vertices=400))
     clouds = {f"cloud{n}": blob(rng, num_vertices=400).vertices for n in range(5)}
-    poses, pairs = np.tile(np.eye(4), (5, 1, 1)), [settled_pair_of(np.eye(3), [0.1], source=n) for n in range(1, 5)]
+    poses, pairs = (
+        np.tile(np.eye(4), (5, 1, 1)),
+        [settled_pair_of(np.eye(3), [0.1], source=n) for n in range(1, 5)],
+    )
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         for given, lacking in ((tmp_path, []), (clouds, [0, 1, 2, 3, 4])):
             shapes = prepare_shapes(session, list_shapes(given))
             assert list(find_incomplete(session, shapes, pairs, poses)) == lacking
-        run = Run(session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={})
+        run = Run(
+            session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={}
+        )
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
         assert _without_found(run, {}, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
 
@@ -250,7 +291,9 @@ def test_points_that_stand_for_all_samples_lie_apart():
     rng = np.random.default_rng(0)
     positions = rng.random((3, 30, 3))
     universe = common_points(positions)
-    spacing = np.median([np.sort(np.linalg.norm(p[:, None] - p, axis=2), axis=1)[:, 1] for p in positions])
+    spacing = np.median(
+        [np.sort(np.linalg.norm(p[:, None] - p, axis=2), axis=1)[:, 1] for p in positions]
+    )
     gaps = np.linalg.norm(universe[:, None] - universe, axis=2) + 9.0 * np.eye(len(universe))
     assert gaps.min() > spacing
     far = np.linalg.norm(positions.reshape(-1, 1, 3) - universe, axis=2).min(axis=1)
@@ -290,20 +333,36 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
     assert len(aligned.incomplete) == 3
     assert (aligned.maps.labels >= 0).mean() > 0.6
     assert aligned.maps.labels.max() < len(aligned.consensus)
-    shared = [len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j])) for i, j in ((0, 1), (0, 2), (1, 2))]
+    shared = [
+        len(set(aligned.maps.labels[i]) & set(aligned.maps.labels[j]))
+        for i, j in ((0, 1), (0, 2), (1, 2))
+    ]
     assert min(shared) >= 6
     options = replace(OPTIONS, incomplete="all", scaling="rigid")
     with pytest.raises(InputError, match="none of which is complete"):
-        align_collection(tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False)
+        align_collection(
+            tmp_path, options=options, fixed={"scan0": np.eye(3)}, jobs=1, progress=False
+        )
 
 
 def test_an_open_shape_of_another_kind_is_a_stranger_and_a_piece_is_none(planted, store, tmp_path):
     part = cut(chair(), np.array([0.2, 0.1, 1.0]), 0.4)
     write_mesh(tmp_path / "part.ply", part)
-    found = align([*sorted(planted[0].glob("*.ply")), tmp_path / "part.ply"], store=store, incomplete="part,tooth2")
+    found = align(
+        [*sorted(planted[0].glob("*.ply")), tmp_path / "part.ply"],
+        store=store,
+        incomplete="part,tooth2",
+    )
     note = only(found.notes, "resembles-none")
     assert note.shapes == ("part",)
     assert note.values["mismatch"] > 0.9 > note.values["median"]
     assert only(found.notes, "incomplete").shapes == BROKEN
-    assert {found.names[one.shape]: one.is_stranger for one in found.incomplete} == {"part": True, "tooth2": False}
-    assert found.confidence[found.names.index("part")] <= 0.5 < found.confidence[found.names.index("tooth2")]
+    assert {found.names[one.shape]: one.is_stranger for one in found.incomplete} == {
+        "part": True,
+        "tooth2": False,
+    }
+    assert (
+        found.confidence[found.names.index("part")]
+        <= 0.5
+        < found.confidence[found.names.index("tooth2")]
+    )

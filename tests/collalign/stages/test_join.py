@@ -42,8 +42,12 @@ def link(poses, i, j, *consensus, wrong=None):
     nearly = Rotation.from_rotvec(0.02 * rng.standard_normal(3)).as_matrix() @ right[:3, :3]
     rotations = np.stack([nearly] if wrong is None else [nearly, wrong @ nearly])
     num = len(rotations)
-    centre = -poses[j, :3, 3] @ poses[j, :3, :3]  # of the blob, about which the pose is a little wrong
-    shifts = right[:3, :3] @ centre + right[:3, 3] - rotations @ centre + 0.01 * rng.standard_normal(3)
+    centre = (
+        -poses[j, :3, 3] @ poses[j, :3, :3]
+    )  # of the blob, about which the pose is a little wrong
+    shifts = (
+        right[:3, :3] @ centre + right[:3, 3] - rotations @ centre + 0.01 * rng.standard_normal(3)
+    )
     return LocalPoses(
         rotations=rotations,
         shifts=shifts,
@@ -114,7 +118,9 @@ def test_what_no_overlap_joins_is_a_part_of_its_own(scans):
 def test_a_wrong_link_beside_right_ones_holds_nothing(scans):
     surfaces, poses = scans
     told = ring(poses) | {(0, 2): link(poses, 0, 2, SURE), (2, 4): link(poses, 2, 4, SURE)}
-    told[1, 5] = link(poses, 1, 5, 0.001, SURE, wrong=Rotation.from_rotvec([1.0, 0.5, 0.0]).as_matrix())[[1]]
+    told[1, 5] = link(
+        poses, 1, 5, 0.001, SURE, wrong=Rotation.from_rotvec([1.0, 0.5, 0.0]).as_matrix()
+    )[[1]]
     joined = join_scans(surfaces, told, "SO")
     assert errors_deg(joined, poses).max() < 1.0
     assert (1, 5) not in joined.kept

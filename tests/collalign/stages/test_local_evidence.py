@@ -5,7 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.stages.local_evidence import NUM_PROPOSED, local_evidence, proposed_rotations, rigid_overlap
+from collalign.stages.local_evidence import (
+    NUM_PROPOSED,
+    local_evidence,
+    proposed_rotations,
+    rigid_overlap,
+)
 from collalign.stages.pairs.match import match_pair
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
@@ -22,7 +27,9 @@ TURN = random_rotation(np.random.default_rng(12))
 
 def sampled(vertices, faces):
     shape = Shape.from_arrays(vertices, faces, name="s")
-    return sample_shape(shape, SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions())
+    return sample_shape(
+        shape, SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +65,11 @@ def test_the_most_that_surfaces_overlap_is_that_of_the_best_rotation_refined(sha
 
 
 def test_neighbourhoods_propose_what_is_not_known_yet(shapes):
-    far = np.eye(3)[None] if pose_angle_deg(TURN, np.eye(3)) > 60 else np.diag([1.0, -1.0, -1.0])[None]
+    far = (
+        np.eye(3)[None]
+        if pose_angle_deg(TURN, np.eye(3)) > 60
+        else np.diag([1.0, -1.0, -1.0])[None]
+    )
     proposed = proposed_rotations(shapes[0], shapes[1], "SO", far)
     assert 1 <= len(proposed) <= NUM_PROPOSED
     assert pose_angle_deg(proposed, TURN).min() < 2.0
@@ -93,4 +104,6 @@ def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shap
     costs = ((shapes[1].positions @ other.T - shapes[0].positions[more.maps[at]]) ** 2).sum()
     costs += ((shapes[1].invariants - shapes[0].invariants[more.maps[at]]) ** 2).sum()
     assert more.energies[at] == pytest.approx(costs)
-    assert more.mismatches[at] == pytest.approx(local_evidence(shapes[0], shapes[1], other[None])[0][0])
+    assert more.mismatches[at] == pytest.approx(
+        local_evidence(shapes[0], shapes[1], other[None])[0][0]
+    )

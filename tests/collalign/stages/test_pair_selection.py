@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from collalign.stages.pairs.select import ADDED, DEGREE, adaptive_pairs, extend_pairs, select_pairs
-from collalign.stages.pairs.sparse_pairs import all_pairs, identity_hashes, near_partners, without_bridges
+from collalign.stages.pairs.sparse_pairs import (
+    all_pairs,
+    identity_hashes,
+    near_partners,
+    without_bridges,
+)
 
 
 def hashes(num_shapes, seed=0):
@@ -40,7 +45,8 @@ def test_sparse_pairs_have_no_bridge_and_the_wanted_degree(num_shapes, kind, rng
     descriptors = {
         "random": None,
         "spread": rng.standard_normal((num_shapes, 4)),
-        "two islands": rng.standard_normal((num_shapes, 2)) + 1e3 * (np.arange(num_shapes) % 2)[:, None],
+        "two islands": rng.standard_normal((num_shapes, 2))
+        + 1e3 * (np.arange(num_shapes) % 2)[:, None],
         "equal": np.zeros((num_shapes, 2)),
     }[kind]
     edges = select_pairs("sparse", hashes(num_shapes, seed=3), descriptors)
@@ -66,7 +72,9 @@ def test_a_growing_collection_adds_only_pairs_with_new_shapes(rng):
     names = [f"shape {i}" for i in rng.permutation(110)]
     for points in (None, descriptors):
         before, after = (
-            select_pairs("sparse", identity_hashes(names[:num], 0), None if points is None else points[:num])
+            select_pairs(
+                "sparse", identity_hashes(names[:num], 0), None if points is None else points[:num]
+            )
             for num in (100, 110)
         )
         added = as_set(after) - as_set(before)
@@ -118,7 +126,9 @@ def test_adaptive_pairs_go_to_uncertain_shapes(rng):
     assert not as_set(added) & as_set(edges)
     assert all(5 in pair or 17 in pair for pair in as_set(added))
     assert (5, 17) not in as_set(added)  # confident partners first
-    nearest = np.argsort(np.linalg.norm(descriptors - descriptors[17], axis=1), kind="stable")[1:].tolist()
+    nearest = np.argsort(np.linalg.norm(descriptors - descriptors[17], axis=1), kind="stable")[
+        1:
+    ].tolist()
     free = [j for j in nearest if (min(j, 17), max(j, 17)) not in as_set(edges) and j != 5]
     assert all((min(j, 17), max(j, 17)) in as_set(added) for j in free[: ADDED // 2])
     assert len(adaptive_pairs(edges, np.ones(40), [], hashes(40), descriptors)) == 0
@@ -126,13 +136,17 @@ def test_adaptive_pairs_go_to_uncertain_shapes(rng):
 
 def test_adaptive_pairs_join_separate_groups_and_end_when_all_pairs_exist(rng):
     edges, descriptors = np.array([[0, 1], [1, 2], [3, 4]]), rng.standard_normal((5, 2))
-    added = adaptive_pairs(edges, np.ones(5), [np.arange(3), np.array([3, 4])], hashes(5), descriptors)
+    added = adaptive_pairs(
+        edges, np.ones(5), [np.arange(3), np.array([3, 4])], hashes(5), descriptors
+    )
     assert nx.is_connected(nx.Graph(np.concatenate([edges, added]).tolist()))
     assert len(adaptive_pairs(all_pairs(5), np.zeros(5), [], hashes(5), descriptors)) == 0
     parts = [np.arange(37), np.arange(37, 40)]
     joining = adaptive_pairs(edges, np.ones(40), parts, hashes(40), rng.standard_normal((40, 2)))
     assert set(joining[:, 1].tolist()) == {37, 38, 39}, "the smaller part asks for pairs"
-    everything = np.concatenate([edges, adaptive_pairs(edges, np.zeros(5), [], hashes(5), descriptors)])
+    everything = np.concatenate(
+        [edges, adaptive_pairs(edges, np.zeros(5), [], hashes(5), descriptors)]
+    )
     assert as_set(everything) == as_set(all_pairs(5))
 
 

@@ -35,13 +35,18 @@ def pairs():
     assert problem.energies is not None
     return [
         pair_of(rotations, 1e-6 * energies, target=int(i), source=int(j), num_samples=6)
-        for (i, j), rotations, energies in zip(problem.edges, problem.rotations, problem.energies, strict=True)
+        for (i, j), rotations, energies in zip(
+            problem.edges, problem.rotations, problem.energies, strict=True
+        )
     ]
 
 
 @pytest.fixture
 def samples(rng):
-    return [samples_at(points, name=str(i)) for i, points in enumerate(rng.standard_normal((sum(SIZES), 6, 3)))]
+    return [
+        samples_at(points, name=str(i))
+        for i, points in enumerate(rng.standard_normal((sum(SIZES), 6, 3)))
+    ]
 
 
 def solve(samples, pairs, clusters, constraints=NONE):
@@ -49,7 +54,9 @@ def solve(samples, pairs, clusters, constraints=NONE):
     split, linked = split_shapes(options, samples, pairs)
     solution = synchronize_shapes(options, samples, linked, constraints)
     merged, solution = join_parts(options, split, pairs, linked, solution, constraints)
-    assert [(pair.target, pair.source) for pair in merged] == [(pair.target, pair.source) for pair in pairs]
+    assert [(pair.target, pair.source) for pair in merged] == [
+        (pair.target, pair.source) for pair in pairs
+    ]
     return solution
 
 
@@ -57,7 +64,9 @@ def solve(samples, pairs, clusters, constraints=NONE):
 def test_a_mixed_folder_is_split_and_each_part_is_right(clusters, samples, pairs, labels_and_truth):
     labels, truth = labels_and_truth
     solution = solve(samples, pairs, clusters)
-    assert {tuple(part) for part in solution.parts} == {tuple(np.flatnonzero(labels == label)) for label in (0, 1)}
+    assert {tuple(part) for part in solution.parts} == {
+        tuple(np.flatnonzero(labels == label)) for label in (0, 1)
+    }
     for part in solution.parts:
         assert pose_errors_deg(solution.rotations[part], truth[part]).max() < 20
     assert np.allclose(solution.rotations[0], np.eye(3))
@@ -87,7 +96,9 @@ def test_a_turn_moves_poses_and_alternatives_together(pairs, rng):
     after = rotated_solution(before, np.tile(turn, (sum(SIZES), 1, 1)))
     assert np.allclose(after.rotations, turn @ before.rotations)
     for poses, others in zip(after.alternatives, before.alternatives, strict=True):
-        assert all(np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True))
+        assert all(
+            np.allclose(p.rotation, turn @ o.rotation) for p, o in zip(poses, others, strict=True)
+        )
 
 
 def test_eigenfunctions_follow_the_map_that_positions_give_a_pair_that_is_solved_again():

@@ -44,7 +44,11 @@ def posed_crowns(rng, num, *, num_points=16, num_dense=200):
     turns = np.stack([random_rotation(rng, group="O") for _ in range(num)])
     options = SamplingOptions(num_points=num_points, num_dense_points=num_dense)
     samples = [
-        sample_shape(Shape.from_arrays(shape.vertices @ turn, shape.faces), options, EmbeddingOptions(kind="xyz"))
+        sample_shape(
+            Shape.from_arrays(shape.vertices @ turn, shape.faces),
+            options,
+            EmbeddingOptions(kind="xyz"),
+        )
         for turn in turns
     ]
     return samples, turns
@@ -52,7 +56,9 @@ def posed_crowns(rng, num, *, num_points=16, num_dense=200):
 
 def errors_deg(rotations, truth):
     pairs = all_edges(len(truth))
-    return np.array([rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs])
+    return np.array(
+        [rotation_angle_deg(rotations[i].T @ rotations[j], truth[i].T @ truth[j]) for i, j in pairs]
+    )
 
 
 @pytest.fixture
@@ -76,7 +82,9 @@ def test_disturbed_poses_come_back(session, rng):
 def test_fixed_poses_stay(session, rng):
     samples, truth = posed_crowns(rng, 3)
     fixed = {1: truth[1], 2: np.diag([1.0, -1.0, -1.0]) @ truth[2]}
-    refined = refine_rotations(session, samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed)
+    refined = refine_rotations(
+        session, samples, truth, all_edges(3), np.ones(3), group="O", fixed=fixed
+    )
     for shape, pose in fixed.items():
         assert np.allclose(refined[shape], pose)
 

@@ -28,7 +28,11 @@ from tests.rigid_problems import planted_cube
 def pair(*energies):
     num = len(energies)
     return pair_of(
-        np.tile(np.eye(3), (num, 1, 1)), energies, num_samples=4, lower_bound=np.nan, status="LOCAL_OPTIMUM"
+        np.tile(np.eye(3), (num, 1, 1)),
+        energies,
+        num_samples=4,
+        lower_bound=np.nan,
+        status="LOCAL_OPTIMUM",
     )
 
 
@@ -42,7 +46,9 @@ def test_rejected_pairs_come_first_then_close_rivals():
 def proof(energy, *listed, within=1.2):
     """A proof whose pose is a half turn; further listed poses are turned by tenths of a turn."""
     turns = [0.2 * np.pi * (number + 1) for number in range(len(listed))]
-    rotations = [[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns]
+    rotations = [
+        [[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in turns
+    ]
     return PairProof(
         listed_rotations=np.array(rotations).reshape(-1, 3, 3),
         listed_maps=np.tile([3, 2, 1, 0], (len(listed), 1)),
@@ -87,13 +93,21 @@ def turn(angle_deg):
 
 
 def test_a_common_pose_far_from_all_listed_poses_contradicts_only_a_complete_list():
-    listed = replace(pair(1.0), complete_within=1.2, regions=turn(0.0)[None], region_radii_rad=np.deg2rad([10.0]))
+    listed = replace(
+        pair(1.0), complete_within=1.2, regions=turn(0.0)[None], region_radii_rad=np.deg2rad([10.0])
+    )
     for angle, is_far in ((0.0, False), (38.0, False), (42.0, True), (180.0, True)):
         said = contradictions(("a", "b"), [listed], np.stack([np.eye(3), turn(angle)]))
         assert bool(said) == is_far
-    assert said[0].values == {"pairs": ("a - b",), "within": LISTED_WITHIN, "apart_deg": pytest.approx(30.0, abs=0.1)}
+    assert said[0].values == {
+        "pairs": ("a - b",),
+        "within": LISTED_WITHIN,
+        "apart_deg": pytest.approx(30.0, abs=0.1),
+    }
     incomplete = replace(listed, complete_within=float("nan"))
-    assert not contradictions(("a", "b"), [incomplete, pair(1.0)], np.stack([np.eye(3), turn(180.0)]))
+    assert not contradictions(
+        ("a", "b"), [incomplete, pair(1.0)], np.stack([np.eye(3), turn(180.0)])
+    )
     many = contradictions(("a", "b"), [listed] * 11, np.stack([np.eye(3), turn(180.0)]))
     assert len(many[0].values["pairs"]) == 11
 
@@ -112,20 +126,30 @@ def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete():
     assert found.listed_energies.tolist() == [one.energy for one in poses.candidates]
     assert found.certificate is not None
     assert found.certificate.bound <= poses.proof.candidate.energy
-    for region, centre, radius in zip(poses.regions, found.regions, found.region_radii_rad, strict=True):
-        assert (rotation_angles(region.rotations, centre) + region.radii_rad <= radius + 1e-12).all()
+    for region, centre, radius in zip(
+        poses.regions, found.regions, found.region_radii_rad, strict=True
+    ):
+        assert (
+            rotation_angles(region.rotations, centre) + region.radii_rad <= radius + 1e-12
+        ).all()
     assert np.isnan(proof_of(replace(poses, is_resolved=False)).complete_within)
     with pytest.raises(StoreError, match="region"):
         from_record(PairProof, record | {"regions": record["regions"][:-1]}, "pair")
     with pytest.raises(StoreError, match="bound"):
-        from_record(PairProof, record | {"certificate": record["certificate"] | {"bound": "0"}}, "pair")
+        from_record(
+            PairProof, record | {"certificate": record["certificate"] | {"bound": "0"}}, "pair"
+        )
 
 
 def test_the_note_on_proofs_counts_them():
     optimal, regions = Status.PROVEN_OPTIMAL.name, np.eye(3)[None]
     proven = [
-        replace(pair(1.0), status=optimal, chirality_proven=True, complete_within=1.2, regions=regions),
-        replace(pair(1.0), status=optimal, complete_within=1.2, regions=np.repeat(regions, 2, axis=0)),
+        replace(
+            pair(1.0), status=optimal, chirality_proven=True, complete_within=1.2, regions=regions
+        ),
+        replace(
+            pair(1.0), status=optimal, complete_within=1.2, regions=np.repeat(regions, 2, axis=0)
+        ),
         pair(2.0),
     ]
     assert proofs_note([pair(1.0), pair(1.5), pair(2.0)], proven, 5).values == {

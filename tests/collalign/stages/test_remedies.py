@@ -90,8 +90,14 @@ def test_components_that_were_left_out_of_doubtful_shapes_are_named(tmp_path, si
     for at in range(NUM):
         shape = blob(rng, num_vertices=100)
         handle = size * shape.vertices + np.array([2.0, 0.0, 0.0])
-        vertices, faces = np.vstack([shape.vertices, handle]), np.vstack([shape.faces, shape.faces + 100])
-        write_mesh(tmp_path / f"s{at}.ply", replace(shape, vertices=vertices, faces=faces) if at < 3 else shape)
+        vertices, faces = (
+            np.vstack([shape.vertices, handle]),
+            np.vstack([shape.faces, shape.faces + 100]),
+        )
+        write_mesh(
+            tmp_path / f"s{at}.ply",
+            replace(shape, vertices=vertices, faces=faces) if at < 3 else shape,
+        )
     options = replace(OPTIONS, cleaning=CleaningOptions(largest_component=kept))
     with Session.open(options, RunOptions(jobs=1)) as session:
         shapes = prepare_shapes(session, list_shapes(tmp_path))

@@ -23,14 +23,20 @@ OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=
 
 
 def arguments(file):
-    groups = {"cleaning": OPTIONS.cleaning, "sampling": OPTIONS.sampling, "embedding": OPTIONS.embedding}
+    groups = {
+        "cleaning": OPTIONS.cleaning,
+        "sampling": OPTIONS.sampling,
+        "embedding": OPTIONS.embedding,
+    }
     return {"file": file, "name": file.stem, "digest": None, **groups}
 
 
 @pytest.fixture
 def folder(tmp_path):
     for i in range(3):
-        write_mesh(tmp_path / "shapes" / f"s{i}.ply", blob(np.random.default_rng(i), num_vertices=60))
+        write_mesh(
+            tmp_path / "shapes" / f"s{i}.ply", blob(np.random.default_rng(i), num_vertices=60)
+        )
     return tmp_path / "shapes"
 
 
@@ -52,7 +58,9 @@ def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(f
 
     monkeypatch.setattr(stage, "hash_shape", hash_and_edit)
     prepared = prepare(folder)
-    assert prepared.excluded == (Excluded(file="s1.ply", reason="has changed since the run began; run again"),)
+    assert prepared.excluded == (
+        Excluded(file="s1.ply", reason="has changed since the run began; run again"),
+    )
     monkeypatch.undo()
     edited.write_bytes(original)
     fresh = prepare(folder)
@@ -77,7 +85,9 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
 def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng):
     for name, num in (("a", 10), ("b", 9), ("c", 11), ("damaged", 4), ("huge", 50)):
         np.savetxt(tmp_path / f"{name}.xyz", rng.standard_normal((num, 3)))
-    shapes = prepare(tmp_path, tmp_path / "store", replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz")))
+    shapes = prepare(
+        tmp_path, tmp_path / "store", replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz"))
+    )
     assert shapes.names == ("a", "b", "c", "huge")
     assert [sorted(item.vertex_indices) for item in shapes.samples][1] == list(range(9))
     assert {len(item.vertex_indices) for item in shapes.samples} == {9}

@@ -56,7 +56,9 @@ def crowns():
     turns = np.stack([random_rotation(rng) for _ in range(NUM)])
     base = crown(num_vertices=500)
     shapes = [bumped(base, rng, rms=0.01) for _ in turns]
-    return samples_of([Shape.from_arrays(s.vertices @ R, s.faces) for s, R in zip(shapes, turns, strict=True)]), turns
+    return samples_of(
+        [Shape.from_arrays(s.vertices @ R, s.faces) for s, R in zip(shapes, turns, strict=True)]
+    ), turns
 
 
 def pairs_at(rotations, wrong=frozenset()):
@@ -68,14 +70,24 @@ def pairs_at(rotations, wrong=frozenset()):
             best, other = other, best
         poses, energies = np.stack([best, other]), np.array([0.1, 0.15])
         pairs.append(
-            Pair(target=i, source=j, rotations=poses, maps=np.zeros((2, 16), dtype=np.int64), energies=energies)
+            Pair(
+                target=i,
+                source=j,
+                rotations=poses,
+                maps=np.zeros((2, 16), dtype=np.int64),
+                energies=energies,
+            )
         )
     return pairs
 
 
 def solved(pairs):
     edges = [(pair.target, pair.source) for pair in pairs]
-    return synchronize(edges, np.stack([p.rotations for p in pairs]), energies=np.stack([p.energies for p in pairs]))
+    return synchronize(
+        edges,
+        np.stack([p.rotations for p in pairs]),
+        energies=np.stack([p.energies for p in pairs]),
+    )
 
 
 def trusted(samples, pairs, rotations):
@@ -149,7 +161,9 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     points = rng.standard_normal((40, 3))
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
-    assert surface_gap((points, normals), (points, normals), np.eye(3)[None]) == pytest.approx(0.0, abs=1e-12)
+    assert surface_gap((points, normals), (points, normals), np.eye(3)[None]) == pytest.approx(
+        0.0, abs=1e-12
+    )
     inside_out = surface_gap((points, normals), (points, -normals), np.eye(3)[None])
     assert inside_out > surface_gap((points, normals), (points, np.empty((0, 3))), np.eye(3)[None])
     turn = Rotation.from_euler("z", 40, degrees=True).as_matrix()
@@ -164,7 +178,9 @@ def test_evidence_for_a_pose_never_lowers_its_probability():
         step = 0.2 * np.eye(len(KINDS))[at]
         assert probability((middle - step)[None]) < probability((middle + step)[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
-    assert probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0]])) == MOST_CONFIDENT
+    assert (
+        probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0]])) == MOST_CONFIDENT
+    )
 
 
 #: No misfit, and nothing known of neighbourhoods.
@@ -172,7 +188,9 @@ REST = (0.0, np.nan, np.nan, np.nan, 20.0)
 
 
 def trust_of(evidence, excess, leads=None):
-    turns = np.array([Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]).reshape(-1, 3, 3)
+    turns = np.array(
+        [Rotation.from_euler("z", r + 1.0).as_matrix() for r in range(len(excess))]
+    ).reshape(-1, 3, 3)
     over = np.zeros(len(excess)) if leads is None else np.array(leads)
     return trust_in([[*evidence, *REST]], [turns], [np.array(excess)], [over])
 
@@ -181,7 +199,12 @@ def trust_in(evidence, rivals, excess, leads):
     """Return trust in shapes that no turn leaves as they are."""
     seen, none = np.array(evidence), (np.eye(3)[None],) * len(evidence)
     unknown = tuple(np.full(len(own), np.nan) for own in excess)
-    rest = {"rivals": tuple(rivals), "excess": tuple(excess), "local_excess": unknown, "leads": tuple(leads)}
+    rest = {
+        "rivals": tuple(rivals),
+        "excess": tuple(excess),
+        "local_excess": unknown,
+        "leads": tuple(leads),
+    }
     return Trust(evidence=seen, symmetries=none, up_to_symmetry=seen, **rest)
 
 
@@ -198,15 +221,26 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
 
 def test_rivals_that_fit_as_well_share_the_confidence():
     sure = [1.0, 0.8, 1.0, 4.0]
-    for excess, share in (([0.0], 1 / 2), ([0.0, 0.01, -0.2], 1 / 4), ([0.5, 0.03], 1.0), ([], 1.0)):
+    for excess, share in (
+        ([0.0], 1 / 2),
+        ([0.0, 0.01, -0.2], 1 / 4),
+        ([0.5, 0.03], 1.0),
+        ([], 1.0),
+    ):
         assert pose_confidence(trust_of(sure, excess)) == min(share, MOST_CONFIDENT)
-    assert pose_confidence(trust_of([0.1, 0.0, 0.1, 0.0], [0.0])) < 0.1  # a tie makes nothing likelier
-    assert pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2  # pairs tell the first apart
+    assert (
+        pose_confidence(trust_of([0.1, 0.0, 0.1, 0.0], [0.0])) < 0.1
+    )  # a tie makes nothing likelier
+    assert (
+        pose_confidence(trust_of(sure, [0.0, 0.0], [2.0, 0.5])) == 1 / 2
+    )  # pairs tell the first apart
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
     sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0, 0.5, 0.3, 0.0, 20.0])
-    plain = trust_in([sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2)
+    plain = trust_in(
+        [sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2
+    )
     assert pose_confidence(plain).tolist() == [MOST_CONFIDENT] * 2
     alike = replace(plain, symmetries=(np.stack([np.eye(3), HALF_TURN]), np.eye(3)[None]))
     assert pose_confidence(alike).tolist() == [MOST_CONFIDENT / 2, MOST_CONFIDENT]
@@ -228,12 +262,16 @@ def test_partners_ask_for_poses_from_both_ends_the_likeliest_and_best_matched_fi
     truth = np.stack([random_rotation(rng) for _ in range(3)])
     pairs = pairs_at(truth)
     pairs[0] = replace(pairs[0], energies=3.0 * pairs[0].energies)
-    pairs[1] = replace(pairs[1], log_odds=np.array([-1.0, 2.0]))  # of shapes 0 and 2; maps say what energies do not
+    pairs[1] = replace(
+        pairs[1], log_odds=np.array([-1.0, 2.0])
+    )  # of shapes 0 and 2; maps say what energies do not
     partners = partners_of(pairs, truth)
     assert [[partner.shape for partner in own] for own in partners] == [[2, 1], [2, 0], [1, 0]]
     for i, own in enumerate(partners):
         for partner in own:
-            angles = rotation_angle_deg(partner.poses, np.broadcast_to(truth[i], partner.poses.shape))
+            angles = rotation_angle_deg(
+                partner.poses, np.broadcast_to(truth[i], partner.poses.shape)
+            )
             assert np.argmin(angles) == int({i, partner.shape} == {0, 2})
             assert min(angles) < 1e-4
             assert partner.excess[0] == 0.0 < partner.excess[1]
@@ -246,10 +284,18 @@ def test_the_most_supported_rival_comes_first(crowns):
         for axis, angle in (("y", 25), ("x", 70), ("z", 70))
     )
     excess = np.array([0.0, 2.0, 0.2])
-    partner = Partner(shape=1, poses=np.stack([same, far, likely]), excess=excess, log_odds=-8.0 * excess, energy=1.0)
+    partner = Partner(
+        shape=1,
+        poses=np.stack([same, far, likely]),
+        excess=excess,
+        log_odds=-8.0 * excess,
+        energy=1.0,
+    )
     rivals = rival_poses(truth[0], [partner], NO_TURNS)
     assert rotation_angle_deg(rivals[0], likely) < 1e-4
-    assert min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0  # less is the same pose
+    assert (
+        min(rotation_angle_deg(rival, truth[0]) for rival in rivals) > 30.0
+    )  # less is the same pose
 
 
 def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_find_as_its_last():
@@ -263,7 +309,9 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
         log_odds=np.array([0.0, -3.0]),
         energy=1.0,
     )
-    second = replace(first, shape=2, poses=np.stack([turn(180.0), turn(0.0)]), log_odds=np.array([0.0, -99.0]))
+    second = replace(
+        first, shape=2, poses=np.stack([turn(180.0), turn(0.0)]), log_odds=np.array([0.0, -99.0])
+    )
     leads = leads_over(np.eye(3), np.stack([turn(90.0), turn(180.0)]), [first, second])
     np.testing.assert_allclose(leads, [(3.0 + 0.0) / 2, (3.0 - 8.0) / 2])
     assert leads_over(np.eye(3), np.empty((0, 3, 3)), [first]).shape == (0,)
@@ -271,18 +319,27 @@ def test_the_lead_is_the_mean_over_pairs_and_counts_poses_that_a_pair_did_not_fi
 
 def test_poses_at_which_copies_do_not_fit_are_as_implausible_as_any_unless_copies_are_few():
     turned = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
-    copy = Partner(shape=1, poses=np.eye(3)[None], excess=np.zeros(1), log_odds=np.zeros(1), energy=0.0)
+    copy = Partner(
+        shape=1, poses=np.eye(3)[None], excess=np.zeros(1), log_odds=np.zeros(1), energy=0.0
+    )
     other = replace(copy, shape=2, energy=0.1)
     assert leads_over(np.eye(3), turned[None], [copy, copy, other]).tolist() == [16.0 / 3.0]
-    assert leads_over(np.eye(3), turned[None], [copy, other]).tolist() == [0.0]  # a twin knows of itself alone
-    both = replace(copy, poses=np.stack([np.eye(3), turned]), excess=np.zeros(2), log_odds=np.zeros(2))
+    assert leads_over(np.eye(3), turned[None], [copy, other]).tolist() == [
+        0.0
+    ]  # a twin knows of itself alone
+    both = replace(
+        copy, poses=np.stack([np.eye(3), turned]), excess=np.zeros(2), log_odds=np.zeros(2)
+    )
     assert leads_over(np.eye(3), turned[None], [both, both]).tolist() == [0.0]  # a box
 
 
 def test_the_cost_looks_both_ways(rng):
     whole, none = rng.standard_normal((40, 3)), np.empty((0, 3))
     part = whole[:10]
-    costs = [surface_gap((a, none), (b, none), np.eye(3)[None]) for a, b in ((whole, part), (part, whole))]
+    costs = [
+        surface_gap((a, none), (b, none), np.eye(3)[None])
+        for a, b in ((whole, part), (part, whole))
+    ]
     assert costs[0] == pytest.approx(costs[1])
     assert min(costs) > 0.01
 
@@ -290,11 +347,17 @@ def test_the_cost_looks_both_ways(rng):
 def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(crowns, right):
     _, truth = crowns
     solution = with_trust(
-        solved(pairs_at(truth)), right, Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1}))
+        solved(pairs_at(truth)),
+        right,
+        Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1})),
     )
     assert solution.confidence[1] == 1.0
-    assert (np.delete(solution.confidence, 1) < 1.0).all()  # what only stays is no surer than the evidence says
-    for confidence, others in zip(np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True):
+    assert (
+        np.delete(solution.confidence, 1) < 1.0
+    ).all()  # what only stays is no surer than the evidence says
+    for confidence, others in zip(
+        np.delete(solution.confidence, 1), np.delete(np.arange(NUM), 1), strict=True
+    ):
         chances = [confidence * np.exp(-other.log_odds) for other in solution.alternatives[others]]
         assert 0.0 < sum(chances) <= 1.0 - confidence + 1e-9
 
@@ -302,7 +365,9 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
 def test_what_may_be_a_mirror_image_is_trusted_by_one_half(crowns, right):
     pairs = pairs_at(crowns[1])
     plain = with_trust(solved(pairs), right, Constraints()).confidence
-    capped = with_trust(solved(pairs), right, Constraints(), side_limits={2: 0.5, 5: 0.5}).confidence
+    capped = with_trust(
+        solved(pairs), right, Constraints(), side_limits={2: 0.5, 5: 0.5}
+    ).confidence
     assert plain.min() > 0.5
     np.testing.assert_array_equal(capped[[2, 5]], 0.5)
     np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
@@ -315,7 +380,9 @@ def test_notes_name_the_doubtful_and_the_contradicted(right, flipped):
     notes = trust_notes(names, trust, chance, Constraints())
     assert only(notes, "doubtful").shapes == ("shape2",)
     assert "contradicted-by-hand" not in codes(notes)
-    by_hand = trust_notes(names, trust, chance, Constraints(fixed={2: poses[2]}, by_hand=frozenset({2})))
+    by_hand = trust_notes(
+        names, trust, chance, Constraints(fixed={2: poses[2]}, by_hand=frozenset({2}))
+    )
     assert only(by_hand, "contradicted-by-hand").shapes == ("shape2",)
     kept = Constraints(fixed={2: poses[2]}, fixed_transforms={2: np.eye(4)})
     former = trust_notes(names, trust, chance, kept)
@@ -340,7 +407,9 @@ def brick(sides, num_dense_points=400):
     directions, faces = sphere_mesh(900)
     extent = 1.0 / np.abs(directions / sides).max(axis=1)
     turn = random_rotation(np.random.default_rng(3))
-    return samples_of([Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)], num_dense_points)[0]
+    return samples_of(
+        [Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)], num_dense_points
+    )[0]
 
 
 @pytest.mark.parametrize(("sides", "num"), [((1.0, 0.8, 0.6), 3), ((1.0, 1.0, 0.6), 7)])
@@ -374,7 +443,9 @@ def generated(kind, rng):
     u = directions @ random_rotation(rng)
     around, angle = np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
     if kind == "table":
-        extent = 1.0 / np.maximum(around / (1.0 + 0.35 * np.sin(2.0 * angle)), np.abs(u[:, 2]) / 0.6)
+        extent = 1.0 / np.maximum(
+            around / (1.0 + 0.35 * np.sin(2.0 * angle)), np.abs(u[:, 2]) / 0.6
+        )
         extent *= 1.0 + 0.25 * (u[:, 2] > 0.3)
     else:
         extent = 1.0 / np.maximum(around * (1.3 - 0.5 * u[:, 2]), np.abs(u[:, 2]) / 1.2)
@@ -384,10 +455,15 @@ def generated(kind, rng):
 
 
 @pytest.mark.parametrize(
-    ("kind", "num", "words"), [("table", 2, "deg about"), ("cup", 12, "any angle about"), ("mug", 1, "")]
+    ("kind", "num", "words"),
+    [("table", 2, "deg about"), ("cup", 12, "any angle about"), ("mug", 1, "")],
 )
 def test_what_turns_leave_as_it_is_is_right_up_to_them(kind, num, words, rng):
-    angles = rng.choice([0.0, 180.0], NUM) if kind == "table" else rng.uniform(0.0, 360.0 * (kind == "cup"), NUM)
+    angles = (
+        rng.choice([0.0, 180.0], NUM)
+        if kind == "table"
+        else rng.uniform(0.0, 360.0 * (kind == "cup"), NUM)
+    )
     samples = samples_of([generated(kind, rng) for _ in range(NUM)])
     poses = Rotation.from_euler("z", angles[:, None], degrees=True).as_matrix()
     pairs = pairs_at(poses)
@@ -411,10 +487,18 @@ def test_turns_are_told_by_their_axes():
     quarter = Rotation.from_rotvec([0, 0, 90], degrees=True).as_matrix()
     words = describe_rotations(np.stack([quarter, quarter @ quarter, np.diag([1.0, -1.0, -1.0])]))
     assert words == "90, 180 deg about (0.00, 0.00, 1.00); 180 deg about (1.00, 0.00, 0.00)"
-    assert describe_rotations(np.stack([quarter, -np.eye(3)])) == "90 deg about (0.00, 0.00, 1.00); mirror images"
+    assert (
+        describe_rotations(np.stack([quarter, -np.eye(3)]))
+        == "90 deg about (0.00, 0.00, 1.00); mirror images"
+    )
     assert describe_rotations(np.diag([1.0, 1.0, -1.0])[None]) == "mirror images"
-    skew = [Rotation.from_rotvec(v, degrees=True).as_matrix() for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])]
-    assert "about 2 more axes" in describe_rotations(np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew]))
+    skew = [
+        Rotation.from_rotvec(v, degrees=True).as_matrix()
+        for v in ([90, 90, 0], [90, 0, 90], [0, 90, -90])
+    ]
+    assert "about 2 more axes" in describe_rotations(
+        np.stack([quarter, np.diag([1.0, -1.0, -1.0]), *skew])
+    )
 
 
 def seen_of(**kinds):
@@ -433,9 +517,13 @@ def test_few_partners_without_a_clear_margin_are_not_enough():
         assert probability(seen_of(**unclear | clear, partners=5.0)) > DOUBT
 
 
-@pytest.mark.parametrize(("partners", "votes", "is_enough"), [(5, 6 / 7, True), (5, 0.75, False), (2, 0.75, False)])
+@pytest.mark.parametrize(
+    ("partners", "votes", "is_enough"), [(5, 6 / 7, True), (5, 0.75, False), (2, 0.75, False)]
+)
 def test_few_partners_that_all_agree_are_enough(partners, votes, is_enough):
-    seen = seen_of(margin=0.2, local_margin=0.2, votes=votes, collection_votes=votes, partners=float(partners))
+    seen = seen_of(
+        margin=0.2, local_margin=0.2, votes=votes, collection_votes=votes, partners=float(partners)
+    )
     assert (probability(seen) > DOUBT) == is_enough
     assert probability(seen) >= FEW_LIMIT
 
@@ -451,15 +539,21 @@ def test_few_shapes_that_fit_better_in_another_pose_are_even_odds():
 def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
     for margin in (-0.1, 0.2, 0.5):
         same = seen_of(margin=margin, local_margin=margin)
-        assert probability(seen_of(margin=margin, local_margin=np.nan, mismatch=np.nan)) == probability(same)
+        assert probability(
+            seen_of(margin=margin, local_margin=np.nan, mismatch=np.nan)
+        ) == probability(same)
 
 
 def test_a_shape_that_resembles_no_other_is_named_and_limited():
-    evidence = np.concatenate([seen_of(), seen_of(mismatch=0.95, local_misfit=0.8), seen_of(mismatch=1.2), seen_of()])
+    evidence = np.concatenate(
+        [seen_of(), seen_of(mismatch=0.95, local_misfit=0.8), seen_of(mismatch=1.2), seen_of()]
+    )
     assert resembles_none(evidence).tolist() == [False, True, False, False]
     assert (probability(evidence) > DOUBT).tolist() == [True, False, True, True]
     empty = [np.zeros((0, 3, 3))] * 4, [np.zeros(0)] * 4, [np.zeros(0)] * 4
-    (note, _) = trust_notes([*"abcd"], trust_in(evidence, *empty), probability(evidence), Constraints())
+    (note, _) = trust_notes(
+        [*"abcd"], trust_in(evidence, *empty), probability(evidence), Constraints()
+    )
     assert (note.code, note.shapes) == ("resembles-none", ("b",))
     assert note.values == {"mismatch": pytest.approx(0.95), "median": pytest.approx(0.68, abs=0.01)}
 
@@ -469,7 +563,9 @@ def test_neighbourhoods_tell_what_is_of_another_kind(crowns):
     samples = [*samples[:3], brick(np.array([1.0, 0.8, 0.6])), *samples[4:]]
     trust = trusted(samples, pairs_at(truth), truth)
     assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
-    assert column(trust, "partners").tolist() == [NUM - 1 if i == 3 else NUM - 2 for i in range(NUM)]
+    assert column(trust, "partners").tolist() == [
+        NUM - 1 if i == 3 else NUM - 2 for i in range(NUM)
+    ]
     others = np.delete(column(trust, "local margin"), 3)
     assert others.min() > max(column(trust, "local margin")[3], 0.05)
 
@@ -479,7 +575,9 @@ def test_a_stranger_costs_the_others_no_confidence(crowns):
     kept = [pair for pair in pairs_at(truth) if 4 not in (pair.target, pair.source)]
     alone = pose_confidence(trusted(samples[:4], kept, truth[:4]))
     samples = [*samples[:4], brick(np.array([1.0, 0.8, 0.6]))]
-    to_stranger = [pair for pair in pairs_at(truth, wrong={0, 2}) if 4 in (pair.target, pair.source)]
+    to_stranger = [
+        pair for pair in pairs_at(truth, wrong={0, 2}) if 4 in (pair.target, pair.source)
+    ]
     with_stranger = trusted(samples, kept + to_stranger, truth)
     assert np.flatnonzero(resembles_none(with_stranger.evidence)).tolist() == [4]
     assert column(with_stranger, "partners").tolist() == [3, 3, 3, 3, 4]
@@ -489,13 +587,21 @@ def test_a_stranger_costs_the_others_no_confidence(crowns):
 def test_neighbourhoods_of_a_sphere_are_all_alike():
     directions, faces = sphere_mesh(900)
     turns = np.stack([random_rotation(np.random.default_rng(seed)) for seed in range(4)])
-    sphere, long = samples_of([Shape.from_arrays(directions * axes, faces) for axes in ([1, 1, 1], [3, 1, 1])])
-    assert local_evidence(sphere, sphere, turns)[0].max() < 0.3 < local_evidence(long, long, turns)[0].min()
+    sphere, long = samples_of(
+        [Shape.from_arrays(directions * axes, faces) for axes in ([1, 1, 1], [3, 1, 1])]
+    )
+    assert (
+        local_evidence(sphere, sphere, turns)[0].max()
+        < 0.3
+        < local_evidence(long, long, turns)[0].min()
+    )
 
 
 def test_copies_with_thin_limbs_are_not_symmetric():
     def is_alike(own_mismatch, usual_mismatch=0.0):
-        return is_as_good(np.array([-0.2]), np.array([0.0]), np.array([own_mismatch]), usual_mismatch).item()
+        return is_as_good(
+            np.array([-0.2]), np.array([0.0]), np.array([own_mismatch]), usual_mismatch
+        ).item()
 
     assert not is_alike(0.43)  # a spider on its copies, after an eighth of a turn
     assert is_alike(0.35)  # a cube

@@ -23,7 +23,12 @@ def problem(kind, spread):
     edges = np.array(sorted(graph.edges), dtype=np.int64)
     free = np.ones(len(graph), dtype=bool)
     free[[min(part) for part in nx.connected_components(graph)]] = False
-    return edges, 10.0 ** rng.uniform(-spread, 0.0, len(edges)), free, rng.standard_normal((int(free.sum()), 3))
+    return (
+        edges,
+        10.0 ** rng.uniform(-spread, 0.0, len(edges)),
+        free,
+        rng.standard_normal((int(free.sum()), 3)),
+    )
 
 
 def laplacian(edges, weights, free):
@@ -58,7 +63,9 @@ def test_graphs_with_random_pairs_are_never_factored(spread, monkeypatch):
     monkeypatch.setattr(least_squares, "splu", counted)
     edges, weights, free, force = problem("random", spread)
     _solve_laplacian(edges, weights, len(free), free, force)
-    assert max(sizes) < 2 * len(free)  # of a tree; the graph's own factor has hundreds of entries per shape
+    assert max(sizes) < 2 * len(
+        free
+    )  # of a tree; the graph's own factor has hundreds of entries per shape
     monkeypatch.setattr(least_squares, "MAX_CG_STEPS", 1)
     _solve_laplacian(edges, weights, len(free), free, force)
     assert max(sizes) > 50 * len(free)

@@ -38,7 +38,9 @@ def _graph_edges(name):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["pair", "path", "cycle", "star", "grid", "complete", "barbell", "regular"])
+@pytest.mark.parametrize(
+    "name", ["pair", "path", "cycle", "star", "grid", "complete", "barbell", "regular"]
+)
 def test_exact_pairs_are_recovered_on_every_connected_graph(name, method):
     edges = _graph_edges(name)
     truth = random_rotations(np.random.default_rng(3), int(edges.max()) + 1)
@@ -46,12 +48,17 @@ def test_exact_pairs_are_recovered_on_every_connected_graph(name, method):
     found = synchronize(edges, pairs, method=method)
     assert np.abs(exact_pairs(found.rotations, edges) - pairs).max() < 1e-8
     assert found.edge_inlier.all()
-    assert np.array_equal(found.rotations[0], np.eye(3)) or np.allclose(found.rotations[0], np.eye(3), atol=1e-12)
+    assert np.array_equal(found.rotations[0], np.eye(3)) or np.allclose(
+        found.rotations[0], np.eye(3), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("kind", ["path", "regular"])
 def test_large_sparse_graphs_are_solved_exactly(kind):
-    graphs = {"path": networkx.path_graph(450), "regular": networkx.random_regular_graph(4, 450, seed=2)}
+    graphs = {
+        "path": networkx.path_graph(450),
+        "regular": networkx.random_regular_graph(4, 450, seed=2),
+    }
     edges = np.array(sorted(tuple(sorted(e)) for e in graphs[kind].edges))
     truth = random_rotations(np.random.default_rng(18), 450)
     found = synchronize(edges, exact_pairs(truth, edges))
@@ -66,7 +73,9 @@ def test_other_groups_are_recovered(dim, group, method):
     truth = random_rotations(rng, 14, dim, group=group)
     found = synchronize(edges, exact_pairs(truth, edges), group=group, method=method)
     assert np.abs(exact_pairs(found.rotations, edges) - exact_pairs(truth, edges)).max() < 1e-8
-    assert np.array_equal(np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
+    assert np.array_equal(
+        np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -100,7 +109,9 @@ def test_gauge_of_the_shapes_and_order_change_nothing(seed):
     moved = synchronize(order[problem.edges], turned, energies=problem.energies)
     expected = first.rotations @ turns
     relative_pairs = exact_pairs(expected, problem.edges)
-    assert np.allclose(exact_pairs(moved.rotations[order], problem.edges), relative_pairs, atol=1e-3)
+    assert np.allclose(
+        exact_pairs(moved.rotations[order], problem.edges), relative_pairs, atol=1e-3
+    )
     assert np.array_equal(first.edge_choice, moved.edge_choice)
     assert np.allclose(first.confidence, moved.confidence[order], atol=0.05)
 
@@ -108,7 +119,9 @@ def test_gauge_of_the_shapes_and_order_change_nothing(seed):
 @pytest.mark.parametrize("holder", range(14))
 def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder):
     """Among equally well connected shapes the first holds the gauge; in this problem one of them starts out wrong."""
-    problem = flipped_pairs(np.random.default_rng(911), regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4)
+    problem = flipped_pairs(
+        np.random.default_rng(911), regular_edges(14, 6, 1), 14, wrong=0.1, num_candidates=4
+    )
     order = np.roll(np.arange(14), holder)
     found = synchronize(order[problem.edges], problem.rotations, energies=problem.energies)
     assert pose_errors_deg(found.rotations[order], problem.truth).max() < 30.0
@@ -119,20 +132,29 @@ def test_reversed_edges_change_nothing():
     problem = flipped_pairs(rng, regular_edges(20, 6, 0), 20, wrong=0.2, num_candidates=4)
     first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
     back = synchronize(
-        problem.edges[:, ::-1], np.swapaxes(problem.rotations, 2, 3), energies=problem.energies, num_shapes=20
+        problem.edges[:, ::-1],
+        np.swapaxes(problem.rotations, 2, 3),
+        energies=problem.energies,
+        num_shapes=20,
     )
     assert np.allclose(first.rotations, back.rotations, atol=1e-7)
 
 
 def test_the_same_call_gives_the_same_bits():
-    problem = flipped_pairs(np.random.default_rng(5), regular_edges(20, 4, 0), 20, wrong=0.3, num_candidates=4)
-    first, second = (synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2))
+    problem = flipped_pairs(
+        np.random.default_rng(5), regular_edges(20, 4, 0), 20, wrong=0.3, num_candidates=4
+    )
+    first, second = (
+        synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2)
+    )
     assert np.array_equal(first.rotations, second.rotations)
     assert np.array_equal(first.confidence, second.confidence)
 
 
 def test_outliers_do_not_move_the_answer():
-    problem = flipped_pairs(np.random.default_rng(8), complete_edges(40), 40, wrong=0.5, kind="uniform")
+    problem = flipped_pairs(
+        np.random.default_rng(8), complete_edges(40), 40, wrong=0.5, kind="uniform"
+    )
     robust = synchronize(problem.edges, problem.rotations)
     spectral = synchronize(problem.edges, problem.rotations, method="spectral")
     robust_deg = pose_errors_deg(robust.rotations, problem.truth)
@@ -145,7 +167,9 @@ def test_outliers_do_not_move_the_answer():
 
 def test_sparse_graphs_of_which_most_pairs_are_anything_are_solved():
     edges = regular_edges(200, 12, 3)
-    problem = flipped_pairs(np.random.default_rng(3), edges, 200, wrong=0.55, noise_deg=5.0, kind="uniform")
+    problem = flipped_pairs(
+        np.random.default_rng(3), edges, 200, wrong=0.55, noise_deg=5.0, kind="uniform"
+    )
     right = pose_errors_deg(synchronize(edges, problem.rotations).rotations, problem.truth) < 20.0
     assert right.mean() > 0.95
     spectral = synchronize(edges, problem.rotations, method="spectral")
@@ -183,7 +207,9 @@ def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them():
     problem = flipped_pairs(np.random.default_rng(11), edges, 24, wrong=0.1, num_candidates=4)
     free = synchronize(edges, problem.rotations, energies=problem.energies)
     turn = random_rotations(np.random.default_rng(1), 1)[0]
-    wanted = {i: turn @ free.rotations[i] for i in (2, 7, 9)} | {5: turn @ free.rotations[5] @ D2_FLIPS[1]}
+    wanted = {i: turn @ free.rotations[i] for i in (2, 7, 9)} | {
+        5: turn @ free.rotations[5] @ D2_FLIPS[1]
+    }
     found = synchronize(edges, problem.rotations, energies=problem.energies, fixed=wanted)
     assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
     others = np.setdiff1d(np.arange(24), list(wanted))
@@ -196,7 +222,9 @@ def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them():
 def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said():
     edges = complete_edges(5)
     problem = flipped_pairs(np.random.default_rng(14), edges, 5, wrong=0.2, num_candidates=4)
-    odds = [np.array([-np.inf, 1.0, 0.0, -2.0]) for _ in edges]  # maps may exclude a pose altogether
+    odds = [
+        np.array([-np.inf, 1.0, 0.0, -2.0]) for _ in edges
+    ]  # maps may exclude a pose altogether
     graph = PairGraph.of_candidates(
         edges,
         list(zip(problem.rotations, problem.energies, strict=True)),
@@ -207,7 +235,9 @@ def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said
     wanted = dict(enumerate(random_rotations(np.random.default_rng(2), 3)))
     full = graph.with_constraints(wanted)
     assert np.array_equal(full.best_choice[full.fixed], np.zeros(2))
-    assert np.array_equal(np.exp(EdgeModel(graph=full).log_prior[full.fixed]), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))
+    assert np.array_equal(
+        np.exp(EdgeModel(graph=full).log_prior[full.fixed]), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    )
     found = synchronize_graph(graph, fixed=wanted)
     assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
 

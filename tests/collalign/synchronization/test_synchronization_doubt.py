@@ -24,7 +24,9 @@ def _solve(problem, **options):
 
 
 def test_a_block_flipped_by_fewer_pairs_comes_out_right():
-    problem, _ = group_flip(np.random.default_rng(1), complete_edges(60), 60, share=0.3, chance=0.45)
+    problem, _ = group_flip(
+        np.random.default_rng(1), complete_edges(60), 60, share=0.3, chance=0.45
+    )
     assert (pose_errors_deg(_solve(problem).rotations, problem.truth) < 20.0).mean() > 0.97
 
 
@@ -48,7 +50,10 @@ def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternativ
     assert found.confidence[5] < 0.95 < np.delete(found.confidence, 5).min()
     pairs = np.delete(np.arange(16), 5)
     gauge = found.rotations[pairs[0]] @ problem.truth[pairs[0]].T
-    poses = [gauge.T @ found.rotations[5], *(gauge.T @ other.rotation for other in found.alternatives[5])]
+    poses = [
+        gauge.T @ found.rotations[5],
+        *(gauge.T @ other.rotation for other in found.alternatives[5]),
+    ]
     assert min(np.linalg.norm(pose - problem.truth[5]) for pose in poses) < 0.5
 
 
@@ -56,7 +61,9 @@ def test_a_wrong_shape_has_low_confidence_and_its_true_pose_among_the_alternativ
 def test_confidence_is_calibrated_and_ranks_wrong_shapes(degree, stated):
     right, sure = [], []
     for seed in range(6):
-        problem = flipped_pairs(np.random.default_rng(seed), regular_edges(60, degree, seed), 60, wrong=0.3)
+        problem = flipped_pairs(
+            np.random.default_rng(seed), regular_edges(60, degree, seed), 60, wrong=0.3
+        )
         found = _solve(problem)
         right.append(pose_errors_deg(found.rotations, problem.truth) < 20.0)
         sure.append(found.confidence)
@@ -75,7 +82,9 @@ def test_mirrored_shapes_are_found_among_wrong_signs():
     wrong = rng.random(len(edges)) < 0.3
     pairs[wrong] = pairs[wrong] @ _mirrors(rng, int(wrong.sum()))
     found = synchronize(edges, pairs, group="O")
-    assert np.array_equal(np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0)
+    assert np.array_equal(
+        np.linalg.det(found.rotations) < 0, np.linalg.det(truth) * np.linalg.det(truth[0]) < 0
+    )
     assert found.edge_inlier[wrong].mean() < 0.05
 
 
@@ -88,7 +97,9 @@ def _mirrors(rng, count):
 @pytest.mark.parametrize(("degree", "wrong", "stated"), [(12, 0.5, 0.8), (12, 0.7, 0.0)])
 def test_sparse_graphs_with_uniform_outliers_state_no_wrong_shape(degree, wrong, stated):
     edges = regular_edges(200, degree, 6)
-    problem = flipped_pairs(np.random.default_rng(6), edges, 200, wrong=wrong, noise_deg=5.0, kind="uniform")
+    problem = flipped_pairs(
+        np.random.default_rng(6), edges, 200, wrong=wrong, noise_deg=5.0, kind="uniform"
+    )
     found = _solve(problem)
     is_right = pose_errors_deg(found.rotations, problem.truth) < 20.0
     sure = found.confidence >= 0.95
@@ -99,7 +110,9 @@ def test_sparse_graphs_with_uniform_outliers_state_no_wrong_shape(degree, wrong,
 @pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
 def test_mixed_folders_are_split(sizes, seed):
     problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
-    found = find_parts(PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies))
+    found = find_parts(
+        PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
+    )
     assert len(np.unique(np.stack([found, labels]), axis=1).T) == found.max() + 1 == len(sizes)
 
 

@@ -30,7 +30,9 @@ def _same_labels(found, planted):
     return float((counts.argmax(axis=1)[found] == planted).mean())
 
 
-@pytest.mark.parametrize(("edges", "wrong"), [(complete_edges(30), 0.0), (complete_edges(30), 0.4), (SPARSE, 0.15)])
+@pytest.mark.parametrize(
+    ("edges", "wrong"), [(complete_edges(30), 0.0), (complete_edges(30), 0.4), (SPARSE, 0.15)]
+)
 def test_labels_are_recovered_and_maps_compose(edges, wrong):
     rng = np.random.default_rng(0)
     planted, maps, places = _planted(rng, 30, 20, edges, wrong)
@@ -56,7 +58,10 @@ def test_maps_count_by_their_weights_and_places_where_maps_say_nothing():
     anywhere = rng.standard_normal(places.shape)
     trusted = synchronize_maps(edges, maps, np.where(wrong, 0.1, 1.0), anywhere)
     assert _same_labels(trusted, planted) == 1.0
-    assert _same_labels(synchronize_maps(edges, maps, np.where(wrong, 1.0, 0.1), anywhere), planted) < 1.0
+    assert (
+        _same_labels(synchronize_maps(edges, maps, np.where(wrong, 1.0, 0.1), anywhere), planted)
+        < 1.0
+    )
     near = places - 0.9 * (places - places[0, np.argsort(planted[0])][planted])
     assert _same_labels(synchronize_maps(edges[:1], maps[:1], np.zeros(1), near), planted) == 1.0
 
@@ -71,7 +76,9 @@ def test_scales_are_recovered():
     noisy = shapes + 0.2 * rng.standard_normal(shapes.shape)
     centred = noisy - noisy.mean(axis=1, keepdims=True)
     best = common_scales(noisy)
-    fitted = (centred * (best[:, None, None] * centred).mean(axis=0)).sum(axis=(1, 2)) / (centred**2).sum(axis=(1, 2))
+    fitted = (centred * (best[:, None, None] * centred).mean(axis=0)).sum(axis=(1, 2)) / (
+        centred**2
+    ).sum(axis=(1, 2))
     assert np.allclose(fitted / fitted[0], best / best[0])
 
 

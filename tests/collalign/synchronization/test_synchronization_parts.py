@@ -38,9 +38,16 @@ from collalign.synchronization.solvers.spectral import synchronize_signs
 from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern
-from tests.synchronization_problems import complete_edges, exact_pairs, random_rotations, small_rotations
+from tests.synchronization_problems import (
+    complete_edges,
+    exact_pairs,
+    random_rotations,
+    small_rotations,
+)
 
-THIRD = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # a turn that is not its own inverse
+THIRD = np.array(
+    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+)  # a turn that is not its own inverse
 
 
 def noisy_graph(num, noise_deg, *, seed=0, **options):
@@ -75,7 +82,9 @@ def test_costs_are_the_log_of_a_mixture_and_shares_its_parts():
         squared = np.full((graph.num_edges, 1), distance)
         inlier, outlier = np.exp(model.log_terms(squared))[:, 0], np.exp(model.log_uniform)
         np.testing.assert_allclose(model.costs(squared), -np.log(inlier + outlier), atol=1e-12)
-        np.testing.assert_allclose(model.responsibilities(squared)[:, 0], inlier / (inlier + outlier), atol=1e-12)
+        np.testing.assert_allclose(
+            model.responsibilities(squared)[:, 0], inlier / (inlier + outlier), atol=1e-12
+        )
 
 
 def test_noise_is_estimated_with_the_freedom_of_the_frames_discounted():
@@ -98,20 +107,28 @@ def test_the_power_of_the_energy_is_found():
     graph = PairGraph.from_user(edges, np.tile(np.eye(3), (len(edges), 1, 1)), energies=energies)
     ones = np.ones((len(edges), 1))
     model = EdgeModel(graph=graph)
-    assert _fitted_power(model, ones, 0.01 * (energies[:, None] ** 2)) == pytest.approx(1.0, abs=0.05)
+    assert _fitted_power(model, ones, 0.01 * (energies[:, None] ** 2)) == pytest.approx(
+        1.0, abs=0.05
+    )
     assert _fitted_power(model, ones, 0.01 * energies[:, None]) == pytest.approx(0.5, abs=0.05)
-    assert _fitted_power(model, ones, np.full((len(edges), 1), 0.01)) == pytest.approx(0.0, abs=0.05)
+    assert _fitted_power(model, ones, np.full((len(edges), 1), 0.01)) == pytest.approx(
+        0.0, abs=0.05
+    )
 
 
 def test_features_energies_and_weights_are_relative():
     edges = np.array([[0, 1], [1, 2], [0, 2]])
     energies = np.array([[1.0, np.e], [2.0, 2.0 * np.e], [4.0 * np.e, 4.0]])
-    graph = PairGraph.from_user(edges, np.tile(np.eye(3), (3, 2, 1, 1)), energies=energies, weights=[1.0, 2.0, 8.0])
+    graph = PairGraph.from_user(
+        edges, np.tile(np.eye(3), (3, 2, 1, 1)), energies=energies, weights=[1.0, 2.0, 8.0]
+    )
     features = candidate_features(graph)
     assert features[..., 0].tolist() == [[0, 1], [0, 1], [1, 0]]
     np.testing.assert_allclose(features[..., 1], [[0, 1], [0, 1], [1, 0]], atol=1e-12)
     np.testing.assert_allclose(relative_energies(graph), [0.5, 1.0, 2.0])
-    assert relative_energies(replace(graph, energies=0.0 * energies)).tolist() == [1.0] * 3, "copies are no ties"
+    assert relative_energies(replace(graph, energies=0.0 * energies)).tolist() == [1.0] * 3, (
+        "copies are no ties"
+    )
     np.testing.assert_allclose(relative_weights(graph), [0.5, 1.0, 4.0])
     fixed = replace(graph, fixed=np.array([False, False, True]))
     assert relative_weights(fixed)[2] == pytest.approx(1e3 * relative_weights(fixed)[:2].max())
@@ -137,7 +154,12 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
     _add_own_hypotheses(model, aligned, turns, offered, 1, np.zeros(10))
     assert offered[shape, 1]
     # the pairs ask for one turn, the same from both of their ends
-    assert min(rotation_angle_deg(turns[shape, 1], THIRD), rotation_angle_deg(turns[shape, 1], THIRD.T)) < 1.0
+    assert (
+        min(
+            rotation_angle_deg(turns[shape, 1], THIRD), rotation_angle_deg(turns[shape, 1], THIRD.T)
+        )
+        < 1.0
+    )
     one_sided = aligned.copy()
     swap = model.graph.edges[:, 1] == shape
     asked = np.where(swap[:, None, None], np.swapaxes(aligned[:, 0], 1, 2), one_sided[:, 0])
@@ -160,7 +182,9 @@ def test_a_shape_without_affinities_is_a_part_of_its_own():
 def test_modes_are_apart_and_the_heaviest_first():
     rng = np.random.default_rng(3)
     flip = np.diag([1.0, -1.0, -1.0])
-    turns = np.concatenate([THIRD @ small_rotations(rng, (20,), 3.0), flip @ small_rotations(rng, (10,), 3.0)])
+    turns = np.concatenate(
+        [THIRD @ small_rotations(rng, (20,), 3.0), flip @ small_rotations(rng, (10,), 3.0)]
+    )
     means = _modes(turns, np.ones(30), 0.02, 5, np.eye(3)[None], 48)
     assert len(means) == 2
     found = RotationPattern.from_user(None, 3, "SO").project(means)
@@ -198,15 +222,21 @@ def test_states_are_compared_at_one_noise_whatever_each_has_fitted(noises_rad):
     graph = PairGraph.from_user(edges, pairs)
     states = [
         State(
-            model=EdgeModel(graph=graph, noise_rad=noise), frames=frames, beliefs=np.ones((12, 1)), alternatives=own
+            model=EdgeModel(graph=graph, noise_rad=noise),
+            frames=frames,
+            beliefs=np.ones((12, 1)),
+            alternatives=own,
         )
-        for noise, frames in zip(noises_rad, (transposed(truth), random_rotations(rng, 12)), strict=True)
+        for noise, frames in zip(
+            noises_rad, (transposed(truth), random_rotations(rng, 12)), strict=True
+        )
         for own in [turn_set(THIRD, num=12)]
     ]
     costs = common_costs(states)
     assert costs[1] > costs[0] + 10.0
     assert np.allclose(
-        costs, common_costs([replace(s, model=EdgeModel(graph=graph, noise_rad=0.05)) for s in states])
+        costs,
+        common_costs([replace(s, model=EdgeModel(graph=graph, noise_rad=0.05)) for s in states]),
     )
 
 
@@ -218,7 +248,9 @@ def test_rotated_distances_are_those_of_their_definition(shared):
     alternatives = turn_set(*random_rotations(rng, 2))
     if not shared:
         turns = np.concatenate([alternatives.rotations, random_rotations(rng, 3)[:, None]], axis=1)
-        alternatives = replace(alternatives, rotations=turns, offered=np.ones(turns.shape[:2], dtype=bool))
+        alternatives = replace(
+            alternatives, rotations=turns, offered=np.ones(turns.shape[:2], dtype=bool)
+        )
     for flip in (None, THIRD):
         found = _rotated_distances(graph, aligned, alternatives, flip=flip)
         target = np.eye(3) if flip is None else flip
@@ -234,7 +266,9 @@ def test_turns_that_are_not_offered_cost_too_much():
     alternatives = turn_set(THIRD)
     offered = alternatives.offered.copy()
     offered[1, 1] = False
-    costs = hypothesis_costs(EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered))
+    costs = hypothesis_costs(
+        EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered)
+    )
     for e, (i, j) in enumerate(graph.edges):
         for a, b in itertools.product(range(2), repeat=2):
             assert (costs[e, a, b] == FORBIDDEN) == (not offered[i, a] or not offered[j, b])
@@ -264,11 +298,16 @@ def test_parts_are_turned_to_each_other_and_some_stay():
     edges = complete_edges(6)
     truth = random_rotations(np.random.default_rng(6), 6)
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
-    labels, own = np.repeat([0, 1], 3), np.repeat(random_rotations(np.random.default_rng(7), 2), 3, axis=0)
+    labels, own = (
+        np.repeat([0, 1], 3),
+        np.repeat(random_rotations(np.random.default_rng(7), 2), 3, axis=0),
+    )
     for stay in (0, 1):
         turns = part_rotations(graph, labels, own @ truth, {stay})
         np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (3, 1, 1)))
-        np.testing.assert_allclose(exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8)
+        np.testing.assert_allclose(
+            exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8
+        )
 
 
 def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity():
@@ -300,11 +339,25 @@ def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_eviden
     truth = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
     edges = complete_edges(5)
     signs = truth[edges[:, 0]] * truth[edges[:, 1]]
-    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [False, True, True, False, True]
+    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [
+        False,
+        True,
+        True,
+        False,
+        True,
+    ]
     signs[2] *= -1.0
-    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [False, True, True, False, True]
+    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [
+        False,
+        True,
+        True,
+        False,
+        True,
+    ]
     alone = np.full(10, 0.1)
-    alone[[0, 1, 2, 3]] = 1.0  # the first shape's own pairs say all that counts, the wrong one included
+    alone[[0, 1, 2, 3]] = (
+        1.0  # the first shape's own pairs say all that counts, the wrong one included
+    )
     assert synchronize_signs(edges, signs, alone, 5).tolist() == [False, True, True, True, True]
 
 
@@ -324,7 +377,9 @@ def test_the_first_shape_of_every_component_is_not_mirrored(seed):
     rng = np.random.default_rng(seed)
     truth = rng.choice([-1.0, 1.0], 9)
     edges = np.concatenate([complete_edges(5), 5 + complete_edges(4)])
-    found = synchronize_signs(edges, truth[edges[:, 0]] * truth[edges[:, 1]], np.ones(len(edges)), 9)
+    found = synchronize_signs(
+        edges, truth[edges[:, 0]] * truth[edges[:, 1]], np.ones(len(edges)), 9
+    )
     assert np.array_equal(found[:5], truth[:5] != truth[0])
     assert np.array_equal(found[5:], truth[5:] != truth[5])
 
@@ -347,14 +402,21 @@ def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():
 
     lower = rng.uniform(0.1, 0.2, (len(both), 1))
     right, wrong = learnt(np.hstack([lower, 2.0 * lower])), learnt(np.hstack([2.0 * lower, lower]))
-    assert right.best_log_odds + right.energy_slope > PRIORS.log_odds > wrong.best_log_odds + wrong.energy_slope
+    assert (
+        right.best_log_odds + right.energy_slope
+        > PRIORS.log_odds
+        > wrong.best_log_odds + wrong.energy_slope
+    )
 
 
 def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be():
     rng = np.random.default_rng(1)
     edges = complete_edges(4)
     pairs = np.zeros((len(edges), 7, 7))
-    pairs[:, :3, :3], pairs[:, 3:, 3:] = np.eye(3), np.linalg.qr(rng.standard_normal((len(edges), 4, 4)))[0]
+    pairs[:, :3, :3], pairs[:, 3:, 3:] = (
+        np.eye(3),
+        np.linalg.qr(rng.standard_normal((len(edges), 4, 4)))[0],
+    )
     for group, allowed in (("SO", True), ("O", False)):
         graph = PairGraph.from_user(edges, pairs, rotation_pattern=(3, 4), group=group)
         assert bool(restricted(graph, np.arange(3)).pattern.special_blocks) == allowed

@@ -87,7 +87,9 @@ def cloud(shape):
 def clouds():
     rng = np.random.default_rng(0)
     tooth, body = crown(rng, num_vertices=400), figure()
-    return [cloud(s) for s in (tooth, bumped(tooth, rng, rms=0.01), body, bumped(body, rng, rms=0.01))]
+    return [
+        cloud(s) for s in (tooth, bumped(tooth, rng, rms=0.01), body, bumped(body, rng, rms=0.01))
+    ]
 
 
 def test_a_shape_is_nearer_to_its_own_kind(clouds):
@@ -100,7 +102,9 @@ def test_a_shape_is_nearer_to_its_own_kind(clouds):
 
 def test_refining_takes_back_a_turn_that_the_poses_left(clouds):
     angle = 0.1
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
     turned = [clouds[0], 1.7 * clouds[0] @ turn.T]
     groups = np.zeros(2, dtype=np.int64)
     assert distances_at_poses(turned)[0, 1] > 0.01
@@ -122,7 +126,9 @@ def test_expert_landmarks_of_teeth_classify_as_published(shared_data):
     names, landmarks = data["names"].tolist(), data["landmarks"][:, :16]
     labels = read_labels(folder / "labels.csv")
     sides = np.array(labels.column("chirality_from_landmarks", names), dtype=float)
-    landmarks = landmarks * np.stack([sides, np.ones(len(sides)), np.ones(len(sides))], axis=1)[:, None]
+    landmarks = (
+        landmarks * np.stack([sides, np.ones(len(sides)), np.ones(len(sides))], axis=1)[:, None]
+    )
     distances = procrustes_distances(landmarks)
     for by, scored, correct in (("family", 106, 100), ("order", 116, 111)):
         found = classify_leave_one_out(distances, labels.column(by, names))

@@ -66,7 +66,9 @@ def test_export_reads_the_saved_folder(view, tmp_path):
     assert saved == export(view, "tps", tmp_path / "b")[0].read_text()
 
 
-def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_the_same(view, tmp_path):
+def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_the_same(
+    view, tmp_path
+):
     made = dataclasses.replace(view, vertices=(), faces=())
     for to, collection in (("made", made), ("saved", view)):
         export(collection, "csv", tmp_path / to)
@@ -77,7 +79,9 @@ def test_a_result_that_was_just_made_has_no_display_meshes_and_is_exported_all_t
 def test_morphologika(view, tmp_path):
     found = read_morphologika(export(view, "morphologika", tmp_path)[0])
     assert found.names == view.names
-    np.testing.assert_allclose(found.points, view.aligned_landmarks / view.scales[:, None, None], atol=1e-12)
+    np.testing.assert_allclose(
+        found.points, view.aligned_landmarks / view.scales[:, None, None], atol=1e-12
+    )
     assert found.labels == ("taxon", "side")
     assert found.label_values[1] == ("taxon_B", "left")
 
@@ -101,19 +105,34 @@ def test_tables_of_landmarks_are_read_again(view, tmp_path, format):
 
 def test_formats_for_statistics_are_reflected_keep_size_and_say_so(view, tmp_path):
     assert 0 < view.reflected.sum() < 6
-    found = [marks.points for marks in read_specimens(export(view, "tps", tmp_path / "tps")[0]).values()]
+    found = [
+        marks.points for marks in read_specimens(export(view, "tps", tmp_path / "tps")[0]).values()
+    ]
     np.testing.assert_allclose(centroid_sizes(np.array(found)), view.centroid_sizes, rtol=1e-12)
-    assert [handedness(*pair) < 0 for pair in zip(view.landmarks, found, strict=True)] == view.reflected.tolist()
-    comments = [line for line in (tmp_path / "tps" / "landmarks.tps").read_text().splitlines() if "COMMENT" in line]
+    assert [
+        handedness(*pair) < 0 for pair in zip(view.landmarks, found, strict=True)
+    ] == view.reflected.tolist()
+    comments = [
+        line
+        for line in (tmp_path / "tps" / "landmarks.tps").read_text().splitlines()
+        if "COMMENT" in line
+    ]
     assert ["not" not in line for line in comments] == view.reflected.tolist()
     table = rows(tmp_path / "tps" / "specimens.csv")
-    assert [row["coordinates"] for row in table] == [line.removeprefix("COMMENT=") for line in comments]
+    assert [row["coordinates"] for row in table] == [
+        line.removeprefix("COMMENT=") for line in comments
+    ]
     assert [float(row["centroid_size"]) for row in table] == view.centroid_sizes.tolist()
     noted = (tmp_path / "tps" / "notes-tps.txt").read_text()
-    assert f"{int(view.reflected.sum())} of 6 specimens are reflected; centroid sizes are kept" in noted
+    assert (
+        f"{int(view.reflected.sum())} of 6 specimens are reflected; centroid sizes are kept"
+        in noted
+    )
     raw = read_specimens(export(view, "tps", tmp_path / "raw", space="raw")[0])
     np.testing.assert_array_equal([marks.points for marks in raw.values()], view.landmarks)
-    assert "which statistics would find as shape" in (tmp_path / "raw" / "notes-tps.txt").read_text()
+    assert (
+        "which statistics would find as shape" in (tmp_path / "raw" / "notes-tps.txt").read_text()
+    )
 
 
 def handedness(points, moved):
@@ -139,7 +158,9 @@ def test_tps_by_ktch(view, tmp_path):
 
 
 def test_slicer_json(view, tmp_path):
-    for path, points in zip(export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True):
+    for path, points in zip(
+        export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True
+    ):
         markup = json.loads(path.read_text())["markups"][0]
         assert markup["coordinateSystem"] == "LPS"
         status = [control["positionStatus"] for control in markup["controlPoints"]]
@@ -151,8 +172,13 @@ def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
     for at, path in enumerate(export(view, "itk", tmp_path)):
         transform = sitk.ReadTransform(str(path))
-        raw, aligned = view.vertices[at][7], np.append(view.vertices[at][7], 1) @ view.transforms[at].T
-        np.testing.assert_allclose(transform.TransformPoint(aligned[:3].tolist()), raw, rtol=1e-9, atol=1e-9)
+        raw, aligned = (
+            view.vertices[at][7],
+            np.append(view.vertices[at][7], 1) @ view.transforms[at].T,
+        )
+        np.testing.assert_allclose(
+            transform.TransformPoint(aligned[:3].tolist()), raw, rtol=1e-9, atol=1e-9
+        )
         np.testing.assert_allclose(
             transform.GetInverse().TransformPoint(raw.tolist()), aligned[:3], rtol=1e-9, atol=1e-9
         )
@@ -162,13 +188,20 @@ def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
 def test_files_in_ras_keep_their_numbers_and_say_so(view, tmp_path, told):
     if told == "header":
         file = Path(view.files[0])
-        file.write_bytes(file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1))
+        file.write_bytes(
+            file.read_bytes().replace(b"\nelement", b"\ncomment SPACE=RAS\nelement", 1)
+        )
     system = "RAS" if told == "caller" else "LPS"
-    raw = [read_landmarks(p) for p in export(view, "slicer-json", tmp_path / "raw", space="raw", system=system)]
+    raw = [
+        read_landmarks(p)
+        for p in export(view, "slicer-json", tmp_path / "raw", space="raw", system=system)
+    ]
     assert [one.system for one in raw] == ["RAS"] + ["RAS" if told == "caller" else "LPS"] * 5
     known = np.isfinite(view.landmarks[0]).all(axis=1)
     assert np.isin(view.landmarks[0][known], raw[0].points).all()
-    posed = [read_landmarks(p) for p in export(view, "slicer-json", tmp_path / "posed", system=system)]
+    posed = [
+        read_landmarks(p) for p in export(view, "slicer-json", tmp_path / "posed", system=system)
+    ]
     assert {one.system for one in posed} == {"LPS"}
 
 
@@ -194,9 +227,14 @@ def test_shapeworks_project_holds_together(view, tmp_path):
         np.testing.assert_allclose(mesh.vertices, view.vertices[at], rtol=1e-6, atol=1e-6)
         text = (tmp_path / entry["local_particles_1"]).read_text()
         assert text.endswith("\n")
-        local, world = np.array(text.split(), dtype=float), np.loadtxt(tmp_path / entry["world_particles_1"])
+        local, world = (
+            np.array(text.split(), dtype=float),
+            np.loadtxt(tmp_path / entry["world_particles_1"]),
+        )
         np.testing.assert_array_equal(local.reshape(-1, 3), view.landmarks[at][complete])
-        np.testing.assert_allclose(local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            local.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], world, rtol=1e-9, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("format", ["ply", "obj", "stl"])
@@ -204,9 +242,13 @@ def test_shapeworks_project_holds_together(view, tmp_path):
 def test_meshes_by_trimesh(view, tmp_path, format, space):
     for at, path in enumerate(export(view, format, tmp_path, space=space)):
         mesh = trimesh.load_mesh(path)
-        T = {"raw": np.eye(4), "aligned": view.transforms[at]}.get(space, view.transforms[at] / view.scales[at])
+        T = {"raw": np.eye(4), "aligned": view.transforms[at]}.get(
+            space, view.transforms[at] / view.scales[at]
+        )
         expected = view.vertices[at] @ T[:3, :3].T + T[:3, 3]
-        np.testing.assert_allclose(mesh.bounds, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(
+            mesh.bounds, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-4, atol=1e-5
+        )
         raw_volume = trimesh.Trimesh(view.vertices[at], view.faces[at], process=False).volume
         turned = np.sign(np.linalg.det(T[:3, :3]))
         assert np.sign(mesh.volume) == np.sign(raw_volume) * (turned if space == "raw" else 1)
@@ -219,7 +261,9 @@ def test_meshes_are_whole_even_if_the_view_is_decimated(view, tmp_path):
 
 
 def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
-    moved = dataclasses.replace(view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files))
+    moved = dataclasses.replace(
+        view, files=tuple(f"elsewhere/{Path(file).name}" for file in view.files)
+    )
     with pytest.raises(InputError, match=r"elsewhere.*not there any more.*--sources"):
         export(moved, "ply", tmp_path / "out")
     assert len(export(moved, "ply", tmp_path / "out", sources=Path(view.files[0]).parent)) == 6
@@ -235,7 +279,9 @@ def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path)
     landmarks = parquet.read_table(files["landmarks"]).to_pylist()
     written = rows(tmp_path / "landmarks.csv")
     assert [row["landmark"] for row in landmarks] == [row["landmark"] for row in written]
-    np.testing.assert_array_equal([row["x"] for row in landmarks], [float(row["x"] or "nan") for row in written])
+    np.testing.assert_array_equal(
+        [row["x"] for row in landmarks], [float(row["x"] or "nan") for row in written]
+    )
     energies = [row["energy"] for row in parquet.read_table(files["pairs"]).to_pylist()]
     np.testing.assert_array_equal(energies, [pair.energy for pair in view.pairs])
 
@@ -258,18 +304,24 @@ def test_csv_tables(view, tmp_path):
     assert sum(row["x"] == "" for row in landmarks) == 4
     consensus = rows(files["consensus.csv"])
     sure = [0, 2, 3, 4, 5]
-    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.landmarks[sure, :, 0])).sum(axis=0).tolist()
+    assert [int(row["shapes"]) for row in consensus] == (~np.isnan(view.landmarks[sure, :, 0])).sum(
+        axis=0
+    ).tolist()
     mean = np.nanmean(view.aligned_landmarks[sure, 2] / view.scales[sure, None], axis=0)
     np.testing.assert_allclose([float(consensus[2][axis]) for axis in "xyz"], mean, rtol=1e-12)
     coordinates = rows(files["procrustes_coordinates.csv"])
-    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), "the fourth is missing on the doubtful shape"
+    assert len(coordinates[0]) == 1 + 3 * (NUM_SAMPLES - 3), (
+        "the fourth is missing on the doubtful shape"
+    )
     flat = np.array([list(row.values())[1:] for row in coordinates], dtype=float).reshape(5, -1, 3)
     np.testing.assert_allclose(flat.mean(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(flat, axis=(1, 2)), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("incomplete", [(), (3,)])
-def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(view, tmp_path, incomplete):
+def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_computed(
+    view, tmp_path, incomplete
+):
     half = {"partners": np.array([0]), "overlaps": np.array([[0.5, 1.0]]), "reason": "named"}
     lacking = tuple(Incomplete(shape=at, **half) for at in incomplete)
     view = dataclasses.replace(view, incomplete=lacking)
@@ -281,7 +333,11 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
         moved = dataclasses.replace(view, transforms=transforms)
         export(moved, "csv", tmp_path / to)
         export(moved, "tps", tmp_path / to / "superimposed", space="procrustes")
-        tables[to] = {path.name: path.read_text() for path in (tmp_path / to).rglob("[!m]*.*") if path.is_file()}
+        tables[to] = {
+            path.name: path.read_text()
+            for path in (tmp_path / to).rglob("[!m]*.*")
+            if path.is_file()
+        }
     told = {"notes-csv.txt", "notes-tps.txt"}  # which say how many are reflected
     computed = {name for name in tables["a"] if not name.startswith("run-")} - told
     changed = {name for name in computed if tables["a"][name] != tables["b"][name]}
@@ -297,7 +353,9 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
     assert everybody[0].read_text().count("LM3=") == 6
     for table in (tmp_path / "a" / "shapes.csv", tmp_path / "all" / "specimens.csv"):
         told = [(row["incomplete"], row["coverage"]) for row in rows(table)] if incomplete else []
-        assert told == [("1", "0.5") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)]
+        assert told == [
+            ("1", "0.5") if at in incomplete else ("0", "") for at in range(6 if incomplete else 0)
+        ]
     nobody = dataclasses.replace(view, confidence=np.full(6, 0.3))
     with pytest.raises(InputError, match="0 shapes are complete and sure"):
         export(nobody, "tps", tmp_path / "none", space="procrustes")
@@ -307,7 +365,9 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
 def test_shapes_have_their_sizes(view, tmp_path):
     export(view, "csv", tmp_path)
     shapes = rows(tmp_path / "shapes.csv")
-    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(view.landmarks).tolist()
+    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(
+        view.landmarks
+    ).tolist()
     assert [float(row["scale"]) for row in shapes] == view.scales.tolist()
     assert not np.allclose(centroid_sizes(view.landmarks), view.scales)
 
@@ -331,7 +391,10 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
     for format, table in (("tps", "specimens.csv"), ("csv", "shapes.csv")):
         export(view, format, tmp_path / format, exclude=[out])
         assert [row["name"] for row in csv.DictReader((tmp_path / format / table).open())] == others
-        assert f"{out},excluded by name" in (tmp_path / format / "left_out.csv").read_text().splitlines()
+        assert (
+            f"{out},excluded by name"
+            in (tmp_path / format / "left_out.csv").read_text().splitlines()
+        )
     assert any(out in note.shapes for note in export_notes(view, "tps", "raw", exclude=[out]))
     assert not any(out in note.shapes for note in export_notes(view, "tps", "raw"))
     with pytest.raises(InputError, match="nobody"):

@@ -11,7 +11,13 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.tools.certify.result import PairEnergies
-from collalign.tools.certify.rounds import MOST_ROWS, JointMaster, Rounds, bound_arrangements, problem_of
+from collalign.tools.certify.rounds import (
+    MOST_ROWS,
+    JointMaster,
+    Rounds,
+    bound_arrangements,
+    problem_of,
+)
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify_joint import gram_bound
@@ -78,7 +84,9 @@ def cheapest_of_all_maps(energies, known):
         for start in starts:
             relative = energies.relative(energies._sweep(start, pulls))
             values = zip(energies.problems, relative, every[choice], strict=True)
-            best = min(best, sum(problem.energy(rotation, one) for problem, rotation, one in values))
+            best = min(
+                best, sum(problem.energy(rotation, one) for problem, rotation, one in values)
+            )
     return best
 
 
@@ -91,8 +99,12 @@ def cheapest_of_all_maps(energies, known):
         (4, 4, "O", 0.3, 0.2),
     ],
 )
-def test_brute_force_over_all_maps_finds_nothing_below_the_bound(num_shapes, num_points, group, invariants, noise):
-    rounds = planted(num_shapes, num_points, noise, group=group, seed=num_points, invariants=invariants)
+def test_brute_force_over_all_maps_finds_nothing_below_the_bound(
+    num_shapes, num_points, group, invariants, noise
+):
+    rounds = planted(
+        num_shapes, num_points, noise, group=group, seed=num_points, invariants=invariants
+    )
     found = certified(rounds)
     least = cheapest_of_all_maps(rounds.energies, found)
     assert found.bound <= least * (1 + 1e-9)
@@ -104,7 +116,9 @@ def test_brute_force_over_all_maps_finds_nothing_below_the_bound(num_shapes, num
 def test_brute_force_finds_the_cheapest_arrangement_without_being_told_of_it():
     rounds = planted(3, 3, 0.5, group="O", seed=3)
     found = certified(rounds)
-    told = replace(found, frames=random_frames(3, np.random.default_rng(8)), energy=3.0 * found.energy)
+    told = replace(
+        found, frames=random_frames(3, np.random.default_rng(8)), energy=3.0 * found.energy
+    )
     assert cheapest_of_all_maps(rounds.energies, told) == pytest.approx(found.energy, rel=0.05)
 
 
@@ -117,7 +131,9 @@ def test_no_arrangement_costs_less_than_the_bound(group):
     cheapest = min(energy for _, energy in others)
     assert found.bound <= cheapest * (1 + 1e-9)
     assert found.share >= 0.75
-    alone = JointMaster(4, energies.edges, energies.relative(found.frames), energies.at(found.frames), 1.0)
+    alone = JointMaster(
+        4, energies.edges, energies.relative(found.frames), energies.at(found.frames), 1.0
+    )
     pair_sum = sum(
         prove_tilted(problem, tilt, found.frames[:1], gap=1e-3).lower_bound
         for problem, tilt in zip(energies.problems, alone.tilts, strict=True)
@@ -126,12 +142,16 @@ def test_no_arrangement_costs_less_than_the_bound(group):
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
-def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(group, monkeypatch):
+def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(
+    group, monkeypatch
+):
     rounds = planted(4, 8, 0.25, group=group)
     monkeypatch.setattr("collalign.tools.certify.rounds._MOST_ROUNDS", 1)
     whole = certified(rounds)
     assert certified(rounds, budget_s=1e-9).bound == 0.0
-    monkeypatch.setattr("collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5))
+    monkeypatch.setattr(
+        "collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5)
+    )
     some = certified(rounds)
     assert 0.0 < some.bound < whole.bound
     assert (some.proof["num_cells"].max(axis=1) > 4).sum() == 5
@@ -155,7 +175,10 @@ def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_rai
 def test_copies_without_noise_cost_nothing_in_any_gauge():
     rounds = planted(4, 8, 0.0, seed=8)
     energies, found = rounds.energies, certified(rounds)
-    assert (found.energy, found.bound) == (pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=0.02))
+    assert (found.energy, found.bound) == (
+        pytest.approx(0.0, abs=1e-9),
+        pytest.approx(0.0, abs=0.02),
+    )
     turned = found.frames @ random_rotation(np.random.default_rng(9))
     assert not np.allclose(energies.at(turned).sum(), 0.0, atol=1e-3)
     gauge = random_rotation(np.random.default_rng(10)) @ found.frames
@@ -205,7 +228,9 @@ def test_what_the_columns_promise_is_what_the_multipliers_prove_of_them():
         min(0.3 - (tilt * own).sum(), *(np.linspace(0.05, 0.4, 5) - (some * tilt).sum(axis=(1, 2))))
         for tilt, own, some in zip(master.tilts, known, columns, strict=True)
     ]
-    assert sum(values) + gram_bound(edges, master.tilts, master.diagonal) == pytest.approx(promised, abs=1e-9)
+    assert sum(values) + gram_bound(edges, master.tilts, master.diagonal) == pytest.approx(
+        promised, abs=1e-9
+    )
     assert 0.15 < promised <= 0.9
     assert np.linalg.eigvalsh(master.gram).min() > -1e-9
 

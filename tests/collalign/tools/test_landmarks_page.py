@@ -77,7 +77,9 @@ def opened(page, at):
     page.locator(".card").nth(at).locator("button.name").click()
     canvas = page.locator("dialog canvas[data-drawn]")
     canvas.wait_for()
-    page.wait_for_function("[...document.querySelectorAll('dialog canvas')].every(c => c.width > 0)")
+    page.wait_for_function(
+        "[...document.querySelectorAll('dialog canvas')].every(c => c.width > 0)"
+    )
     return canvas
 
 
@@ -96,7 +98,9 @@ def test_corrected_landmarks_lie_on_the_surface_and_are_templates(browser, writt
         page = one.page
         assert "0 of 3 specimens have all 3 landmarks" in page.locator(".verdict").inner_text()
         page.locator("select").select_option("name")
-        at = page.locator(".card").evaluate_all("cards => cards.findIndex(card => card.dataset.index === '2')")
+        at = page.locator(".card").evaluate_all(
+            "cards => cards.findIndex(card => card.dataset.index === '2')"
+        )
         canvas = opened(page, at)
         before = [state(page, row) for row in range(3)]
         drag(page, canvas, 0)
@@ -119,14 +123,18 @@ def test_corrected_landmarks_lie_on_the_surface_and_are_templates(browser, writt
         page.reload()
         page.wait_for_selector("html[data-ready]", state="attached")
         assert "2 landmarks decided; 2 specimens are" in page.locator(".decisions").inner_text()
-        assert "'" in page.locator(".decisions code").inner_text(), "a folder with a blank is quoted"
+        assert "'" in page.locator(".decisions code").inner_text(), (
+            "a folder with a blank is quoted"
+        )
     assert sorted(read) == ["a", "c"]
     assert read["a"].labels == LABELS[:2]
     assert len(read["c"].labels) == 2, "what was only carried over is no template"
     given = transferred(view).points
     np.testing.assert_allclose(read["a"].points, given[0, :2])
     surface = SurfaceLocator(view.vertices[2], view.faces[2])
-    gaps = np.linalg.norm(surface.closest(read["c"].points).on(view.vertices[2]) - read["c"].points, axis=1)
+    gaps = np.linalg.norm(
+        surface.closest(read["c"].points).on(view.vertices[2]) - read["c"].points, axis=1
+    )
     assert gaps.max() < 1e-3 / view.scales[2]
     assert np.linalg.norm(read["c"].points[0] - given[2, :2], axis=1).min() > 1e-2 / view.scales[2]
     assert sum(np.isfinite(one.points).all(axis=1).sum() for one in every.values()) == 7

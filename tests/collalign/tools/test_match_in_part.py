@@ -20,7 +20,8 @@ def views():
     whole = blob(rng, num_vertices=3000)
     angles = np.radians([0.0, 40.0])
     seen = [
-        range_view(whole, np.array([np.cos(a), np.sin(a), 0.2]), pixels=100, noise=0.002, rng=rng) for a in angles
+        range_view(whole, np.array([np.cos(a), np.sin(a), 0.2]), pixels=100, noise=0.002, rng=rng)
+        for a in angles
     ]
     turn, shift = random_rotation(rng), np.array([4.0, -2.0, 1.0])
     return seen[0], seen[1] @ turn.T + shift, turn, shift, whole
@@ -30,7 +31,9 @@ def test_depth_images_are_matched_on_what_both_show(views):
     first, second, turn, shift, _ = views
     found = match_in_part(first, second, sampling=AS_FILED)
     assert rotation_angle_deg(found.transform[:3, :3] @ turn, np.eye(3)) < 3
-    np.testing.assert_allclose(found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1)
+    np.testing.assert_allclose(
+        found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1
+    )
     assert 0.5 < found.poses[0].overlap_source < 0.98
     chances = np.array([pose.chance for pose in found.poses])
     assert (np.diff(chances) <= 0).all()
@@ -43,14 +46,19 @@ def test_a_depth_image_is_matched_on_the_model_of_the_whole(views):
     _, second, turn, shift, whole = views
     found = match_in_part(whole, second, sampling=AS_FILED)
     assert rotation_angle_deg(found.transform[:3, :3] @ turn, np.eye(3)) < 3
-    np.testing.assert_allclose(found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1)
+    np.testing.assert_allclose(
+        found.transform[:3, :3] @ shift + found.transform[:3, 3], 0.0, atol=0.1
+    )
     assert found.poses[0].overlap_source > 0.95
 
 
 def test_another_size_is_searched_where_sizes_say_nothing(views, quick_search):
     first, second, turn, *_ = views
     found = match_in_part(first, 0.2 * second)
-    assert rotation_angle_deg(found.transform[:3, :3] / found.poses[0].pose.scale @ turn, np.eye(3)) < 20
+    assert (
+        rotation_angle_deg(found.transform[:3, :3] / found.poses[0].pose.scale @ turn, np.eye(3))
+        < 20
+    )
     assert found.poses[0].pose.scale == pytest.approx(5.0, rel=0.2)
     kept = match_in_part(first, 0.2 * second, sampling=AS_FILED)
     assert all(pose.pose.scale == 1.0 for pose in kept.poses)

@@ -22,9 +22,15 @@ def horned(sides=(-1, 1), extra=0.0):
     points, faces = sphere_mesh(700)
     vertices = points * [1.0, 1.5, 0.8]
     bumps = [(np.array([0.7 * side, 0.5, 0.5]), 0.5) for side in sides]
-    for place, height in [*bumps, (np.array([0.0, 1.0, 0.4]), 0.6), (np.array([0.9, -0.4, 0.1]), extra)]:
+    for place, height in [
+        *bumps,
+        (np.array([0.0, 1.0, 0.4]), 0.6),
+        (np.array([0.9, -0.4, 0.1]), extra),
+    ]:
         unit = place / np.linalg.norm(place)
-        vertices = vertices + height * np.exp(-((points - unit) ** 2).sum(axis=1) / 0.15)[:, None] * unit
+        vertices = (
+            vertices + height * np.exp(-((points - unit) ** 2).sum(axis=1) / 0.15)[:, None] * unit
+        )
     turn = random_rotation(np.random.default_rng(2))
     return vertices, Shape.from_arrays(vertices @ turn.T + 3.0, faces, name="horned")
 
@@ -35,7 +41,9 @@ def test_the_other_side_is_that_of_the_mirror_plane(extra):
     found = mirror_map(shape)
     error = np.linalg.norm(found.on(own) - own * [-1, 1, 1], axis=1)
     assert np.median(error) < 0.06
-    assert np.linalg.norm(found.on(found.on(own)) - own, axis=1).mean() < 0.03, "the counterpart of a counterpart"
+    assert np.linalg.norm(found.on(found.on(own)) - own, axis=1).mean() < 0.03, (
+        "the counterpart of a counterpart"
+    )
     wrong = np.linalg.norm(found.on(own) - own * [1, 1, -1], axis=1)
     assert np.median(wrong) > 0.5, "the check would notice another plane"
 
@@ -47,7 +55,9 @@ def test_a_normal_that_is_given_is_used():
     assert np.median(np.linalg.norm(given.on(own) - own * [-1, 1, 1], axis=1)) < 0.06
     along = shape.vertices[own[:, 1].argmax()] - shape.vertices[own[:, 1].argmin()]
     other = mirror_map(shape, normal=along)
-    assert np.median(np.linalg.norm(other.on(own) - own * [-1, 1, 1], axis=1)) > 0.3, "another one is another plane"
+    assert np.median(np.linalg.norm(other.on(own) - own * [-1, 1, 1], axis=1)) > 0.3, (
+        "another one is another plane"
+    )
 
 
 def test_what_has_no_other_side_is_refused():

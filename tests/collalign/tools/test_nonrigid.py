@@ -30,7 +30,9 @@ def pair():
     rng = np.random.default_rng(3)
     target = figure()
     posed = bent(target, rng, angle=0.6)
-    source, truth = shuffled(Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng)
+    source, truth = shuffled(
+        Shape.from_arrays(posed.vertices @ random_rotation(rng).T, posed.faces), rng
+    )
     return target, source, truth
 
 
@@ -43,7 +45,10 @@ def prepared(pair):
 def files(pair, tmp_path_factory):
     """The pair as files."""
     folder = tmp_path_factory.mktemp("nonrigid")
-    target, source = (write_mesh(folder / f"{name}.ply", shape) for name, shape in zip("ab", pair[:2], strict=True))
+    target, source = (
+        write_mesh(folder / f"{name}.ply", shape)
+        for name, shape in zip("ab", pair[:2], strict=True)
+    )
     return target, source
 
 
@@ -66,7 +71,11 @@ def test_portfolio_finds_the_dense_map(pair, match):
     assert mean_error(source, match.point_map_source_target, np.argsort(truth)) < 0.015
     assert match.orientation == "preserving"
     assert 0.0 < match.confidence <= 1.0
-    scores = [c.evidence.score for c in match.candidates if c.orientation == "preserving" and c.origin != "poses"]
+    scores = [
+        c.evidence.score
+        for c in match.candidates
+        if c.orientation == "preserving" and c.origin != "poses"
+    ]
     assert scores == sorted(scores)
 
 
@@ -108,21 +117,29 @@ def test_large_meshes_are_decimated_and_small_ones_work(pair, prepared):
     own = np.arange(len(target.vertices))
     assert mean_error(target, match.point_map_target_source, own) < 0.05
     vertices, faces = coarse.vertices, coarse.faces
-    tiny = prepare_surface(Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000))
+    tiny = prepare_surface(
+        Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000)
+    )
     assert len(tiny.dense) == len(vertices)
     assert match_prepared(tiny, tiny).confidence > 0.5
 
 
 def test_poor_meshes_work_or_say_what_to_do(pair, prepared):
     target = pair[0]
-    fin = np.vstack([target.faces, [[target.faces[0, 0], target.faces[0, 1], len(target.vertices)]]])
+    fin = np.vstack(
+        [target.faces, [[target.faces[0, 0], target.faces[0, 1], len(target.vertices)]]]
+    )
     own, top = np.arange(len(target.vertices)), target.vertices[target.faces[0]].mean(axis=0) * 1.05
     finned = Shape.from_arrays(np.vstack([target.vertices, top]), fin, name="finned")
-    turned = np.where(np.arange(len(target.faces))[:, None] % 2 == 0, target.faces[:, ::-1], target.faces)
+    turned = np.where(
+        np.arange(len(target.faces))[:, None] % 2 == 0, target.faces[:, ::-1], target.faces
+    )
     for shape in (finned, replace(target, faces=turned)):
         match = match_prepared(prepare_surface(shape, SMALL), prepare_surface(target, SMALL), QUICK)
         assert mean_error(target, match.point_map_source_target[: len(own)], own) < 0.05
-    few = Shape.from_arrays(target.vertices[target.faces[:40]].reshape(-1, 3), np.arange(120).reshape(-1, 3))
+    few = Shape.from_arrays(
+        target.vertices[target.faces[:40]].reshape(-1, 3), np.arange(120).reshape(-1, 3)
+    )
     with pytest.raises(InputError, match="num_functions"):
         prepare_surface(few, SMALL)
 
@@ -165,7 +182,9 @@ def test_pictures_colour_both_shapes_alike(pair):
 
 def test_maps_of_files_become_maps_of_shapes_without_the_vertices_that_were_dropped():
     kept = [0, 2, 3], [1, 2]
-    target, source = (replace(Shape.from_arrays(np.eye(4)[one, :3]), source_indices=np.array(one)) for one in kept)
+    target, source = (
+        replace(Shape.from_arrays(np.eye(4)[one, :3]), source_indices=np.array(one)) for one in kept
+    )
     assert vertices_map(np.array([-1, 3, 0]), target, source).tolist() == [2, 0]
     assert vertices_map(np.array([0, 1, -1]), target, source).tolist() == [-1, -1]
     whole, images = Shape.from_arrays(np.eye(4)[:, :3]), np.array([3, 2, -1, 0])

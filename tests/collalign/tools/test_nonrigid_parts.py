@@ -9,7 +9,12 @@ from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import measure_evidence
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.portfolio import of_both_orientations
-from collalign.nonrigid.spectral_shape import outward, prepare_surface, signed_volume, smoothed_curvature
+from collalign.nonrigid.spectral_shape import (
+    outward,
+    prepare_surface,
+    signed_volume,
+    smoothed_curvature,
+)
 from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import cotangent_laplacian
@@ -62,7 +67,10 @@ def test_evidence_of_the_identity_is_perfect_and_of_others_is_not(body, rng):
     assert wrong.score > perfect.score
     rotated = np.eye(41)
     rotated[1:3, 1:3] = [[0.0, 1.0], [-1.0, 0.0]]
-    assert measure_evidence(body, body, replace(identity, C_source_target=rotated)).commutativity > 0.001
+    assert (
+        measure_evidence(body, body, replace(identity, C_source_target=rotated)).commutativity
+        > 0.001
+    )
 
 
 def test_both_orientations_are_kept():
@@ -71,7 +79,14 @@ def test_both_orientations_are_kept():
             self.score = score
             self.evidence = type("E", (), {"orientation": orientation})()
 
-    many = [Fake(0.0, -0.9), Fake(1.0, -0.9), Fake(2.0, -0.9), Fake(3.0, 0.9), Fake(4.0, 0.9), Fake(5.0, 0.1)]
+    many = [
+        Fake(0.0, -0.9),
+        Fake(1.0, -0.9),
+        Fake(2.0, -0.9),
+        Fake(3.0, 0.9),
+        Fake(4.0, 0.9),
+        Fake(5.0, 0.1),
+    ]
     assert [c.score for c in of_both_orientations(many, 4)] == [0.0, 1.0, 3.0, 4.0]
     assert [c.score for c in of_both_orientations(many[:3], 2)] == [0.0, 1.0]
     assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
@@ -96,7 +111,12 @@ def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere):
 
 def test_curves_count_points():
     errors = [np.array([0.0, 0.05]), np.array([0.1, 0.3])]
-    assert cumulative_curve(errors, np.array([0.0, 0.05, 0.2, 1.0])).tolist() == [0.25, 0.5, 0.75, 1.0]
+    assert cumulative_curve(errors, np.array([0.0, 0.05, 0.2, 1.0])).tolist() == [
+        0.25,
+        0.5,
+        0.75,
+        1.0,
+    ]
     numbers = summary(errors)
     assert numbers["mean"] == pytest.approx(0.1125)
     assert numbers["within_0.1"] == 0.75

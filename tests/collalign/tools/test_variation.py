@@ -9,12 +9,21 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from collalign.analysis.procrustes import centroid_sizes, generalized_procrustes, principal_components
+from collalign.analysis.procrustes import (
+    centroid_sizes,
+    generalized_procrustes,
+    principal_components,
+)
 from collalign.output.members import Members
 from collalign.tools.correspond.result import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.posture import at_mean_posture
-from collalign.tools.variation.shape_model import ShapeTestOptions, model_terms, parse_model, read_column
+from collalign.tools.variation.shape_model import (
+    ShapeTestOptions,
+    model_terms,
+    parse_model,
+    read_column,
+)
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceQuality,
@@ -46,7 +55,8 @@ def stretched(num=8):
     mean, faces = sphere_mesh(300)
     lengths = np.linspace(1.3, 0.8, num)
     shapes = [
-        mean * [1, 1, length] * rng.uniform(1, 5) @ random_rotation(rng).T + rng.random(3) for length in lengths
+        mean * [1, 1, length] * rng.uniform(1, 5) @ random_rotation(rng).T + rng.random(3)
+        for length in lengths
     ]
     return np.array(shapes), faces
 
@@ -68,7 +78,9 @@ def test_one_way_to_differ_is_one_component(variation):
     assert abs(np.corrcoef(variation.components.scores[:, 0], np.arange(8))[0, 1]) > 0.99
     assert np.isclose(np.sqrt((variation.mean**2).sum(axis=1).mean()), 1, atol=0.01)
     plus = variation.components.shape_at(0, 1.0)
-    assert np.isclose(np.linalg.norm(plus - variation.mean), np.sqrt(variation.components.variances[0]))
+    assert np.isclose(
+        np.linalg.norm(plus - variation.mean), np.sqrt(variation.components.variances[0])
+    )
 
 
 def test_offsets_are_positive_outside_and_negative_inside():
@@ -106,7 +118,9 @@ def test_values_come_back_from_ply(tmp_path):
 def written_to(to, variation, columns, landmarks, **others):
     """Write the variation with the tests of its columns."""
     tests = shape_tests(variation, columns)
-    return write_variation(variation, to, columns=columns, tests=tests, landmarks=landmarks, who=ALL, **others)
+    return write_variation(
+        variation, to, columns=columns, tests=tests, landmarks=landmarks, who=ALL, **others
+    )
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +130,9 @@ def written(variation, tmp_path_factory):
     mean, faces = sphere_mesh(300)
     other_side = SurfaceLocator(mean, faces).closest(mean * [-1, 1, 1])
     symmetry = surface_symmetry(stretched()[0], other_side)
-    paths = written_to(to, variation, {"form": LABELS}, (("a", "b", "c"), points), symmetry=symmetry)
+    paths = written_to(
+        to, variation, {"form": LABELS}, (("a", "b", "c"), points), symmetry=symmetry
+    )
     assert paths[0].name == "variation.html"
     return to
 
@@ -124,13 +140,17 @@ def written(variation, tmp_path_factory):
 def test_tables_and_meshes_are_written(written, variation):
     scores = list(csv.DictReader((written / "scores.csv").open()))
     np.testing.assert_allclose(
-        [float(row["PC1"]) for row in scores], variation.components.scores[:, 0] / np.sqrt(len(variation.mean))
+        [float(row["PC1"]) for row in scores],
+        variation.components.scores[:, 0] / np.sqrt(len(variation.mean)),
     )
     assert [row["form"] for row in scores] == list(LABELS)
     ranked = list(csv.DictReader((written / "quality.csv").open()))
     assert [row["name"] for row in ranked] == [f"s{at}" for at in range(7, -1, -1)]
     assert np.isclose(float(ranked[0]["specimen_to_mean_p95"]), 0.8)
-    assert {path.name for path in (written / "groups").iterdir()} == {"form-flat.ply", "form-long.ply"}
+    assert {path.name for path in (written / "groups").iterdir()} == {
+        "form-flat.ply",
+        "form-long.ply",
+    }
     assert len(list((written / "specimens").iterdir())) == 8
 
 
@@ -149,38 +169,65 @@ def test_tests_leave_out_who_has_no_label_or_is_alone_and_say_so(variation):
     ]
     models = [row[0] for row in tables["anova"][1:]]
     assert list(dict.fromkeys(models)) == [SIZE, "form", f"{SIZE} + form"]
-    assert np.isclose(variation.centroid_sizes[0], np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)))
+    assert np.isclose(
+        variation.centroid_sizes[0],
+        np.linalg.norm(stretched()[0][0] - stretched()[0][0].mean(axis=0)),
+    )
     size_and_score = np.array([row[-2:] for row in tables["allometry"][1:]])
     np.testing.assert_allclose(size_and_score[:, 0], np.log(variation.centroid_sizes))
-    (alone,) = (note for note in tests.notes if note.code == "groups-of-one" and note.values["column"] == "one")
-    assert alone == Note("groups-of-one", ("s3", "s4", "s5"), {"column": "one", "groups": ("b", "c", "d")})
+    (alone,) = (
+        note
+        for note in tests.notes
+        if note.code == "groups-of-one" and note.values["column"] == "one"
+    )
+    assert alone == Note(
+        "groups-of-one", ("s3", "s4", "s5"), {"column": "one", "groups": ("b", "c", "d")}
+    )
 
 
 def test_numbers_are_covariates_unless_named_as_factors(variation):
     age = ("1.5", "2", "3", "4", "5", "6", "7", "")
-    tests = shape_tests(variation, {"age": age, "form": LABELS}, ShapeTestOptions(model="size + form + age"))
+    tests = shape_tests(
+        variation, {"age": age, "form": LABELS}, ShapeTestOptions(model="size + form + age")
+    )
     rows = {(row[0], row[3]): row for row in tests.tables["anova"][1:]}
-    assert [rows[model, "age"][4] for model in ("age", f"{SIZE} + age", f"{SIZE} + form + age")] == [1, 1, 1]
+    assert [
+        rows[model, "age"][4] for model in ("age", f"{SIZE} + age", f"{SIZE} + form + age")
+    ] == [1, 1, 1]
     assert rows["age", "total"][2] == 7  # the shape without an age does not count
     assert tests.factors == ("form",)
     assert not [row for row in tests.tables["pairs"][1:] if row[0] == "age"]
     assert only(tests.notes, "model-leaves-out").shapes == ("s6", "s7")
     twos = ("1", "1", "1", "1", "2", "2", "2", "2")
-    named = shape_tests(variation, {"age": twos}, ShapeTestOptions(factors=("age",), permutations=99, seed=3))
+    named = shape_tests(
+        variation, {"age": twos}, ShapeTestOptions(factors=("age",), permutations=99, seed=3)
+    )
     assert [row[:3] for row in named.tables["pairs"][1:2]] == [["age", "1", "2"]]
-    for wrong in ({"factors": ("sex",)}, {"model": "size + sex"}, {"model": "size +"}, {"model": "a*b*c"}):
+    for wrong in (
+        {"factors": ("sex",)},
+        {"model": "size + sex"},
+        {"model": "size +"},
+        {"model": "a*b*c"},
+    ):
         with pytest.raises(InputError, match=r"factors|model"):
             shape_tests(variation, {"age": twos}, ShapeTestOptions(**wrong))
 
 
 def test_a_model_of_a_factor_needs_two_groups(variation):
     columns = {"sex": (*"mmmmmmf", ""), "age": ("1", "2", "3", "4", "5", "6", "7", "8")}
-    with pytest.raises(InputError, match="sex has fewer than two groups of two specimens in sex \\+ age"):
+    with pytest.raises(
+        InputError, match="sex has fewer than two groups of two specimens in sex \\+ age"
+    ):
         shape_tests(variation, columns, ShapeTestOptions(model="sex + age"))
 
 
 def test_models_are_read_and_multiplied():
-    assert parse_model("shape ~ size * sex + age", ["sex", "age"]) == (("size",), ("sex",), ("size", "sex"), ("age",))
+    assert parse_model("shape ~ size * sex + age", ["sex", "age"]) == (
+        ("size",),
+        ("sex",),
+        ("size", "sex"),
+        ("age",),
+    )
     sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"])
     sizes = np.arange(5.0)
     terms, chosen = model_terms([("size",), ("sex",), ("size", "sex")], {"sex": sex}, sizes)
@@ -225,11 +272,15 @@ def test_specimens_are_ranked_by_how_well_they_are_represented(tmp_path):
     )
     found = surface_quality(view, dense)
     assert [row[:2] for row in found.rows] == [[1, "dented"], [2, "whole"]]
-    np.testing.assert_allclose(found.to_mean[0], 0, atol=1e-5)  # coordinates of the file are float32
+    np.testing.assert_allclose(
+        found.to_mean[0], 0, atol=1e-5
+    )  # coordinates of the file are float32
     np.testing.assert_allclose(found.to_mean[1, 2], 10 * 0.22, rtol=0.02)  # in the unit of the file
     np.testing.assert_allclose(found.to_specimen[1], 10 * np.percentile(apart[1], [50, 95, 99]))
     np.testing.assert_allclose(found.radii, 11, rtol=1e-3)
-    np.testing.assert_allclose(found.share, np.maximum(found.to_mean, found.to_specimen)[:, 1] / found.radii)
+    np.testing.assert_allclose(
+        found.share, np.maximum(found.to_mean, found.to_specimen)[:, 1] / found.radii
+    )
 
 
 def test_posture_is_taken_out_and_shape_and_size_stay():
@@ -247,11 +298,16 @@ def test_posture_is_taken_out_and_shape_and_size_stay():
     open_jaws = np.stack([3.0 * specimen(*one) for one in zip(longer, angles, strict=True)])
     closed = np.stack([3.0 * specimen(length, 0.0) for length in longer])
     moved = at_mean_posture(open_jaws, parts)
-    kept, plain = principal_components(generalized_procrustes(moved)), principal_components(open_jaws)
+    kept, plain = (
+        principal_components(generalized_procrustes(moved)),
+        principal_components(open_jaws),
+    )
     assert kept.shares[0] > 0.98 > plain.shares[0], "only the length of the jaw is left"
     assert abs(np.corrcoef(kept.scores[:, 0], longer)[0, 1]) > 0.99
     for rows in (parts == 0, parts == 1):
-        np.testing.assert_allclose(centroid_sizes(moved[:, rows]), centroid_sizes(closed[:, rows]), rtol=1e-6)
+        np.testing.assert_allclose(
+            centroid_sizes(moved[:, rows]), centroid_sizes(closed[:, rows]), rtol=1e-6
+        )
 
 
 def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
@@ -277,7 +333,9 @@ def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
 
 
 def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
-    with Page(browser, written / "variation.html", viewport={"width": 400, "height": 800}) as opened:
+    with Page(
+        browser, written / "variation.html", viewport={"width": 400, "height": 800}
+    ) as opened:
         page, before = opened.page, opened.image("#components canvas")
         page.locator("#components input[type=range]").first.fill("2.5")
         opened.wait_until_changed("#components canvas", before)
@@ -304,11 +362,17 @@ def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
         assert page.locator("#statistics svg line.fitted").count() == 1
         for ending, words in (("SVG", 'paint-order="stroke'), ("PDF", "principal component")):
             with page.expect_download() as started:
-                page.locator("#morphospace").get_by_role("button", name=f"Save chart ({ending})").click()
+                page.locator("#morphospace").get_by_role(
+                    "button", name=f"Save chart ({ending})"
+                ).click()
             text = Path(started.value.path()).read_text()
             assert words in text
             assert "flat" in text, "the legend goes with the chart"
-        starts = [int(line[:10]) for line in text.split("xref\n")[1].splitlines() if line.endswith("00000 n ")]
+        starts = [
+            int(line[:10])
+            for line in text.split("xref\n")[1].splitlines()
+            if line.endswith("00000 n ")
+        ]
         assert [text[at:].split(" 0 obj")[0] for at in starts] == ["1", "2", "3", "4", "5"]
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
     written_to(tmp_path, variation, {}, ((), np.empty((0, 3))))

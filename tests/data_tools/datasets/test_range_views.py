@@ -12,7 +12,9 @@ from data_tools.surface.shape import Shape
 
 
 def seen(shape, direction, **options):
-    return range_view(shape, np.asarray(direction, dtype=float), rng=np.random.default_rng(0), **options)
+    return range_view(
+        shape, np.asarray(direction, dtype=float), rng=np.random.default_rng(0), **options
+    )
 
 
 def test_a_view_of_a_sphere_is_its_near_side():
@@ -52,6 +54,8 @@ def test_noise_moves_along_the_line_of_sight_and_is_that_of_the_generator():
 
 def test_finer_pixels_see_more_and_clouds_are_refused():
     shape = Shape.from_arrays(*sphere_mesh(1000), name="sphere")
-    assert len(seen(shape, [1.0, 0.0, 0.0], pixels=60)) > 3 * len(seen(shape, [1.0, 0.0, 0.0], pixels=30))
+    assert len(seen(shape, [1.0, 0.0, 0.0], pixels=60)) > 3 * len(
+        seen(shape, [1.0, 0.0, 0.0], pixels=30)
+    )
     with pytest.raises(OptionsError, match="mesh"):
         seen(Shape.from_arrays(shape.vertices, name="cloud"), [1.0, 0.0, 0.0])

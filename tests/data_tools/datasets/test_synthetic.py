@@ -38,7 +38,8 @@ def test_bending_moves_limbs_but_hardly_changes_geodesics(rng):
     posed = bent(shape, rng, angle=0.5)
     edges = mesh_edges(shape.faces)
     before, after = (
-        np.linalg.norm(s.vertices[edges[:, 0]] - s.vertices[edges[:, 1]], axis=1) for s in (shape, posed)
+        np.linalg.norm(s.vertices[edges[:, 0]] - s.vertices[edges[:, 1]], axis=1)
+        for s in (shape, posed)
     )
     assert np.abs(posed.vertices - shape.vertices).max() > 1.0
     assert np.median(np.abs(after / before - 1)) < 0.1
@@ -51,7 +52,9 @@ def test_mirror_images_keep_their_outside_outside(rng):
     twice = mirrored(mirrored(shape))
     np.testing.assert_array_equal(twice.vertices, shape.vertices)
     corners = mirrored(shape).vertices[mirrored(shape).faces]
-    assert np.linalg.det(corners).sum() == pytest.approx(np.linalg.det(shape.vertices[shape.faces]).sum())
+    assert np.linalg.det(corners).sum() == pytest.approx(
+        np.linalg.det(shape.vertices[shape.faces]).sum()
+    )
 
 
 @pytest.mark.parametrize("group", ["SO", "O"])
@@ -60,7 +63,11 @@ def test_collection_truth_undoes_the_poses(rng, group):
     collection = planted_collection(family, rng, group=group, scale_range=(0.5, 2.0))
     assert [s.name for s in collection.shapes] == ["chair1", "chair2", "chair3", "chair4", "chair5"]
     for i, (shape, member) in enumerate(zip(collection.shapes, family, strict=True)):
-        common = (shape.vertices - collection.translations[i]) / collection.scales[i] @ collection.rotations[i].T
+        common = (
+            (shape.vertices - collection.translations[i])
+            / collection.scales[i]
+            @ collection.rotations[i].T
+        )
         np.testing.assert_allclose(common, member.vertices[collection.origins[i]], atol=1e-9)
         assert np.linalg.det(shape.vertices[shape.faces] - shape.vertices.mean(axis=0)).sum() > 0
     if group == "SO":
@@ -70,7 +77,10 @@ def test_collection_truth_undoes_the_poses(rng, group):
 def test_relative_rotation_is_what_corresponding_vertices_say(rng):
     base = chair()
     collection = planted_collection((base, replace(base, name="other")), rng, group="O")
-    points = [s.vertices[np.argsort(o)] for s, o in zip(collection.shapes, collection.origins, strict=True)]
+    points = [
+        s.vertices[np.argsort(o)]
+        for s, o in zip(collection.shapes, collection.origins, strict=True)
+    ]
     found = landmark_rotation(points[0], points[1], group="O")
     np.testing.assert_allclose(found, collection.relative_rotation(0, 1), atol=1e-9)
 
@@ -89,6 +99,8 @@ def test_demo_collection_is_written_with_its_truth_and_reads_back(tmp_path):
     records = json.loads((tmp_path / "truth.json").read_text())["shapes"]
     for i, record in enumerate(records):
         back = read_shape(tmp_path / record["file"])
-        np.testing.assert_allclose(back.vertices, collection.shapes[i].vertices, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            back.vertices, collection.shapes[i].vertices, rtol=1e-5, atol=1e-6
+        )
         assert rotation_angle_deg(np.array(record["rotation"]), collection.rotations[i]) < 1e-9
         assert record["reflected"] is False

@@ -3,14 +3,29 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, smooth_field, sphere_mesh, voxel_surface
+from data_tools.datasets.synthetic_shapes import (
+    blob,
+    chair,
+    crown,
+    figure,
+    smooth_field,
+    sphere_mesh,
+    voxel_surface,
+)
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import boundary_edges, is_open_surface, mesh_edges, vertex_components
+from data_tools.surface.topology import (
+    boundary_edges,
+    is_open_surface,
+    mesh_edges,
+    vertex_components,
+)
 
 
 def is_closed_manifold(faces):
     """Whether every edge is in exactly two triangles that run through it in opposite directions."""
-    directed = Counter(zip(faces.ravel().tolist(), np.roll(faces, -1, axis=1).ravel().tolist(), strict=True))
+    directed = Counter(
+        zip(faces.ravel().tolist(), np.roll(faces, -1, axis=1).ravel().tolist(), strict=True)
+    )
     return max(directed.values()) == 1 and all(edge[::-1] in directed for edge in directed)
 
 

@@ -53,11 +53,17 @@ def test_bilateral_bodies_turn_neither_way_in_any_posture(blobs, rng):
 def test_what_has_no_outer_side_is_unknown(blobs, rng):
     one, other = blobs
     cloud = Shape.from_arrays(other.vertices)
-    soup = replace(other, faces=np.where(rng.random((len(other.faces), 1)) < 0.5, other.faces, other.faces[:, ::-1]))
+    soup = replace(
+        other,
+        faces=np.where(rng.random((len(other.faces), 1)) < 0.5, other.faces, other.faces[:, ::-1]),
+    )
     grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), axis=-1).reshape(-1, 2)
     corners = np.arange(80)[np.arange(80) % 9 < 8][:64]
     faces = np.concatenate(
-        [np.stack([corners, corners + 1, corners + 9], 1), np.stack([corners + 1, corners + 10, corners + 9], 1)]
+        [
+            np.stack([corners, corners + 1, corners + 9], 1),
+            np.stack([corners + 1, corners + 10, corners + 9], 1),
+        ]
     )
     sheet = Shape.from_arrays(np.column_stack([grid, 0.1 * rng.standard_normal(81)]), faces)
     scores = scores_of(one, cloud, other, soup, sheet)

@@ -17,18 +17,24 @@ SHAPE = blob(np.random.default_rng(3), num_vertices=500)
 def turned(shape, rng, *, mirrored=False):
     """Return a copy in another pose and size, its vertices in another order."""
     order = rng.permutation(len(shape.vertices))
-    vertices = 3.0 * shape.vertices @ random_rotation(rng) * (-1.0 if mirrored else 1.0) + rng.standard_normal(3)
+    vertices = 3.0 * shape.vertices @ random_rotation(rng) * (
+        -1.0 if mirrored else 1.0
+    ) + rng.standard_normal(3)
     return Shape.from_arrays(vertices[order], np.argsort(order)[shape.faces], name="copy")
 
 
 def found(*shapes, digests=None):
     names = tuple(f"s{at}" for at in range(len(shapes)))
     signatures = [shape_signature(one) for one in shapes]
-    copies = find_copies(names, names if digests is None else digests, signatures, [one.notes for one in shapes])
+    copies = find_copies(
+        names, names if digests is None else digests, signatures, [one.notes for one in shapes]
+    )
     return [(one.kind, one.names) for one in copies]
 
 
-@pytest.mark.parametrize("rounded", [lambda points: points, np.float32, lambda points: np.round(points, 5)])
+@pytest.mark.parametrize(
+    "rounded", [lambda points: points, np.float32, lambda points: np.round(points, 5)]
+)
 def test_a_copy_in_another_pose_is_found_and_a_mirror_image_is_one(rng, rounded):
     copy, image = turned(SHAPE, rng), turned(SHAPE, rng, mirrored=True)
     copy, image = (Shape.from_arrays(rounded(one.vertices), one.faces) for one in (copy, image))
@@ -40,7 +46,9 @@ def test_a_copy_in_another_pose_is_found_and_a_mirror_image_is_one(rng, rounded)
 def test_identical_files_are_called_so(rng):
     other = blob(np.random.default_rng(4), num_vertices=500)
     assert found(SHAPE, other, SHAPE, digests=("p", "q", "p")) == [("identical", ("s0", "s2"))]
-    assert found(SHAPE, turned(SHAPE, rng), SHAPE, digests=("p", "q", "p")) == [("moved", ("s0", "s1", "s2"))]
+    assert found(SHAPE, turned(SHAPE, rng), SHAPE, digests=("p", "q", "p")) == [
+        ("moved", ("s0", "s1", "s2"))
+    ]
 
 
 @pytest.mark.parametrize(("size", "expected"), [(0.3, [("moved", ("s0", "s1"))]), (0.301, [])])
@@ -65,11 +73,15 @@ def test_specimens_of_one_kind_are_no_copies(rng):
 def test_a_mirror_image_of_a_symmetric_surface_is_the_same_or_a_mirror_image(rng):
     half = SHAPE.vertices * [1.0, 1.0, 1.0]
     both = Shape.from_arrays(np.vstack([half, half * [-1.0, 1.0, 1.0]]))
-    ((kind, names),) = found(both, Shape.from_arrays(both.vertices @ random_rotation(rng) * [1.0, 1.0, -1.0]))
+    ((kind, names),) = found(
+        both, Shape.from_arrays(both.vertices @ random_rotation(rng) * [1.0, 1.0, -1.0])
+    )
     assert kind in ("moved", "mirrored")
     assert names == ("s0", "s1")
 
 
 def test_a_note_names_copies_and_their_kind():
-    (one,) = find_copies(("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3, [()] * 3)
+    (one,) = find_copies(
+        ("a b", "c", "d e"), ("p", "p", "p"), [shape_signature(SHAPE)] * 3, [()] * 3
+    )
     assert one.note == Note("copies", ("a b", "c", "d e"), {"kind": "identical"})

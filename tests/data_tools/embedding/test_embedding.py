@@ -22,7 +22,8 @@ def shape():
 
 
 @pytest.mark.parametrize(
-    ("kind", "dim", "num_invariants"), [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 6), ("all", 7, 6)]
+    ("kind", "dim", "num_invariants"),
+    [("xyz", 3, 0), ("xyz+lb", 7, 0), ("xyz+invariants", 3, 6), ("all", 7, 6)],
 )
 def test_blocks_of_each_kind(shape, kind, dim, num_invariants):
     samples = sample_shape(shape, FEW, EmbeddingOptions(kind=kind))
@@ -31,7 +32,9 @@ def test_blocks_of_each_kind(shape, kind, dim, num_invariants):
     assert samples.block_sizes == ((3,) if dim == 3 else (3, 4))
     np.testing.assert_array_equal(samples.coordinates[:, :3], samples.positions)
     arrays = [getattr(samples, f.name) for f in fields(Samples)]
-    assert all(not a.flags.writeable and a.flags.c_contiguous for a in arrays if isinstance(a, np.ndarray))
+    assert all(
+        not a.flags.writeable and a.flags.c_contiguous for a in arrays if isinstance(a, np.ndarray)
+    )
 
 
 def test_positions_undo_to_vertices(shape):
@@ -65,7 +68,11 @@ def test_weights_are_squared_norms_relative_to_positions():
 
 
 def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape, rng):
-    for other, share in ((crown(num_vertices=600), 0.25), (point_cloud(shape, rng), 0.25), (shape, 1.0)):
+    for other, share in (
+        (crown(num_vertices=600), 0.25),
+        (point_cloud(shape, rng), 0.25),
+        (shape, 1.0),
+    ):
         samples = sample_shape(other, FEW, EmbeddingOptions(agd_weight=0.4))
         of_agd = (samples.invariants[:, 4] ** 2).sum() / (samples.positions**2).sum()
         assert of_agd == pytest.approx(0.4 * share)
@@ -136,7 +143,9 @@ def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
     full = sample_shape(shape, FEW, ALL)
     np.testing.assert_allclose(samples.scale, full.scale, rtol=0.03)
     np.testing.assert_allclose(
-        samples.positions * samples.scale + samples.offset, shape.vertices[samples.vertex_indices], atol=1e-12
+        samples.positions * samples.scale + samples.offset,
+        shape.vertices[samples.vertex_indices],
+        atol=1e-12,
     )
 
 
@@ -145,7 +154,9 @@ def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():
     surface = WorkingSurface(shape, SamplingOptions(num_points=24, max_faces=1500))
     first, second = surface.farthest_points(24, "geodesic", seeded=True)[:2]
     surface.to_original[second] = surface.to_original[first]
-    samples = sample_shape(shape, SamplingOptions(num_points=24, max_faces=1500), ALL, surface=surface)
+    samples = sample_shape(
+        shape, SamplingOptions(num_points=24, max_faces=1500), ALL, surface=surface
+    )
     assert len(set(samples.vertex_indices.tolist())) == 24
 
 

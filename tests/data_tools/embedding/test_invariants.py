@@ -20,13 +20,17 @@ def test_heat_kernel_of_the_sphere_is_constant_and_known():
     # Unit area: h_t = sum_l (2 l + 1) exp(-4 pi l (l + 1) t); 63 functions are l <= 7.
     degrees = np.arange(8)
     for time in (0.01, 0.03, 0.1):
-        exact = np.log(((2 * degrees + 1) * np.exp(-4 * np.pi * degrees * (degrees + 1) * time)).sum())
+        exact = np.log(
+            ((2 * degrees + 1) * np.exp(-4 * np.pi * degrees * (degrees + 1) * time)).sum()
+        )
         np.testing.assert_allclose(heat_kernel_signature(eigen, (time,)), exact, atol=0.02)
 
 
 def test_signatures_do_not_depend_on_pose_or_scale(rng):
     shape = blob(rng, num_vertices=500)
-    moved = Shape.from_arrays(9.0 * shape.vertices @ random_rotation(rng, group="O").T - 4.0, shape.faces)
+    moved = Shape.from_arrays(
+        9.0 * shape.vertices @ random_rotation(rng, group="O").T - 4.0, shape.faces
+    )
     for signature in (heat_kernel_signature, wave_kernel_signature):
         a, b = (signature(spectrum(surface_operators(s), 40)) for s in (shape, moved))
         np.testing.assert_allclose(a, b, atol=1e-6)
@@ -50,7 +54,9 @@ def test_boundary_distance_is_zero_on_the_rim_and_on_closed_surfaces(rng):
     assert distance[lowest].max() < 0.15
     assert shape.vertices[distance.argmax(), 2] > np.quantile(shape.vertices[:, 2], 0.7)
     big = Shape.from_arrays(10 * shape.vertices, shape.faces)
-    np.testing.assert_allclose(boundary_distance(big, GeodesicSolver(big)), distance, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        boundary_distance(big, GeodesicSolver(big)), distance, rtol=1e-6, atol=1e-9
+    )
     closed = blob(rng, num_vertices=200)
     assert not boundary_distance(closed, GeodesicSolver(closed)).any()
     cloud = Shape.from_arrays(closed.vertices)

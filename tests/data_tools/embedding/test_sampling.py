@@ -23,7 +23,9 @@ def test_each_point_is_the_farthest_and_gaps_shrink(metric, rng):
         assert nearest[vertex] == nearest.max()
         gaps.append(nearest[vertex])
         away = np.linalg.norm(shape.vertices - shape.vertices[vertex], axis=1)
-        nearest = np.minimum(nearest, solver.from_vertex(int(vertex)) if metric == "geodesic" else away)
+        nearest = np.minimum(
+            nearest, solver.from_vertex(int(vertex)) if metric == "geodesic" else away
+        )
         nearest[vertex] = 0.0
     assert (np.diff(gaps[1:]) <= 1e-12).all()
 

@@ -6,7 +6,11 @@ from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.embedding import CELL, sample_shape
-from data_tools.embedding.surface_cells import centre_and_radius, spread_over_triangles, surface_cells
+from data_tools.embedding.surface_cells import (
+    centre_and_radius,
+    spread_over_triangles,
+    surface_cells,
+)
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
@@ -21,7 +25,9 @@ def torus(thickness=0.4):
     long, short = np.meshgrid(np.arange(60), np.arange(24), indexing="ij")
     u, v = 2.0 * np.pi * long / 60, 2.0 * np.pi * short / 24
     radius = 1.0 + thickness * np.cos(v)
-    vertices = np.stack([radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], axis=-1).reshape(-1, 3)
+    vertices = np.stack(
+        [radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], axis=-1
+    ).reshape(-1, 3)
     at, right = 24 * long + short, 24 * ((long + 1) % 60) + short
     up, across = 24 * long + (short + 1) % 24, 24 * ((long + 1) % 60) + (short + 1) % 24
     halves = (at, right, across), (at, across, up)
@@ -76,7 +82,9 @@ def test_normals_of_a_cloud_point_outwards(share):
     points = spread_over_triangles(mesh, 0.03)[0]
     points = points[points[:, 0] < np.quantile(points[:, 0], share)]
     found = surface_cells(Shape.from_arrays(points, name="cloud"), 0.12)
-    assert (np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.7).mean() > 0.98
+    assert (
+        np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.7
+    ).mean() > 0.98
 
 
 def test_triangles_that_disagree_on_a_side_count_as_a_cloud():
@@ -102,7 +110,9 @@ def test_a_rotated_shape_has_the_same_points_up_to_their_choice():
     shape = blob(np.random.default_rng(2), num_vertices=900)
     turn = random_rotation(np.random.default_rng(8))
     found = surface_cells(shape, 0.12)
-    moved = surface_cells(Shape.from_arrays(3.0 * shape.vertices @ turn.T + 5.0, shape.faces, name="moved"), 0.36)
+    moved = surface_cells(
+        Shape.from_arrays(3.0 * shape.vertices @ turn.T + 5.0, shape.faces, name="moved"), 0.36
+    )
     assert abs(len(moved.points) / len(found.points) - 1.0) < 0.05
     gaps, nearest = cKDTree(moved.points).query(3.0 * found.points @ turn.T + 5.0)
     assert np.median(gaps) < 0.1 * 0.36
@@ -121,19 +131,29 @@ def test_hardly_any_points_are_no_surface():
 @pytest.mark.parametrize("num", [40, 2000])
 def test_centre_and_radius_are_those_of_points_spread_by_area(num):
     shape = blob(np.random.default_rng(4), num_vertices=num)
-    shape = Shape.from_arrays(shape.vertices + np.array([30.0, 0.0, -10.0]), shape.faces, name="far")
+    shape = Shape.from_arrays(
+        shape.vertices + np.array([30.0, 0.0, -10.0]), shape.faces, name="far"
+    )
     corners = shape.vertices[shape.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     rng = np.random.default_rng(0)
     weights = rng.dirichlet(np.ones(3), size=200_000)
-    points = np.einsum("nc,nca->na", weights, corners[rng.choice(len(corners), 200_000, p=areas / areas.sum())])
+    points = np.einsum(
+        "nc,nca->na", weights, corners[rng.choice(len(corners), 200_000, p=areas / areas.sum())]
+    )
     centre, radius = centre_and_radius(shape)
     np.testing.assert_allclose(centre, points.mean(axis=0), atol=0.01)
-    assert radius == pytest.approx(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()), rel=0.005)
+    assert radius == pytest.approx(
+        np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()), rel=0.005
+    )
     cloud = Shape.from_arrays(points, name="cloud")
     np.testing.assert_allclose(centre_and_radius(cloud)[0], points.mean(axis=0), atol=0.02)
     assert centre_and_radius(cloud)[1] == pytest.approx(radius, rel=0.03)
-    uneven = Shape.from_arrays(np.concatenate([points, np.repeat(points[points[:, 0] > 30.0], 7, axis=0)]), name="u")
+    uneven = Shape.from_arrays(
+        np.concatenate([points, np.repeat(points[points[:, 0] > 30.0], 7, axis=0)]), name="u"
+    )
     np.testing.assert_allclose(centre_and_radius(uneven)[0], centre_and_radius(cloud)[0], atol=0.03)
 
 
@@ -141,7 +161,9 @@ def test_samples_keep_the_surface_about_its_centroid_in_its_radii():
     shape = blob(np.random.default_rng(4), num_vertices=600)
     options = SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions()
     local, large = (
-        sample_shape(Shape.from_arrays(size * shape.vertices + 9.0, shape.faces, name="s"), *options).local
+        sample_shape(
+            Shape.from_arrays(size * shape.vertices + 9.0, shape.faces, name="s"), *options
+        ).local
         for size in (1.0, 50.0)
     )
     assert local.cell == large.cell == CELL

@@ -32,7 +32,10 @@ def test_a_decimated_surface_has_vertices_for_all_samples(rng):
     shape = blob(rng, num_vertices=3000)
     surface = WorkingSurface(shape, SamplingOptions(max_faces=1000, num_points=300))
     assert 2000 < len(surface.shape.faces) <= 2400
-    assert len(np.unique(surface.to_original[surface.farthest_points(300, "euclidean", seeded=True)])) == 300
+    assert (
+        len(np.unique(surface.to_original[surface.farthest_points(300, "euclidean", seeded=True)]))
+        == 300
+    )
 
 
 def test_clouds_are_thinned(rng, monkeypatch):
@@ -59,14 +62,20 @@ def test_what_is_unusual_is_noted():
     surface = WorkingSurface(Shape.from_arrays(vertices, fins), SMALL)
     assert surface.operators.kind == "tufted"
     assert surface.notes[0].code == "tufted-laplacian"
-    two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 100]))
+    two = Shape.from_arrays(
+        np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 100])
+    )
     parts = WorkingSurface(two, SMALL)
     assert parts.geodesics.method == "shortest paths"
     assert parts.notes[0].code == "edge-geodesics"
 
 
 def test_open_and_closed():
-    shapes = crown(num_vertices=300), Shape.from_arrays(*sphere_mesh(100)), Shape.from_arrays(sphere_mesh(100)[0])
+    shapes = (
+        crown(num_vertices=300),
+        Shape.from_arrays(*sphere_mesh(100)),
+        Shape.from_arrays(sphere_mesh(100)[0]),
+    )
     assert [WorkingSurface(shape, SMALL).rim for shape in shapes] == ["open", "closed", "unknown"]
 
 
@@ -80,9 +89,15 @@ def test_a_copy_from_which_a_part_has_come_off_is_made_finer(monkeypatch):
 
     def decimated(vertices, faces, max_faces):
         asked.append(max_faces)
-        back = (vertices[faces][..., 2] > np.quantile(vertices[:, 2], 0.7)).all(axis=1, keepdims=True)
+        back = (vertices[faces][..., 2] > np.quantile(vertices[:, 2], 0.7)).all(
+            axis=1, keepdims=True
+        )
         apart = np.where(back, faces + len(vertices), faces)
-        return (np.concatenate([vertices, vertices + 5.0]), apart) if len(asked) == 1 else (vertices, faces)
+        return (
+            (np.concatenate([vertices, vertices + 5.0]), apart)
+            if len(asked) == 1
+            else (vertices, faces)
+        )
 
     monkeypatch.setattr("data_tools.embedding.working_surface.decimate", decimated)
     surface = WorkingSurface(shape, SMALL)

@@ -28,7 +28,9 @@ def read(text):
 def test_no_text_begins_like_a_formula_and_numbers_stay_numbers():
     rows = read(csv_text([["name", "x"], *([name, -1.5] for name in NAMES)]))
     assert rows[1:] == [[rows[at + 1][0], "-1.5"] for at in range(len(NAMES))]
-    assert not [cell for cell, _ in rows[1:] if cell[:1] in ("=", "+", "-", "@", "\t") and cell != "-1.5"]
+    assert not [
+        cell for cell, _ in rows[1:] if cell[:1] in ("=", "+", "-", "@", "\t") and cell != "-1.5"
+    ]
     assert rows[-1][0] == "-1.5"
 
 

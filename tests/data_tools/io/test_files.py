@@ -6,7 +6,15 @@ from data_tools.io.files import existing_file, natural_key, write_atomic
 
 def test_natural_order_counts_numbers():
     names = ["tooth10", "Tooth2", "tooth1", "a", "tooth02b", "10", "9"]
-    assert sorted(names, key=natural_key) == ["9", "10", "a", "tooth1", "Tooth2", "tooth02b", "tooth10"]
+    assert sorted(names, key=natural_key) == [
+        "9",
+        "10",
+        "a",
+        "tooth1",
+        "Tooth2",
+        "tooth02b",
+        "tooth10",
+    ]
 
 
 def test_natural_order_is_total_for_digits_that_are_no_decimals():

@@ -27,7 +27,9 @@ def test_no_child_keeps_a_lock(tmp_path):
     held = opened(tmp_path / "lock")
     take_lock(held)
     command = [sys.executable, "-c", "print(flush=True); input()"]
-    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=False)
+    child = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, close_fds=False
+    )
     assert child.stdout is not None
     child.stdout.readline()  # the system closes the files of a child a little after it lets the parent go on
     os.close(held)

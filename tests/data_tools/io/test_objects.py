@@ -32,7 +32,14 @@ def test_every_kind_of_mesh_gives_the_same_shape(shape, tmp_path):
     )
     file = tmp_path / "it.npz"
     np.savez(file, vertices=shape.vertices, faces=shape.faces)
-    for given in (mesh, tensors, shape, (shape.vertices, shape.faces), [shape.vertices.tolist(), shape.faces], file):
+    for given in (
+        mesh,
+        tensors,
+        shape,
+        (shape.vertices, shape.faces),
+        [shape.vertices.tolist(), shape.faces],
+        file,
+    ):
         found = read(given)
         np.testing.assert_array_equal(found.vertices, shape.vertices)
         np.testing.assert_array_equal(found.faces, shape.faces)

@@ -25,11 +25,19 @@ def contents(folder):
 
 
 def test_a_second_run_replaces_what_the_first_wrote_and_nothing_else(tmp_path):
-    assert write(tmp_path, {"summary": "1", "meshes/a": "1", "meshes/b": "1"})[0] == tmp_path / "summary"
+    assert (
+        write(tmp_path, {"summary": "1", "meshes/a": "1", "meshes/b": "1"})[0]
+        == tmp_path / "summary"
+    )
     (tmp_path / "meshes" / "mine.txt").write_text("mine")
     write(tmp_path, {"other": "1"}, writer="another command")
     write(tmp_path, {"summary": "2", "meshes/a": "2"})
-    assert contents(tmp_path) == {"summary": "2", "meshes/a": "2", "meshes/mine.txt": "mine", "other": "1"}
+    assert contents(tmp_path) == {
+        "summary": "2",
+        "meshes/a": "2",
+        "meshes/mine.txt": "mine",
+        "other": "1",
+    }
     write(tmp_path, {"summary": "3"})
     assert contents(tmp_path) == {"summary": "3", "meshes/mine.txt": "mine", "other": "1"}
 
@@ -85,9 +93,18 @@ def test_inputs_in_the_folder_or_around_it_are_refused_before_anything_is_made(t
 
 @pytest.mark.parametrize(
     ("out", "source"),
-    [("mount", "in"), ("mount/out", "in"), ("whole", "in"), ("mount", "in/a"), ("in", "mount"), ("in/out", "mount")],
+    [
+        ("mount", "in"),
+        ("mount/out", "in"),
+        ("whole", "in"),
+        ("mount", "in/a"),
+        ("in", "mount"),
+        ("in/out", "mount"),
+    ],
 )
-def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(tmp_path, monkeypatch, out, source):
+def test_a_folder_that_is_mounted_elsewhere_is_told_by_device_and_inode(
+    tmp_path, monkeypatch, out, source
+):
     """A link that is not followed stands for a bind mount: other path, same device and inode."""
     folder = tmp_path / "deep"
     (folder / "in").mkdir(parents=True)
@@ -129,7 +146,9 @@ def test_what_a_killed_run_left_goes_with_the_next(tmp_path):
 
 
 @pytest.mark.parametrize("after", range(5))
-def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(tmp_path, monkeypatch, after):
+def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(
+    tmp_path, monkeypatch, after
+):
     write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
     (tmp_path / "mine").write_text("mine")
     moves, original = iter(range(100)), os.replace
@@ -148,8 +167,12 @@ def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(tmp
     assert found.get("summary") != "2" or found["a"] == found["c"] == "2"  # it comes last
     monkeypatch.undo()
     with OutputFolder.open(tmp_path, writer="other"):
-        whole = {"summary": "2", "a": "2", "c": "2"} if after else {"summary": "1", "a": "1", "b": "1"}
-        assert contents(tmp_path) == whole | {"mine": "mine"}, "whoever comes next finishes what had begun"
+        whole = (
+            {"summary": "2", "a": "2", "c": "2"} if after else {"summary": "1", "a": "1", "b": "1"}
+        )
+        assert contents(tmp_path) == whole | {"mine": "mine"}, (
+            "whoever comes next finishes what had begun"
+        )
     write(tmp_path, {"summary": "3", "a": "3"})
     assert contents(tmp_path) == {"summary": "3", "a": "3", "mine": "mine"}
 
@@ -209,7 +232,9 @@ def test_a_manifest_is_not_believed(tmp_path, content):
     assert contents(tmp_path) == {"out/summary": "1", "x": "mine"}
 
 
-@pytest.mark.parametrize("pending", [1, [], {"new": 1}, {"new": [[]], "stale": [], "last": None}, {"new": ["../x"]}])
+@pytest.mark.parametrize(
+    "pending", [1, [], {"new": 1}, {"new": [[]], "stale": [], "last": None}, {"new": ["../x"]}]
+)
 def test_a_pending_publication_is_not_believed(tmp_path, pending):
     write(tmp_path / "out", {"summary": "1"})
     (tmp_path / "x").write_text("mine")

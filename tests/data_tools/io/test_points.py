@@ -17,11 +17,23 @@ MALFORMED = [
     ("comments.xyz", "# nothing\n\n", "no points"),
     ("header.csv", "x,y,z\n", "no points"),
     ("binary.txt", "\x00\x01\x02", "columns|no points|numbers"),
-    ("prose.txt", "This is a letter to a friend.\nIt has no points in it, or few.\n", "columns|numbers"),
+    (
+        "prose.txt",
+        "This is a letter to a friend.\nIt has no points in it, or few.\n",
+        "columns|numbers",
+    ),
     ("few.xyz", "4\n0 0 0\n1 2 3\n4 5 7\n", "its first line promises 4 points, 3 lines follow"),
-    ("many.pts", "2\n0 0 0 9\n1 2 3 9\n4 5 7 9\n", "its first line promises 2 points, 3 lines follow"),
+    (
+        "many.pts",
+        "2\n0 0 0 9\n1 2 3 9\n4 5 7 9\n",
+        "its first line promises 2 points, 3 lines follow",
+    ),
     ("huge.pts", "9" * 30 + "\n0 0 0\n", "promises 99999999999999999999 points, 1 lines follow"),
-    ("landmarks.pts", "Version 1.0\n3\nS000 0 0 0\nS001 1 2 3\nS002 4 5 7\n", "landmarks, no point cloud"),
+    (
+        "landmarks.pts",
+        "Version 1.0\n3\nS000 0 0 0\nS001 1 2 3\nS002 4 5 7\n",
+        "landmarks, no point cloud",
+    ),
     ("counts.pts", "0\n0\n", "no points"),
     ("text.npz", "not an archive", "not an NPZ archive"),
     ("start.npz", "PK\x03\x04", "not an NPZ archive|damaged"),
@@ -37,20 +49,28 @@ MALFORMED = [
 def test_the_number_of_points_may_come_first(tmp_path, suffix):
     for count in ("", "3\n", "003 \r\n", "# by hand\n\n3\n", "//X Y Z I\n3\n"):
         (tmp_path / f"a{suffix}").write_text(f"{count}0 0 0 1\n1 2 3 1\n4 5 7 1\n")
-        np.testing.assert_array_equal(read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+        np.testing.assert_array_equal(
+            read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
+        )
 
 
 def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
     (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
-    np.testing.assert_array_equal(read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+    np.testing.assert_array_equal(
+        read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
 def test_clouds_and_obj_may_be_in_any_encoding(tmp_path, encoding):
     (tmp_path / "a.txt").write_bytes("Länge_x;y;z\r\n0;0;0\r\n1;2;3\r\n4;5;7\r\n".encode(encoding))
-    (tmp_path / "a.obj").write_bytes("v 0 0 0\ng Schädel\nv 1 2 3\nv 4 5 7\nf 1 2 3\n".encode(encoding))
+    (tmp_path / "a.obj").write_bytes(
+        "v 0 0 0\ng Schädel\nv 1 2 3\nv 4 5 7\nf 1 2 3\n".encode(encoding)
+    )
     for suffix in (".txt", ".obj"):
-        np.testing.assert_array_equal(read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]])
+        np.testing.assert_array_equal(
+            read_shape(tmp_path / f"a{suffix}").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
+        )
 
 
 @pytest.mark.parametrize(
@@ -68,7 +88,9 @@ def test_clouds_and_obj_may_be_in_any_encoding(tmp_path, encoding):
 )  # fmt: skip
 def test_what_no_output_keeps_is_noted(tmp_path, name, content, lost):
     (tmp_path / name).write_text(content)
-    assert list(read_shape(tmp_path / name).notes) == list(not_kept(lost.split(", ")) if lost else ())
+    assert list(read_shape(tmp_path / name).notes) == list(
+        not_kept(lost.split(", ")) if lost else ()
+    )
 
 
 def test_npz_holds_meshes_and_clouds(tmp_path, rng):

@@ -37,15 +37,21 @@ def test_other_programs_read_the_same_of_what_is_written(tmp_path, suffix):
         path = write_mesh(tmp_path / f"a{suffix}", shape)
         other = trimesh.load_scene(path, process=False).to_geometry()
         np.testing.assert_allclose(other.area, shape.area, rtol=1e-4)
-        np.testing.assert_allclose(other.bounds, [shape.vertices.min(axis=0), shape.vertices.max(axis=0)], atol=1e-5)
+        np.testing.assert_allclose(
+            other.bounds, [shape.vertices.min(axis=0), shape.vertices.max(axis=0)], atol=1e-5
+        )
 
 
 def test_binary_files_are_in_single_precision_where_that_is_enough(tmp_path):
     for suffix in (".ply", ".stl"):
-        near, far = (write_mesh(tmp_path / f"a{suffix}", shape).read_bytes() for shape in (BLOB, on_map(1.5)))
+        near, far = (
+            write_mesh(tmp_path / f"a{suffix}", shape).read_bytes() for shape in (BLOB, on_map(1.5))
+        )
         assert len(near) < len(far)
     tiny = Shape.from_arrays(1e-9 * BLOB.vertices, BLOB.faces)
-    np.testing.assert_allclose(read_shape(write_mesh(tmp_path / "a.obj", tiny)).vertices, tiny.vertices, rtol=1e-12)
+    np.testing.assert_allclose(
+        read_shape(write_mesh(tmp_path / "a.obj", tiny)).vertices, tiny.vertices, rtol=1e-12
+    )
 
 
 def test_what_fits_single_precision():

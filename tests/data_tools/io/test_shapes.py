@@ -38,26 +38,62 @@ MALFORMED = [
     ("empty_mesh.off", "OFF\n0 0 0\n", "no points|no geometry|not a readable"),
     ("obj_inside.off", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not an OFF file"),
     ("words.off", "OFF\n3 1 0\n0 0 zero\n1 0 0\n0 1 0\n3 0 1 2\n", "vertex 0 is not three numbers"),
-    ("index99.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 99\n", "names vertex 99, there are 3"),
-    ("longer.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "2 0 1 2\n", "face 0 has 4 numbers, .* ask for 3"),
+    (
+        "index99.ply",
+        PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 99\n",
+        "names vertex 99, there are 3",
+    ),
+    (
+        "longer.ply",
+        PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "2 0 1 2\n",
+        "face 0 has 4 numbers, .* ask for 3",
+    ),
     (
         "shorter.ply",
         PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "4 0 1 2\n",
         "face 0 has 4 numbers, .* ask for 5",
     ),
-    ("fan.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1" + 5001 * " 2 3" + "\n", "corner of 10001 triangles, at most 10000"),
-    ("fan.off", "OFF\n3 1 0\n" + TRIANGLE + "10003 0" + 5001 * " 1 2" + "\n", "corner of 10001 triangles"),
-    ("below.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 -1\n", "names vertex -1, there are 3"),
-    ("nan.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "nan 0 0") + "3 0 1 2\n", "NaN"),
-    ("inf.ply", PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "inf 0 0") + "3 0 1 2\n", "infinite"),
-    ("huge_faces.ply", PLY.format(3, PLY_FACES.format(2 * 10**9)) + TRIANGLE + "3 0 1 2\n", "truncated"),
+    (
+        "fan.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1" + 5001 * " 2 3" + "\n",
+        "corner of 10001 triangles, at most 10000",
+    ),
+    (
+        "fan.off",
+        "OFF\n3 1 0\n" + TRIANGLE + "10003 0" + 5001 * " 1 2" + "\n",
+        "corner of 10001 triangles",
+    ),
+    (
+        "below.ply",
+        PLY.format(3, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 -1\n",
+        "names vertex -1, there are 3",
+    ),
+    (
+        "nan.ply",
+        PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "nan 0 0") + "3 0 1 2\n",
+        "NaN",
+    ),
+    (
+        "inf.ply",
+        PLY.format(3, PLY_FACES.format(1)) + TRIANGLE.replace("1 0 0", "inf 0 0") + "3 0 1 2\n",
+        "infinite",
+    ),
+    (
+        "huge_faces.ply",
+        PLY.format(3, PLY_FACES.format(2 * 10**9)) + TRIANGLE + "3 0 1 2\n",
+        "truncated",
+    ),
     ("huge_vertices.ply", PLY.format(10**12, "") + TRIANGLE, "truncated"),
     ("short.ply", PLY.format(5, PLY_FACES.format(1)) + TRIANGLE + "3 0 1 2\n", "truncated"),
     ("no_vertices.ply", PLY.format(0, ""), "no vertices"),
     ("bad_count.ply", PLY.format("many", "") + TRIANGLE, "malformed PLY header"),
     ("no_header.ply", TRIANGLE, "not a PLY file"),
     ("header_only.ply", "ply\nformat ascii 1.0\n", "not a PLY file"),
-    ("binary.ply", PLY.format(10**9, "").replace("ascii", "binary_little_endian") + "xyz", "truncated"),
+    (
+        "binary.ply",
+        PLY.format(10**9, "").replace("ascii", "binary_little_endian") + "xyz",
+        "truncated",
+    ),
     ("index99.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n", "names vertex 99, there are 3"),
     ("zero.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "is no corner"),
     ("below.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -9 1 2\n", "names vertex -9, there are 3"),
@@ -72,7 +108,11 @@ MALFORMED = [
     ("flat.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "is not three numbers"),
     ("garbage.obj", "\x00\x01 not a mesh", "no vertex lines"),
     ("garbage.stl", "not a mesh", "not an STL file, or truncated"),
-    ("cut.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "truncated STL text"),
+    (
+        "cut.stl",
+        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n",
+        "truncated STL text",
+    ),
     ("garbage.glb", "not a mesh at all, but long enough to be one", "not a glTF file"),
     ("long.glb", "glTF\x02\x00\x00\x00\x7f\x7f\x7f\x7f", "truncated, its header promises"),
     ("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\n", "one place"),
@@ -83,7 +123,9 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "content", "reason"), [pytest.param(*row, id=row[0]) for row in MALFORMED + POINTS])
+@pytest.mark.parametrize(
+    ("name", "content", "reason"), [pytest.param(*row, id=row[0]) for row in MALFORMED + POINTS]
+)
 def test_malformed_files_are_refused_by_name_and_reason(tmp_path, name, content, reason):
     path = tmp_path / name
     path.write_text(content)
@@ -99,8 +141,16 @@ def test_malformed_files_are_refused_by_name_and_reason(tmp_path, name, content,
         ("a.ply", b"\xef\xbb\xbfsolid a\nfacet normal 0 0 1\n", "content is that of a .stl file"),
         ("a.off", b"# by hand\nmtllib a.mtl\no a\nv 0 0 0\n", "content is that of a .obj file"),
         ("a.obj", b"OFF\n3 1 0\n", "content is that of a .off file"),
-        ("a.vtk", b'<?xml version="1.0"?>\n<VTKFile type="PolyData">', "content is that of a .vtp file"),
-        ("a.glb", b"<!DOCTYPE html>\n<html>not found</html>", "a web page; download the file again"),
+        (
+            "a.vtk",
+            b'<?xml version="1.0"?>\n<VTKFile type="PolyData">',
+            "content is that of a .vtp file",
+        ),
+        (
+            "a.glb",
+            b"<!DOCTYPE html>\n<html>not found</html>",
+            "a web page; download the file again",
+        ),
         ("a.ply", b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\n", "Git LFS"),
         ("a.ply", b"\x1f\x8b\x08\x00", "compressed with gzip; unpack it"),
         ("a.obj", b"PK\x03\x04", "a ZIP archive; unpack it"),
@@ -114,7 +164,12 @@ def test_what_a_file_is_instead_is_said(tmp_path, name, content, advice):
 
 
 @pytest.mark.parametrize(
-    "error", [UnboundLocalError("x"), AssertionError(), ValueError("could not convert string to float: 'secret'")]
+    "error",
+    [
+        UnboundLocalError("x"),
+        AssertionError(),
+        ValueError("could not convert string to float: 'secret'"),
+    ],
 )
 def test_errors_of_readers_are_neither_named_nor_quoted(tmp_path, monkeypatch, error):
     def fail(source):
@@ -123,7 +178,9 @@ def test_errors_of_readers_are_neither_named_nor_quoted(tmp_path, monkeypatch, e
     monkeypatch.setitem(READERS, ".ply", fail)
     path = tmp_path / "a.ply"
     path.write_text("secret")
-    with pytest.raises(InputError, match=r"a\.ply: not a readable PLY file, it is damaged or of another format$"):
+    with pytest.raises(
+        InputError, match=r"a\.ply: not a readable PLY file, it is damaged or of another format$"
+    ):
         read_shape(path)
     error = ModuleNotFoundError("No module named 'zstd'", name="zstd")
     with pytest.raises(UnavailableError, match="cannot be read without the package zstd"):
@@ -237,7 +294,10 @@ def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
     (tmp_path / "a.ply").touch()
     (tmp_path / "a.pts").write_text("Version 1.0\n1\nS000 0 0 0\n", "utf-8-sig")
     (tmp_path / "b.pts").write_text("2\n0 0 0\n1 2 3\n")
-    for files, skipped in ((read_folder(tmp_path).files, read_folder(tmp_path).skipped), files_at(tmp_path / "*")):
+    for files, skipped in (
+        (read_folder(tmp_path).files, read_folder(tmp_path).skipped),
+        files_at(tmp_path / "*"),
+    ):
         assert [path.name for path in files] == ["a.ply", "b.pts"]
         assert [path.name for path in skipped] == ["a.pts"]
     assert read_folder(tmp_path).names == ("a", "b")
@@ -285,7 +345,9 @@ def sides(tmp_path):
 
 
 def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides):
-    with pytest.raises(InputError, match=r"its folders do: left \(1\), right \(3\); take them with --recursive"):
+    with pytest.raises(
+        InputError, match=r"its folders do: left \(1\), right \(3\); take them with --recursive"
+    ):
         read_folder(sides)
     listing = read_folder(sides, recursive=True)
     assert listing.names == ("left/A", "right/A", "B2", "old/A")
@@ -307,7 +369,10 @@ def test_places_are_folders_patterns_lists_and_files(sides):
     assert [path.name for path in (*found, *others)] == ["A.ply", "A.ply", "B2.ply", "notes.md"]
     assert len(files_at(sides / "**" / "*.[ps]*")[0]) == 4
     assert len(files_at(sides / "right", recursive=True)[0]) == 3
-    assert files_at(sides / "none.ply") == ((sides / "none.ply",), ())  # left out later, with this as the reason
+    assert files_at(sides / "none.ply") == (
+        (sides / "none.ply",),
+        (),
+    )  # left out later, with this as the reason
     for wrong, message in (
         (sides / "nowhere", "nowhere: no such file or folder"),
         (sides / "left" / "*.stl", "no shape file matches"),
@@ -338,7 +403,9 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
     path, whole = with_gaps(tmp_path, suffix, [0, 17, 199])
     shape = read_shape(path)
     touched = np.isin(whole.faces, [0, 17, 199]).any(axis=1)
-    assert shape.notes == (Note("non-finite-dropped", values={"vertices": 3, "triangles": touched.sum()}),)
+    assert shape.notes == (
+        Note("non-finite-dropped", values={"vertices": 3, "triangles": touched.sum()}),
+    )
     assert shape.source_indices is not None
     np.testing.assert_array_equal(shape.source_indices, np.setdiff1d(np.arange(200), [0, 17, 199]))
     np.testing.assert_allclose(shape.vertices, whole.vertices[shape.source_indices], atol=1e-5)
@@ -349,9 +416,14 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".stl"])
 def test_numbers_that_programs_on_windows_could_not_write_are_not_finite(tmp_path, suffix, word):
     shape = blob(np.random.default_rng(3), num_vertices=200)
-    rows = "".join("{} {} {}\n".format(*row) for row in shape.vertices.tolist()) + f"{word} {word} {word}\n"
+    rows = (
+        "".join("{} {} {}\n".format(*row) for row in shape.vertices.tolist())
+        + f"{word} {word} {word}\n"
+    )
     faces = "".join("3 {} {} {}\n".format(*row) for row in shape.faces.tolist())
-    facets = ["vertex " + "\nvertex ".join(rows.splitlines()[at] for at in face) for face in shape.faces]
+    facets = [
+        "vertex " + "\nvertex ".join(rows.splitlines()[at] for at in face) for face in shape.faces
+    ]
     facets.append(f"vertex {word} 0 0\nvertex 1 0 0\nvertex 0 1 0")
     (tmp_path / f"a{suffix}").write_text({
         ".ply": PLY.format(201, PLY_FACES.format(len(shape.faces))) + rows + faces,

@@ -60,7 +60,9 @@ def test_blank_lines_hold_no_words():
     ],
 )
 def test_tables_of_all_habits_are_read_alike(text):
-    np.testing.assert_array_equal(read_points_table(text, "a.csv").vertices, [[-1, 2.42, 0.5], [3.25, 0, -7.75]])
+    np.testing.assert_array_equal(
+        read_points_table(text, "a.csv").vertices, [[-1, 2.42, 0.5], [3.25, 0, -7.75]]
+    )
 
 
 #: Content, and what the error must say.
@@ -92,7 +94,9 @@ def test_ambiguous_tables_are_refused_with_the_reason(text, reason):
 
 def test_integers_with_colours_are_no_split_decimals():
     text = "10,20,30,255,0,0\n40,50,60,0,128,9\n"
-    np.testing.assert_array_equal(read_points_table(text, "a.csv").vertices, [[10, 20, 30], [40, 50, 60]])
+    np.testing.assert_array_equal(
+        read_points_table(text, "a.csv").vertices, [[10, 20, 30], [40, 50, 60]]
+    )
 
 
 def test_missing_numbers_are_nan_wherever_they_are():
@@ -105,11 +109,15 @@ def test_missing_numbers_are_nan_wherever_they_are():
 def test_long_tables_take_the_short_way(rng, monkeypatch):
     points = rng.standard_normal((1000, 3))
     rows = "\n".join(",".join(map(repr, point)) for point in points.tolist())
-    monkeypatch.setattr("data_tools.io.text_tables._row_by_row", lambda *_: pytest.fail("row by row"))
+    monkeypatch.setattr(
+        "data_tools.io.text_tables._row_by_row", lambda *_: pytest.fail("row by row")
+    )
     np.testing.assert_array_equal(read_points_table("x,y,z\n" + rows, "a.csv").vertices, points)
 
 
-@pytest.mark.parametrize("heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"])
+@pytest.mark.parametrize(
+    "heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"]
+)
 def test_a_heading_of_brackets_takes_no_time(heading):
     started = time.process_time()
     with pytest.raises(InputError, match="heading"):

@@ -80,7 +80,10 @@ def test_the_declared_coordinate_system_comes_along(tmp_path, declared):
 
 def test_every_list_of_points_has_its_own_coordinate_system(tmp_path):
     curves = [{**slicer_curve("Curve", 4), "coordinateSystem": system} for system in ("RAS", "LPS")]
-    points = [{"type": "Fiducial", "coordinateSystem": system, "controlPoints": [TIP]} for system in ("RAS", "LPS")]
+    points = [
+        {"type": "Fiducial", "coordinateSystem": system, "controlPoints": [TIP]}
+        for system in ("RAS", "LPS")
+    ]
     path = tmp_path / "a.mrk.json"
     path.write_text(json.dumps({"markups": [*curves, points[0]]}))
     found = read_landmarks(path)
@@ -101,7 +104,10 @@ def test_every_list_of_points_has_its_own_coordinate_system(tmp_path):
         ("a.csv", "tip,0,0,0\nbase,,,\n"),
         ("a.pp", PICKED.replace('active="1" name="base"', 'active="0" name="base"')),
         ("a.pts", "Version 1.0\n2\nS000 0 0 0\nS001 NA NA NA\n"),
-        *(("a.fcsv", FCSV.replace("tip,,", "tip,,,2,0").replace("base,,", f"base,,,{state},0")) for state in "013"),
+        *(
+            ("a.fcsv", FCSV.replace("tip,,", "tip,,,2,0").replace("base,,", f"base,,,{state},0"))
+            for state in "013"
+        ),
     ],
 )
 def test_missing_landmarks_are_nan(tmp_path, name, content):
@@ -109,7 +115,9 @@ def test_missing_landmarks_are_nan(tmp_path, name, content):
     assert np.isnan(read_landmarks(tmp_path / name).points).all(axis=1).tolist() == [False, True]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1", "cp1252"]
+)
 def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encoding):
     label = "Schädel" if encoding in ("latin-1", "cp1252") else "Scha\u0308del"
     (tmp_path / "a.csv").write_bytes(f"label,x,y,z\r\n{label},0,0,0\r\n".encode(encoding))
@@ -122,7 +130,11 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
         ("a.mrk.json", "{", "not a readable landmark file"),
         ("a.mrk.json", "[]", "no markups of 3D Slicer"),
         ("a.json", '{"version": 3}', "no markups of 3D Slicer"),
-        ("a.json", slicer({"label": "far", "position": [1, 2, 10**400]}), "not a readable landmark file"),
+        (
+            "a.json",
+            slicer({"label": "far", "position": [1, 2, 10**400]}),
+            "not a readable landmark file",
+        ),
         ("a.pts", "Version 1.0\n3\nS000 0 0 0\n", "announces 3 landmarks and holds 1"),
         ("a.mrk.json", slicer(), "no landmarks"),
         ("a.mrk.json", slicer({"label": "flat", "position": [1, 2]}), "flat has 2 coordinates"),
@@ -134,7 +146,11 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
         ("a.pp", PICKED[:150], "not a readable landmark file"),
         ("a.pp", PICKED.replace('z="3"', 'z="three"'), "not a readable landmark file"),
         ("a.landmarkAscii", AMIRA[:80], "holds 0 sets"),
-        ("a.landmarkAscii", AMIRA.replace("@1\n#", "@1\nMarkers { float[3] Coordinates2 } @2\n#"), "holds 2 sets"),
+        (
+            "a.landmarkAscii",
+            AMIRA.replace("@1\n#", "@1\nMarkers { float[3] Coordinates2 } @2\n#"),
+            "holds 2 sets",
+        ),
         ("a.landmarkAscii", AMIRA.replace("1 2 3", "1 2"), "1 has 2 coordinates"),
         ("a.csv", "", "empty"),
     ],
@@ -182,6 +198,8 @@ def test_lists_of_points_are_curves_or_patches_named_by_their_folder(tmp_path):
     markup = tmp_path / "orbit" / "b.mrk.json"
     markup.write_text(json.dumps({"markups": [slicer_curve("ClosedCurve", 4)]}))
     assert read_semilandmarks(markup, "curve").kind == "closed curve"
-    markup.write_text(json.dumps({"markups": [slicer_curve("Curve", 4), slicer_curve("Curve", 4, "S")]}))
+    markup.write_text(
+        json.dumps({"markups": [slicer_curve("Curve", 4), slicer_curve("Curve", 4, "S")]})
+    )
     with pytest.raises(InputError, match="holds 2 lists"):
         read_semilandmarks(markup, "curve")

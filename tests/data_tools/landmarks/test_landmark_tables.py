@@ -81,7 +81,9 @@ def test_a_scale_may_be_empty_and_decimals_marked_by_commas(tmp_path):
     path = tmp_path / "b.tps"
     for scale, factor in (("", 1.0), ("0,5", 0.5)):
         path.write_text(f"LM3=2\n0 0 0\n1,5 2,5 3,5\nIMAGE=b.ply\nSCALE={scale}\n")
-        np.testing.assert_array_equal(read_specimens(path)["b"].points[1], factor * np.array([1.5, 2.5, 3.5]))
+        np.testing.assert_array_equal(
+            read_specimens(path)["b"].points[1], factor * np.array([1.5, 2.5, 3.5])
+        )
 
 
 def test_what_is_readable_is_said_with_all_suffixes(tmp_path):
@@ -122,7 +124,9 @@ def test_tables_of_several_specimens_keep_their_system(tmp_path):
 )
 def test_a_row_may_hold_all_landmarks_of_a_specimen(tmp_path, heading, labels):
     text = f"{heading}\nA,f,0,0,0,1,2.5,3\nB,m,NA,,,4,5,6\n"
-    (tmp_path / "all.csv").write_text(text.replace(",", ";").replace(".5", ",5") if ";" in heading else text)
+    (tmp_path / "all.csv").write_text(
+        text.replace(",", ";").replace(".5", ",5") if ";" in heading else text
+    )
     first, second = read_specimens(tmp_path / "all.csv").values()
     assert (first.labels, first.points.tolist()) == (labels, [[0, 0, 0], [1, 2.5, 3]])
     np.testing.assert_array_equal(second.points, [[np.nan] * 3, [4, 5, 6]])
@@ -160,11 +164,22 @@ def test_one_specimen_without_a_name_is_called_like_its_file(tmp_path):
         ("a.csv", "X1,Y1,Z1\n0,0,0\n1,2,3\n", "no column says which specimen each row is"),
         ("a.tps", "LM3=400000000\n0 0 0\n", "not a readable TPS"),
         ("a.nts", "1 400000000 0 0 DIM=3\n0 0 0\n", "not a readable NTS"),
-        ("a.txt", "[individuals]\n400000000\n[landmarks]\n1\n[dimensions]\n3\n[rawpoints]\n0 0 0\n", "not a read"),
-        ("a.txt", "[individuals]\n400000000\n[landmarks]\n0\n[dimensions]\n3\n[rawpoints]\n", "not a readable"),
+        (
+            "a.txt",
+            "[individuals]\n400000000\n[landmarks]\n1\n[dimensions]\n3\n[rawpoints]\n0 0 0\n",
+            "not a read",
+        ),
+        (
+            "a.txt",
+            "[individuals]\n400000000\n[landmarks]\n0\n[dimensions]\n3\n[rawpoints]\n",
+            "not a readable",
+        ),
     ],
 )
 def test_other_files_are_refused_by_name(tmp_path, name, content, reason):
     (tmp_path / name).write_text(content)
-    with most_memory(2**22), pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"):
+    with (
+        most_memory(2**22),
+        pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"),
+    ):
         read_specimens(tmp_path / name)

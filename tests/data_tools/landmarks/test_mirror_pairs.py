@@ -21,6 +21,10 @@ def test_pairs_of_landmarks_come_from_a_table(tmp_path):
         path.write_text(text)
         with pytest.raises(InputError, match=words):
             read_landmark_pairs(path, labels)
-    for pairs in ((("nose", "nose"),), (("nose", "eye l"), ("eye r", "nose")), (("nose", "mouth"),)):
+    for pairs in (
+        (("nose", "nose"),),
+        (("nose", "eye l"), ("eye r", "nose")),
+        (("nose", "mouth"),),
+    ):
         with pytest.raises(InputError, match="pairs"):
             landmark_partners(labels, pairs)

@@ -11,7 +11,10 @@ LABELS = ("F-1", "F-2", "F-3")
 
 
 def rows(form, sign="."):
-    lines = [form.format(label=label, x=x, y=y, z=z) for label, (x, y, z) in zip(LABELS, POINTS, strict=True)]
+    lines = [
+        form.format(label=label, x=x, y=y, z=z)
+        for label, (x, y, z) in zip(LABELS, POINTS, strict=True)
+    ]
     return "".join(line.replace(".", sign) + "\n" for line in lines)
 
 
@@ -44,7 +47,13 @@ def test_columns_are_found_by_heading_or_content(heading, form):
 
 
 @pytest.mark.parametrize(
-    "form", ["{label};{x};{y};{z}", "{label}\t{x}\t{y}\t{z}", '{label},"{x}","{y}","{z}"', "{label} {x} {y} {z}"]
+    "form",
+    [
+        "{label};{x};{y};{z}",
+        "{label}\t{x}\t{y}\t{z}",
+        '{label},"{x}","{y}","{z}"',
+        "{label} {x} {y} {z}",
+    ],
 )
 def test_decimal_commas_are_read_where_commas_separate_nothing(form):
     found = read_point_table("label;x;y;z\n".replace(";", form[7]) + rows(form, ","), "a.csv")
@@ -54,7 +63,9 @@ def test_decimal_commas_are_read_where_commas_separate_nothing(form):
 
 @pytest.mark.parametrize(("axes", "system"), [("r,a,s", "RAS"), ("l,p,s", "LPS"), ("x,y,z", None)])
 def test_tables_of_3d_slicer_say_their_system_and_what_is_defined(axes, system):
-    text = f"label,{axes},defined,selected,visible,locked,description\n" + rows("{label},{x},{y},{z},1,1,1,0,")
+    text = f"label,{axes},defined,selected,visible,locked,description\n" + rows(
+        "{label},{x},{y},{z},1,1,1,0,"
+    )
     found = read_point_table(text.replace(",30.25,1", ",30.25,0"), "a.csv")
     assert (found.labels, found.system) == (LABELS, system)
     np.testing.assert_array_equal(found.points[:2], POINTS[:2])
@@ -65,7 +76,9 @@ def test_tables_of_3d_slicer_say_their_system_and_what_is_defined(axes, system):
     "cell", ["", "NA", "NaN", "nan", "N/A", "#N/A", "-nan(ind)", "-1.#IND", "null", "-", ".", "?"]
 )
 def test_cells_without_a_number_are_missing(cell):
-    found = read_point_table(f"label,x,y,z\na,1,2,3\nb,{cell},{cell},{cell}\nc,1,{cell},3\n", "a.csv")
+    found = read_point_table(
+        f"label,x,y,z\na,1,2,3\nb,{cell},{cell},{cell}\nc,1,{cell},3\n", "a.csv"
+    )
     assert np.isnan(found.points).all(axis=1).tolist() == [False, True, True]
     assert np.isnan(number(cell))
     unheaded = read_point_table(f"b,{cell},{cell},{cell}\na,1,2,3\n", "a.csv")
@@ -76,7 +89,11 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
     text = "specimen,label,x,y,z\nA,p,1,2,3\nB,p,4,5,6\nA,q,7,8,9\n"
     found = read_point_table(text, "a.csv")
     assert (found.specimens, found.labels) == (("A", "B", "A"), ("p", "p", "q"))
-    assert read_point_table(text.replace("specimen,label", "name,landmark"), "a.csv").specimens == ("A", "B", "A")
+    assert read_point_table(text.replace("specimen,label", "name,landmark"), "a.csv").specimens == (
+        "A",
+        "B",
+        "A",
+    )
     bare = read_point_table("specimen,x,y,z\nA,1,2,3\nB,4,5,6\nA,7,8,9\n", "a.csv")
     assert (bare.specimens, bare.labels) == (("A", "B", "A"), ("0", "0", "1"))
 
@@ -96,7 +113,10 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
         ("label,x,y,z\nF-1,1,two,3\n", "'two' of landmark F-1 is no number"),
         ("label,x,y,z\n", "only a heading"),
         ("# nothing\n", "holds no landmarks"),
-        ("name,landmark,x,y,z,radius,status\na,p,1,2,3,1,carried over\n", "carried over, not placed by a person"),
+        (
+            "name,landmark,x,y,z,radius,status\na,p,1,2,3,1,carried over\n",
+            "carried over, not placed by a person",
+        ),
     ],
 )
 def test_what_is_not_clear_is_refused_by_name(text, reason):

@@ -33,7 +33,12 @@ def test_everything_is_repaired_and_reported(rng):
         "unreferenced-dropped",
     ]
     merged, degenerate, components, unreferenced = (note.values for note in cleaned.notes)
-    assert [merged["num"], degenerate["num"], components["total"], unreferenced["num"]] == [1, 2, 2, 21]
+    assert [merged["num"], degenerate["num"], components["total"], unreferenced["num"]] == [
+        1,
+        2,
+        2,
+        21,
+    ]
 
 
 @pytest.mark.parametrize("factors", [None, [0, 0, 0], [1, 0, 0]])
@@ -54,7 +59,9 @@ def test_hashes_of_coordinates_in_single_precision_differ(rng):
 
 def test_components_and_duplicates_are_kept_on_request():
     first, faces = sphere_mesh(30)
-    two = Shape.from_arrays(np.concatenate([first, 0.5 * first + 5.0]), np.concatenate([faces, faces + 30]))
+    two = Shape.from_arrays(
+        np.concatenate([first, 0.5 * first + 5.0]), np.concatenate([faces, faces + 30])
+    )
     assert len(clean(two).vertices) == 30
     assert clean(two, CleaningOptions(largest_component=False)) is two
     twice = Shape.from_arrays(np.repeat(first, 2, axis=0))
@@ -67,7 +74,9 @@ def test_components_nearly_as_large_as_the_largest_are_kept_with_it():
 
     def balls(*sizes):
         vertices = np.concatenate([ball * size + 5.0 * i for i, size in enumerate(sizes)])
-        return Shape.from_arrays(vertices, np.concatenate([faces + 30 * i for i in range(len(sizes))]))
+        return Shape.from_arrays(
+            vertices, np.concatenate([faces + 30 * i for i in range(len(sizes))])
+        )
 
     bones = clean(balls(1.0, 0.3, 0.91))  # 83 % of the area
     np.testing.assert_array_equal(bones.source_indices, [*range(30), *range(60, 90)])
@@ -83,7 +92,9 @@ def test_components_nearly_as_large_as_the_largest_are_kept_with_it():
 def test_largest_means_area_not_number_of_triangles():
     fine, fine_faces = sphere_mesh(200)
     coarse, coarse_faces = sphere_mesh(20)
-    both = Shape.from_arrays(np.concatenate([fine, 5 * coarse]), np.concatenate([fine_faces, coarse_faces + 200]))
+    both = Shape.from_arrays(
+        np.concatenate([fine, 5 * coarse]), np.concatenate([fine_faces, coarse_faces + 200])
+    )
     assert len(clean(both).vertices) == 20
 
 

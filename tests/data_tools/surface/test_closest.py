@@ -70,4 +70,6 @@ def test_places_move_with_the_vertices():
     points = shape.vertices[::7] * 1.01
     places = SurfaceLocator(shape.vertices, shape.faces).closest(points)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    np.testing.assert_allclose(places.on(shape.vertices @ turn.T), places.on(shape.vertices) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(
+        places.on(shape.vertices @ turn.T), places.on(shape.vertices) @ turn.T, atol=1e-12
+    )

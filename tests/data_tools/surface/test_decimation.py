@@ -55,7 +55,9 @@ def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     vertices, faces = decimate(shape.vertices, shape.faces, 800)
     assert len(faces) <= 800
     assert largest_gap(shape.vertices, vertices, faces) < 0.05
-    assert face_areas(vertices, faces).sum() == pytest.approx(face_areas(shape.vertices, shape.faces).sum(), rel=0.03)
+    assert face_areas(vertices, faces).sum() == pytest.approx(
+        face_areas(shape.vertices, shape.faces).sum(), rel=0.03
+    )
 
 
 @pytest.mark.usefixtures("clusters_first")

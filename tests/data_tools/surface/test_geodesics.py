@@ -38,7 +38,9 @@ def test_several_sources_give_the_nearest(sphere):
 
 def test_two_components_are_infinitely_far_apart():
     vertices, faces = sphere_mesh(50)
-    two = Shape.from_arrays(np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 50]))
+    two = Shape.from_arrays(
+        np.concatenate([vertices, vertices + 5]), np.concatenate([faces, faces + 50])
+    )
     solver = GeodesicSolver(two)
     assert solver.method == "shortest paths"
     distances = solver.from_vertex(0)

@@ -29,7 +29,11 @@ def with_fin(shape):
 @pytest.mark.parametrize("kind", ["cotangent", "tufted", "point cloud"])
 def test_operators_are_symmetric_semidefinite_and_know_constants(kind):
     sphere = Shape.from_arrays(*sphere_mesh(600))
-    shape = {"cotangent": sphere, "tufted": with_fin(sphere), "point cloud": Shape.from_arrays(sphere.vertices)}[kind]
+    shape = {
+        "cotangent": sphere,
+        "tufted": with_fin(sphere),
+        "point cloud": Shape.from_arrays(sphere.vertices),
+    }[kind]
     operators = surface_operators(shape)
     assert operators.kind == kind
     dense = operators.stiffness.toarray()
@@ -41,8 +45,12 @@ def test_operators_are_symmetric_semidefinite_and_know_constants(kind):
 
 
 def test_stiffness_of_one_triangle_is_known():
-    operators = cotangent_laplacian(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    np.testing.assert_allclose(operators.stiffness.toarray(), [[1, -0.5, -0.5], [-0.5, 0.5, 0], [-0.5, 0, 0.5]])
+    operators = cotangent_laplacian(
+        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
+    )
+    np.testing.assert_allclose(
+        operators.stiffness.toarray(), [[1, -0.5, -0.5], [-0.5, 0.5, 0], [-0.5, 0, 0.5]]
+    )
     np.testing.assert_allclose(operators.mass, 1 / 6)
 
 
@@ -64,7 +72,9 @@ def test_eigenfunctions_are_orthonormal_signed_and_repeatable(rng):
     np.testing.assert_allclose(gram, np.eye(12), atol=1e-9)
     np.testing.assert_allclose(eigen.mass @ eigen.functions, 0.0, atol=1e-9)
     assert (eigen.mass @ eigen.functions**3 >= 0).all()
-    residual = operators.stiffness @ eigen.functions - eigen.mass[:, None] * eigen.functions * eigen.values
+    residual = (
+        operators.stiffness @ eigen.functions - eigen.mass[:, None] * eigen.functions * eigen.values
+    )
     np.testing.assert_allclose(residual, 0.0, atol=1e-8)
     assert not eigen.functions.flags.writeable
 
@@ -83,7 +93,9 @@ def test_eigenfunctions_do_not_depend_on_pose_scale_or_vertex_order(cloud, rng):
 
 def test_poor_surfaces_are_refused_by_name():
     with pytest.raises(InputError, match="tiny: 9 points are too few"):
-        surface_operators(Shape.from_arrays(np.random.default_rng(0).standard_normal((9, 3)), name="tiny"))
+        surface_operators(
+            Shape.from_arrays(np.random.default_rng(0).standard_normal((9, 3)), name="tiny")
+        )
     with pytest.raises(InputError, match="20 vertices are too few for 30"):
         spectrum(surface_operators(Shape.from_arrays(*sphere_mesh(20))), 30)
     vertices, faces = sphere_mesh(50)
@@ -96,7 +108,9 @@ def test_vertex_areas_of_cloud_and_mesh_agree(sphere):
     cloud = Shape.from_arrays(sphere.vertices)
     assert vertex_areas(cloud).sum() == pytest.approx(4 * np.pi, rel=0.1)
     assert vertex_areas(sphere).sum() == pytest.approx(sphere.area)
-    np.testing.assert_allclose(vertex_areas(Shape.from_arrays(np.eye(3))), np.pi, err_msg="fewer than the neighbours")
+    np.testing.assert_allclose(
+        vertex_areas(Shape.from_arrays(np.eye(3))), np.pi, err_msg="fewer than the neighbours"
+    )
 
 
 def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words():

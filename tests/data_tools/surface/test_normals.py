@@ -34,7 +34,9 @@ def test_normals_of_some_vertices_are_those_of_all_to_the_bit():
     some = np.array([17, 3, 250])
     for faces in (shape.faces, shape.faces[:, ::-1]):
         either = Shape.from_arrays(shape.vertices, faces)
-        np.testing.assert_array_equal(outward_normals(either, at=some), outward_normals(either)[some])
+        np.testing.assert_array_equal(
+            outward_normals(either, at=some), outward_normals(either)[some]
+        )
 
 
 def test_one_turned_triangle_and_clouds_have_no_normals():

@@ -14,7 +14,10 @@ from data_tools.surface.topology import boundary_edges
 
 def with_slips(shape, rng, num=3):
     """Return the shape with vertices that share no edge 5 to 30 radii away, in directions of their own."""
-    vertices, slipped = shape.vertices.copy(), np.linspace(7, len(shape.vertices) - 9, num).astype(np.int64)
+    vertices, slipped = (
+        shape.vertices.copy(),
+        np.linspace(7, len(shape.vertices) - 9, num).astype(np.int64),
+    )
     radius = float(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max())
     away = rng.normal(size=(num, 3))
     away *= (radius * np.geomspace(5.0, 30.0, num) / np.linalg.norm(away, axis=1))[:, None]
@@ -45,7 +48,9 @@ def cone(height):
     at = np.arange(200)
     sides = np.stack([at, (at + 1) % 200, np.full(200, 201)], axis=1)
     floor = np.stack([(at + 1) % 200, at, np.full(200, 200)], axis=1)
-    return Shape.from_arrays(np.concatenate([rim, [[0, 0, 0], [0, 0, height]]]), np.concatenate([sides, floor]))
+    return Shape.from_arrays(
+        np.concatenate([rim, [[0, 0, 0], [0, 0, height]]]), np.concatenate([sides, floor])
+    )
 
 
 @pytest.mark.parametrize("num", [1, 3, 8])
@@ -58,7 +63,9 @@ def test_vertices_out_of_place_are_left_out_and_the_surface_stays_closed(num, rn
     assert len(found.faces) == len(slipped.faces) - 2 * num
     assert np.bincount(found.faces.ravel(), minlength=400 - num).min() > 0
     times = pytest.approx(5.0 if num == 1 else 30.0, rel=0.1)
-    assert found.notes[0] == Note("far-points-left-out", values={"num": num, "points": "vertices", "times": times})
+    assert found.notes[0] == Note(
+        "far-points-left-out", values={"num": num, "points": "vertices", "times": times}
+    )
 
 
 def test_two_that_share_an_edge_are_left_out_together(rng):
@@ -101,7 +108,9 @@ def test_long_shapes_tips_and_small_sets_stay(rng):
     vertices, faces = sphere_mesh(500)
     line = Shape.from_arrays(vertices * [30.0, 1.0, 0.5], faces)
     few = Shape.from_arrays(np.concatenate([rng.normal(size=(40, 3)), [[50.0, 0.0, 0.0]]]))
-    many = Shape.from_arrays(np.concatenate([rng.normal(size=(380, 3)), rng.normal(size=(20, 3)) + 50.0]))
+    many = Shape.from_arrays(
+        np.concatenate([rng.normal(size=(380, 3)), rng.normal(size=(20, 3)) + 50.0])
+    )
     for shape in (line, Shape.from_arrays(line.vertices), few, many, cone(30.0), crown(rng)):
         assert without_outliers(shape) is shape
 

@@ -17,7 +17,9 @@ def random_costs(k, size, kind, rng, num=6):
         allowed[np.arange(k), rng.permutation(size)[:k]] = True
         fixed[~allowed.T] = np.inf
     source = -2.0 * (np.round(points.T[:k]) if kind == "ties" else rng.standard_normal((k, 3)))
-    turns = np.repeat(np.eye(3)[None], num, axis=0) if kind == "ties" else random_rotations(3, num, rng)
+    turns = (
+        np.repeat(np.eye(3)[None], num, axis=0) if kind == "ties" else random_rotations(3, num, rng)
+    )
     costs = fixed.T + (source @ np.swapaxes(turns, 1, 2)) @ points
     return fixed, np.ascontiguousarray(source.T), np.swapaxes(turns, 1, 2) @ points, costs
 
@@ -31,7 +33,9 @@ def test_bounds_come_within_the_steps_of_the_optimum(k, size, kind):
     v = rng.standard_normal((num, size)) if kind == "plain" else np.zeros((num, size))
     optima = np.array([c[linear_sum_assignment(c)].sum() for c in costs])
     wanted = optima - np.array([1e-9, 1.0, 0.1] * 2)
-    bounds, energies, moments = bound_assignments(fixed, source, targets, v, wanted, np.full(num, step))
+    bounds, energies, moments = bound_assignments(
+        fixed, source, targets, v, wanted, np.full(num, step)
+    )
     rows = np.zeros((size - k, size))
     for c in range(num):
         assert min(optima[c] - 2 * size * step - 1e-9, wanted[c]) <= bounds[c] <= optima[c] + 1e-12

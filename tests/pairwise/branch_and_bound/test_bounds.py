@@ -30,7 +30,10 @@ def cubes(radius, num):
 def is_inside(cells, rotations):
     """Whether rotations lie in cells, shape (m, p)."""
     if rotations.shape[1] == 2:
-        u, faces = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])[:, None] / np.pi, np.zeros(len(rotations))
+        u, faces = (
+            np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])[:, None] / np.pi,
+            np.zeros(len(rotations)),
+        )
     else:
         quaternions = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
         faces = np.abs(quaternions).argmax(axis=1)
@@ -64,7 +67,9 @@ def test_quasi_bounds_are_below_every_procrustes_pose_in_the_cell(seed):
 
 @pytest.mark.parametrize("axis", "xyz")
 def test_the_loss_is_all_that_a_turn_about_an_axis_of_symmetry_costs(axis):
-    points = np.array([[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]])
+    points = np.array(
+        [[3.0, 0, 0], [-3.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0]]
+    )
     for angle in (1e-3, 0.02, 0.2):
         turn = Rotation.from_euler(axis, angle)
         reach = -turn.as_quat()[None, None, :3]

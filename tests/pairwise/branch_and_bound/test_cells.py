@@ -49,7 +49,11 @@ def test_siblings_are_apart():
     cells = Cells.whole(3)
     for _ in range(6):
         cells = cells.split()
-    assert len(np.unique(np.hstack([cells.faces[:, None], cells.centres]), axis=0)) == len(cells) == 4 * 2**6
+    assert (
+        len(np.unique(np.hstack([cells.faces[:, None], cells.centres]), axis=0))
+        == len(cells)
+        == 4 * 2**6
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -59,7 +63,9 @@ def test_the_farthest_corner_of_a_cell_is_on_the_surface_of_its_ball(dim, rng):
     corners = cells.centres[:, None] + cells.halves[:, None] * signs
     if dim == 2:
         cos, sin = np.cos(np.pi * corners[..., 0]), np.sin(np.pi * corners[..., 0])
-        rotations = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=-2)
+        rotations = np.stack(
+            [np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=-2
+        )
     else:
         quaternions = np.ones((*corners.shape[:2], 4))
         for face in range(4):

@@ -17,7 +17,9 @@ def missed_poses(problem, poses):
         energies, rotations, _ = every_pose(part)
         signs = np.sign(part.source.sum() / problem.source.sum()) if reflected else 1.0
         for rotation in rotations[energies <= poses.energy - 1e-9 * energy_scale(problem)]:
-            own = rotation * (signs if problem.dim == 3 else np.array([1.0, -1.0]) if reflected else 1.0)
+            own = rotation * (
+                signs if problem.dim == 3 else np.array([1.0, -1.0]) if reflected else 1.0
+            )
             if not any(region.holds(own) for region in poses.regions):
                 missed.append(own)
     return missed
@@ -27,7 +29,9 @@ def missed_poses(problem, poses):
 def test_no_pose_is_missed(seed):
     problem = rigid_problem(seed)
     limit_s = None if is_pointed(problem) else 0.3
-    poses = list_poses(problem, within=1.0 + 0.3 * (seed % 3), resolution_deg=15.0, time_limit_s=limit_s)
+    poses = list_poses(
+        problem, within=1.0 + 0.3 * (seed % 3), resolution_deg=15.0, time_limit_s=limit_s
+    )
     if is_pointed(problem):
         assert poses.is_resolved
         assert poses.proof.status is Status.PROVEN_OPTIMAL
@@ -38,7 +42,9 @@ def test_no_pose_is_missed(seed):
 def test_the_check_sees_a_missing_region():
     problem = Problem.from_user(*planted_cube(6, 0.3, 2))
     poses = list_poses(problem, within=1.5)
-    lacking = type(poses)(regions=poses.regions[1:], energy=poses.energy, is_resolved=True, proof=poses.proof)
+    lacking = type(poses)(
+        regions=poses.regions[1:], energy=poses.energy, is_resolved=True, proof=poses.proof
+    )
     assert missed_poses(problem, lacking)
 
 
@@ -51,7 +57,9 @@ def test_a_symmetric_shape_has_one_region_per_symmetry():
     poses = all_poses(points, points + 0.01 * rng.standard_normal(points.shape), within=4.0)
     assert len(poses.regions) == len(poses.candidates) == 3
     for power in range(3):
-        assert sum(region.holds(np.linalg.matrix_power(turn, power)) for region in poses.regions) == 1
+        assert (
+            sum(region.holds(np.linalg.matrix_power(turn, power)) for region in poses.regions) == 1
+        )
 
 
 def test_regions_hold_every_pose_where_time_runs_out():

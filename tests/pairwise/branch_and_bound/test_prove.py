@@ -137,6 +137,10 @@ def test_what_cannot_be_certified_is_refused():
 def test_a_bad_candidate_does_no_harm():
     problem = Problem.from_user(*planted_cube(8, 0.05, 2))
     bad = Candidate(
-        R_target_source=np.eye(3), map_target_source=np.arange(8), energy=99.0, reflected=False, origin="start"
+        R_target_source=np.eye(3),
+        map_target_source=np.arange(8),
+        energy=99.0,
+        reflected=False,
+        origin="start",
     )
     assert prove(problem, [bad]).candidate.energy == pytest.approx(prove(problem).candidate.energy)

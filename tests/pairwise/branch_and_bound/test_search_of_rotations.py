@@ -42,7 +42,9 @@ def test_a_bound_is_compared_as_it_is_and_to_the_tolerance():
     search = started()
     energy = search.energy
     assert search.threshold(energy) == pytest.approx((1.0 - 1e-3) * energy, rel=1e-7)
-    assert search.threshold(0.5 * energy) == pytest.approx(0.5 * energy, rel=1e-7)  # the other chirality's pose
+    assert search.threshold(0.5 * energy) == pytest.approx(
+        0.5 * energy, rel=1e-7
+    )  # the other chirality's pose
     assert not search.is_done(energy)
     search._open.bounds[:] = (1.0 - 2e-3) * energy
     assert not search.is_done(energy)

@@ -61,4 +61,6 @@ def test_the_oracle_finds_less_where_the_tilt_favours_a_rotation():
     problem, tilt = tilted_problem(3)
     assert least_tilted(problem, 0.0 * tilt) == pytest.approx(brute_force(problem).energy)
     favoured = brute_force(problem).rotation
-    assert least_tilted(problem, favoured) == pytest.approx(brute_force(problem).energy - problem.dim)
+    assert least_tilted(problem, favoured) == pytest.approx(
+        brute_force(problem).energy - problem.dim
+    )

@@ -165,7 +165,9 @@ def test_missing_arrays_and_wrong_claims_are_refused(solved):
             continue
         arrays = {key: value for key, value in result.certificate.arrays.items() if key != name}
         with pytest.raises(InputError, match="certificate"):
-            verify_certificate(problem.target, problem.source, replace(result.certificate, arrays=arrays))
+            verify_certificate(
+                problem.target, problem.source, replace(result.certificate, arrays=arrays)
+            )
     for forged in (
         replace(result.certificate, bound=result.lower_bound + 1e-6),
         replace(result.certificate, bound=float("nan")),
@@ -191,7 +193,9 @@ def test_any_dual_point_gives_a_valid_bound(solved):
             for name in ("column_multipliers", "row_multipliers", "quaternion_multipliers"):
                 shift = size * rng.standard_normal(arrays[name].shape)
                 arrays[name] = arrays[name] + (shift + np.swapaxes(shift, -1, -2))
-            arrays["cross_multipliers"] = arrays["cross_multipliers"] + size * rng.standard_normal((4, 4))
+            arrays["cross_multipliers"] = arrays["cross_multipliers"] + size * rng.standard_normal(
+                (4, 4)
+            )
             assert proven_bound(problem, "pm-sdp", arrays) <= optimum
 
 
@@ -203,5 +207,7 @@ def test_what_the_sums_of_a_dual_point_miss_is_spread_over_the_source_points(rng
         lifted, F + np.swapaxes(F, 1, 2), rng.standard_normal((4, size)), g, y, np.zeros((0, 4, 4))
     )
     expected = np.tensordot(y, lifted.equations, 1)
-    np.testing.assert_allclose(closed_F.sum(axis=0), (expected + expected.T)[1:, 1:] / 2.0, atol=1e-12)
+    np.testing.assert_allclose(
+        closed_F.sum(axis=0), (expected + expected.T)[1:, 1:] / 2.0, atol=1e-12
+    )
     np.testing.assert_allclose(closed_u.sum(axis=0) + g.sum(axis=0), expected[0, 1:], atol=1e-12)

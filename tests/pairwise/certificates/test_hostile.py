@@ -39,10 +39,14 @@ def check(problem, certificate):
 
 @pytest.mark.parametrize("kind", ["cells", "pm-sdp"])
 def test_a_certificate_in_single_precision_proves_what_its_numbers_prove(problem, proofs, kind):
-    if kind == "pm-sdp":  # at convergence F is so close to singular that single precision makes it indefinite
+    if (
+        kind == "pm-sdp"
+    ):  # at convergence F is so close to singular that single precision makes it indefinite
         proofs = {kind: solve_pm_sdp(problem, max_iterations=4).certificate}
     single = {
-        n: a.astype(np.float32) if n not in ("weights", "constant_cost") and a.dtype.kind == "f" else a
+        n: a.astype(np.float32)
+        if n not in ("weights", "constant_cost") and a.dtype.kind == "f"
+        else a
         for n, a in proofs[kind].arrays.items()
     }
     bound = check(problem, forged(proofs[kind], **single))
@@ -78,7 +82,9 @@ def test_what_is_no_array_of_numbers_is_refused(problem, proofs, values):
 
 
 @pytest.mark.parametrize("field", ["kind", "problem_hash", "bound", "arrays"])
-@pytest.mark.parametrize("value", [None, 7.0, "x", [], ["cells"], np.zeros(2), 1j, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    "value", [None, 7.0, "x", [], ["cells"], np.zeros(2), 1j, float("nan"), float("inf")]
+)
 def test_fields_of_other_types_are_refused(problem, proofs, field, value):
     with pytest.raises(InputError):
         check(problem, replace(proofs["cells"], **{field: value}))
@@ -90,7 +96,9 @@ def test_impossible_matches_must_be_impossible(problem, proofs):
             check(problem, forged(proofs["pm-sdp"], impossible=np.array(rows)))
 
 
-def test_any_row_sums_prove_a_true_bound_and_better_ones_than_those_given_are_no_claim(problem, proofs):
+def test_any_row_sums_prove_a_true_bound_and_better_ones_than_those_given_are_no_claim(
+    problem, proofs
+):
     certificate, optimum = proofs["pm-sdp"], brute_force(problem).energy
     row_u = certificate.arrays["row_u"]
     assert row_u.any()
@@ -101,7 +109,10 @@ def test_any_row_sums_prove_a_true_bound_and_better_ones_than_those_given_are_no
         with pytest.raises(InputError, match="claims the bound"):
             check(problem, replace(forged(certificate, row_u=changed), bound=certificate.bound))
     with pytest.raises(InputError, match="claims the bound"):
-        check(problem, replace(forged(certificate, row_u=np.zeros_like(row_u)), bound=certificate.bound))
+        check(
+            problem,
+            replace(forged(certificate, row_u=np.zeros_like(row_u)), bound=certificate.bound),
+        )
     with pytest.raises(InputError, match="row_u has shape"):
         check(problem, forged(certificate, row_u=row_u[1:]))
 
@@ -137,7 +148,9 @@ def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path):
 def test_every_kind_has_a_verifier_that_reads_all_its_arrays(problem, proofs):
     assert set(VERIFIERS) >= set(proofs)
     for kind, certificate in proofs.items():
-        assert proven_bound(problem, kind, certificate.arrays) == pytest.approx(certificate.bound, abs=1e-9)
+        assert proven_bound(problem, kind, certificate.arrays) == pytest.approx(
+            certificate.bound, abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("claim", [10**400, -(10**400)])

@@ -37,7 +37,11 @@ def test_a_problem_survives_its_arrays(problem):
     [
         ("weights", np.array([1.0, 1.0, 1.0, -1e-9]), "weights must not be negative"),
         ("weights", np.zeros(4), "nor all zero"),
-        ("weights", np.array([1.0, 1.0, 1.0, np.nan]), "weights contains values that are not finite"),
+        (
+            "weights",
+            np.array([1.0, 1.0, 1.0, np.nan]),
+            "weights contains values that are not finite",
+        ),
         ("weights", np.ones(5), r"weights has shape \(5,\), expected \(4\)"),
         ("weights", np.ones(4, dtype=np.int64), "weights has the wrong type"),
         ("candidates", np.zeros((5, 4), dtype=bool), "no injective map"),
@@ -71,7 +75,9 @@ def test_the_hash_sees_every_field(problem):
         replace(problem, allowed=allowed),
         replace(problem, constant_cost=cost),
         replace(problem, pattern=RotationPattern(problem.pattern.mask)),
-        replace(problem, pattern=RotationPattern(np.eye(3, dtype=bool), problem.pattern.special_blocks)),
+        replace(
+            problem, pattern=RotationPattern(np.eye(3, dtype=bool), problem.pattern.special_blocks)
+        ),
     ]
     assert len({hash_problem(one) for one in [problem, *others]}) == 1 + len(others)
 

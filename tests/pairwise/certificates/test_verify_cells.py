@@ -48,7 +48,9 @@ def test_the_verifier_finds_the_same_cells(dim):
     cells = Cells.whole(dim)
     for _ in range(8):
         cells = cells.split()
-    for ours, theirs in zip(cell_corners(cells.faces, cells.depths, cells.paths, dim), cells.reach(), strict=True):
+    for ours, theirs in zip(
+        cell_corners(cells.faces, cells.depths, cells.paths, dim), cells.reach(), strict=True
+    ):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
@@ -62,7 +64,14 @@ def test_a_certificate_survives_its_file(problem, certificate, tmp_path):
 def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate):
     depths = certificate.arrays["proper_depths"].astype(np.int64)
     deepest = int(depths.argmax())
-    for wrong in (depths[1:], depths[:-1], np.append(depths, 0), depths[:0], depths + 1, np.delete(depths, deepest)):
+    for wrong in (
+        depths[1:],
+        depths[:-1],
+        np.append(depths, 0),
+        depths[:0],
+        depths + 1,
+        np.delete(depths, deepest),
+    ):
         with pytest.raises(InputError, match="tile"):
             proven_bound(problem, "cells", {**certificate.arrays, "proper_depths": wrong})
     for wrong in (depths - 1, np.full_like(depths, 61)):
@@ -93,7 +102,9 @@ def cells_of(proof):
 def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(seed):
     problem, tilt = tilted_problem(seed)
     scale = energy_scale(problem) + float(np.abs(tilt).sum())
-    proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=600.0)
+    proof = prove_tilted(
+        problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=600.0
+    )
     bound = tilted_bound(problem, tilt, cells_of(proof))
     assert bound <= least_tilted(problem, tilt) + 1e-9 * scale
     assert bound >= proof.lower_bound - 1e-9 * scale
@@ -107,7 +118,9 @@ def test_what_is_checked_again_lies_below_brute_force_and_not_below_the_proof(se
 def test_a_proof_that_is_stopped_at_any_time_claims_no_more_than_its_cells_prove(seed):
     problem, tilt = tilted_problem(seed)
     scale = energy_scale(problem) + float(np.abs(tilt).sum())
-    proof = prove_tilted(problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=1e-9)
+    proof = prove_tilted(
+        problem, tilt, np.eye(problem.dim)[None], gap=1e-2 * scale, time_limit_s=1e-9
+    )
     assert tilted_bound(problem, tilt, cells_of(proof)) >= proof.lower_bound - 1e-9 * scale
     zero = np.zeros_like(tilt)
     searches = sorted(searches_of(problem, None, 1e-3), key=lambda search: search.reflected)

@@ -82,7 +82,9 @@ def test_multipliers_of_the_hull_are_paid_for():
         assert truth <= found
     orthogonal = np.diag([1.0, 0.0, 0.0, 0.0])
     u = -0.5 * _quaternion_slope(s, t, 0, orthogonal)
-    assert rotation_maximum([np.zeros((9, 9))], [u], (*NONE[:3], orthogonal[None])) == pytest.approx(0.25, rel=1e-6)
+    assert rotation_maximum(
+        [np.zeros((9, 9))], [u], (*NONE[:3], orthogonal[None])
+    ) == pytest.approx(0.25, rel=1e-6)
 
 
 def test_cofactors_vanish_on_rotations():
@@ -100,7 +102,10 @@ def test_cofactors_vanish_on_rotations():
 
 def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all():
     rng = np.random.default_rng(11)
-    Z, position = rng.standard_normal((3, 3)), {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)}
+    Z, position = (
+        rng.standard_normal((3, 3)),
+        {(i, j): 1 + 3 * j + i for i in range(3) for j in range(3)},
+    )
     form = np.zeros((10, 10))
     for i, j in np.ndindex(3, 3):
         _add_cofactor(form, position, 0, i, j, 0.5 * Z[i, j])
@@ -108,7 +113,9 @@ def test_multipliers_of_cofactors_cost_nothing_where_they_explain_all():
     assert found == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("sizes", "special"), [((3, 2), ((0, 3), (3, 5))), ((2, 1), ((0, 2),)), ((2, 2), ())])
+@pytest.mark.parametrize(
+    ("sizes", "special"), [((3, 2), ((0, 3), (3, 5))), ((2, 1), ((0, 2),)), ((2, 2), ())]
+)
 def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special):
     rng = np.random.default_rng(6)
     dim = sum(sizes)
@@ -117,7 +124,9 @@ def test_the_basis_writes_every_rotation_of_the_pattern(sizes, special):
     basis = _rotation_basis(mask, special)
     t, s = np.nonzero(mask.T)
     for _ in range(5):
-        R = RotationPattern(mask, special).project(np.where(mask, rng.standard_normal((dim, dim)), 0.0))
+        R = RotationPattern(mask, special).project(
+            np.where(mask, rng.standard_normal((dim, dim)), 0.0)
+        )
         entries = R[s, t] - basis[:, 0]
         rho = np.linalg.lstsq(basis[:, 1:], entries, rcond=None)[0]
         np.testing.assert_allclose(basis[:, 1:] @ rho, entries, atol=1e-12)

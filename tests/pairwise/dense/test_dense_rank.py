@@ -24,7 +24,11 @@ def given(*poses):
     """A result of these rotations and energies, the first one its proven answer."""
     candidates = [
         Candidate(
-            R_target_source=turn, map_target_source=np.arange(3), energy=energy, reflected=False, origin="start"
+            R_target_source=turn,
+            map_target_source=np.arange(3),
+            energy=energy,
+            reflected=False,
+            origin="start",
         )
         for turn, energy in poses
     ]
@@ -61,7 +65,10 @@ def test_the_samples_count_as_well(shape, monkeypatch):
     monkeypatch.setattr("pairwise.dense.refine._MAX_ITERATIONS", 1)
     order = [(wiggle, 0.5), (wiggle.T, 5.0)]
     for poses in (order, order[::-1]):
-        assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [0.5, 5.0]
+        assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [
+            0.5,
+            5.0,
+        ]
 
 
 def test_every_pose_is_refined_and_keeps_its_chirality(shape, rng):
@@ -70,7 +77,10 @@ def test_every_pose_is_refined_and_keeps_its_chirality(shape, rng):
     target = shape.vertices[farthest_points(shape, 12, metric="euclidean")]
     more = rng.standard_normal((12, 2))
     problem = Problem.from_user(
-        np.hstack([target, more]), np.hstack([target @ turn, more]), rotation_pattern=(3, 2), group="O"
+        np.hstack([target, more]),
+        np.hstack([target @ turn, more]),
+        rotation_pattern=(3, 2),
+        group="O",
     )
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices @ turn)
     plain = match_problem(problem, MatchOptions())

@@ -37,11 +37,16 @@ def test_without_scale_and_normals(rng):
     points, normals = some_shape()
     turn = Rotation.from_rotvec([0.05, 0.1, 0.0]).as_matrix()
     plain = refine_pose(
-        DensePoints.from_user(points), DensePoints.from_user(points @ turn), np.eye(3), estimate_scale=False
+        DensePoints.from_user(points),
+        DensePoints.from_user(points @ turn),
+        np.eye(3),
+        estimate_scale=False,
     )
     assert plain.pose.scale == 1.0
     assert rotation_angle_deg(plain.pose.rotation, turn) < 0.01
-    mixed = refine_pose(DensePoints.from_user(points, normals), DensePoints.from_user(points @ turn), np.eye(3))
+    mixed = refine_pose(
+        DensePoints.from_user(points, normals), DensePoints.from_user(points @ turn), np.eye(3)
+    )
     assert np.allclose(mixed.pose.rotation, plain.pose.rotation, atol=1e-3)
 
 
@@ -74,17 +79,25 @@ def test_nearest_neighbours_in_slabs_are_those_of_trees_wherever_the_source_move
     source = DensePoints.from_user(rng.permutation(points)[:200])
     matcher = DenseMatcher(DensePoints.from_user(points, normals), source)
     monkeypatch.setattr("pairwise.dense.points._CHUNK_ENTRIES", 7_000)
-    for turn in Rotation.from_rotvec(np.outer([3.0, 0.1, 0.11, 0.111, 0.5, 0.5], [0.6, 0.0, 0.8])).as_matrix():
+    for turn in Rotation.from_rotvec(
+        np.outer([3.0, 0.1, 0.11, 0.111, 0.5, 0.5], [0.6, 0.0, 0.8])
+    ).as_matrix():
         pose = Similarity(rotation=turn, scale=1.1, shift=0.1 * turn[0])
         of_target, of_source = matcher.pair_up(pose)
-        np.testing.assert_array_equal(of_target[:200], cKDTree(points).query(pose.apply(source.points))[1])
-        np.testing.assert_array_equal(of_source[200:], cKDTree(pose.apply(source.points)).query(points)[1])
+        np.testing.assert_array_equal(
+            of_target[:200], cKDTree(points).query(pose.apply(source.points))[1]
+        )
+        np.testing.assert_array_equal(
+            of_source[200:], cKDTree(pose.apply(source.points)).query(points)[1]
+        )
 
 
 def test_invariants_count_and_decide(rng):
     """A box looks the same from both ends; a scalar along it tells them apart, and its cost is part of the energy."""
     points = rng.random((200, 3)) * [3.0, 1.0, 1.0]
-    points = np.concatenate([points, points * [-1, 1, -1], points * [-1, -1, 1], points * [1, -1, -1]])
+    points = np.concatenate(
+        [points, points * [-1, 1, -1], points * [-1, -1, 1], points * [1, -1, -1]]
+    )
     plain = DensePoints.from_user(points)
     marked = DensePoints.from_user(points, invariants=points[:, :1])
     half_turn = np.diag([-1.0, -1.0, 1.0])

@@ -29,7 +29,9 @@ def surface():
 
 def placed(surface, rotation, shift):
     """The surface whose pose on the given one is that rotation and shift."""
-    return LocalSurface.from_user((surface.points - shift) @ rotation, surface.normals @ rotation, surface.cell)
+    return LocalSurface.from_user(
+        (surface.points - shift) @ rotation, surface.normals @ rotation, surface.cell
+    )
 
 
 def test_distances_are_those_of_the_unit_vectors(surface):
@@ -86,7 +88,9 @@ def test_refinement_removes_some_degrees_and_cells(surface, rng):
 
 
 def test_surfaces_that_are_far_apart_stay_where_they_are(surface):
-    rotations, shifts = refine_on_planes(surface, surface, np.eye(3)[None], np.array([[50.0, 0.0, 0.0]]))
+    rotations, shifts = refine_on_planes(
+        surface, surface, np.eye(3)[None], np.array([[50.0, 0.0, 0.0]])
+    )
     np.testing.assert_allclose(rotations[0], np.eye(3))
     np.testing.assert_allclose(shifts[0], [50.0, 0.0, 0.0])
 
@@ -101,5 +105,9 @@ def test_poses_that_differ_little_in_rotation_and_place_are_one(surface):
 
 
 def test_rotations_by_vectors_are_those_of_scipy(rng):
-    vectors = np.concatenate([rng.standard_normal((5, 3)), np.zeros((1, 3)), 1e-9 * rng.standard_normal((1, 3))])
-    np.testing.assert_allclose(rotations_by(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)
+    vectors = np.concatenate(
+        [rng.standard_normal((5, 3)), np.zeros((1, 3)), 1e-9 * rng.standard_normal((1, 3))]
+    )
+    np.testing.assert_allclose(
+        rotations_by(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12
+    )

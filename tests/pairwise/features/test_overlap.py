@@ -24,7 +24,10 @@ def views():
     """Two views of one blob, 45 degrees apart, the second one moved: its pose on the first is TURN and SHIFT."""
     whole = blob(np.random.default_rng(1), num_vertices=1500)
     cell = 0.08 * centre_and_radius(whole)[1]
-    seen = [range_view(whole, np.array([*one, 0.2]), rng=np.random.default_rng(0)) for one in ((1, 0), (0.7, 0.7))]
+    seen = [
+        range_view(whole, np.array([*one, 0.2]), rng=np.random.default_rng(0))
+        for one in ((1, 0), (0.7, 0.7))
+    ]
     seen[1] = (seen[1] - SHIFT) @ TURN
     return [surface_cells(Shape.from_arrays(points, name="view"), cell) for points in seen]
 
@@ -62,7 +65,10 @@ def test_a_mirror_image_is_found_where_it_may_be_one(views):
     assert np.linalg.det(found.rotations[0]) < 0
     assert pose_angle_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
     assert np.linalg.norm(found.shifts[0] - SHIFT) < target.cell
-    own, plain = (match_overlapping(target, other, group=group) for other, group in ((mirrored, "SO"), (source, "O")))
+    own, plain = (
+        match_overlapping(target, other, group=group)
+        for other, group in ((mirrored, "SO"), (source, "O"))
+    )
     assert (np.linalg.det(own.rotations) > 0).all()
     assert own.consensus[0] < 0.6 * found.consensus[0]
     assert np.linalg.det(plain.rotations[0]) > 0
@@ -86,7 +92,9 @@ def test_the_true_pose_is_judged_better_than_wrong_ones(views, rng):
     wrong = np.stack([random_rotation(rng) for _ in range(5)])
     middle = views[1].points.mean(axis=0)
     shifts = TURN @ middle + SHIFT - wrong @ middle
-    found = evaluate_poses(*views, np.concatenate([TURN[None], wrong]), np.concatenate([SHIFT[None], shifts]))
+    found = evaluate_poses(
+        *views, np.concatenate([TURN[None], wrong]), np.concatenate([SHIFT[None], shifts])
+    )
     assert found.overlap[0] > found.overlap[1:].max()
     assert found.consensus[0] > 5.0 * found.consensus[1:].max()
     assert found.mismatch[0] < found.mismatch[1:].min() - 0.1
@@ -99,7 +107,9 @@ def test_a_mirror_image_is_judged_as_the_mirrored_surface(views):
     target, source = views
     mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
     plain = evaluate_poses(target, source, TURN[None], SHIFT[None])
-    both = evaluate_poses(target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT]))
+    both = evaluate_poses(
+        target, mirrored, np.stack([TURN @ MIRROR, TURN]), np.stack([SHIFT, SHIFT])
+    )
     assert both.overlaps[0] == pytest.approx(plain.overlaps[0], abs=1e-3)
     assert both.mismatch[0] == pytest.approx(plain.mismatch[0], abs=1e-3)
     assert both.consensus[0] == pytest.approx(plain.consensus[0], abs=0.02)
@@ -108,7 +118,11 @@ def test_a_mirror_image_is_judged_as_the_mirrored_surface(views):
 
 def test_overlaps_are_the_shares_of_both_surfaces(sphere):
     up, side = half(sphere, np.eye(3)[2]), half(sphere, np.eye(3)[0])
-    for target, source, shares in ((up, side, (0.5, 0.5)), (up, up, (1.0, 1.0)), (sphere, up, (0.5, 1.0))):
+    for target, source, shares in (
+        (up, side, (0.5, 0.5)),
+        (up, up, (1.0, 1.0)),
+        (sphere, up, (0.5, 1.0)),
+    ):
         overlaps, _ = closeness(target, source, np.eye(3)[None], np.zeros((1, 3)))
         assert overlaps[0] == pytest.approx(shares, abs=0.1)
     apart, _ = closeness(up, up, np.diag([1.0, -1.0, -1.0])[None], np.zeros((1, 3)))
@@ -125,5 +139,7 @@ def test_mismatch_is_none_for_copies_and_whole_for_what_is_far(views):
     assert mismatch == pytest.approx([0.0, 1.0], abs=1e-3)
     assert overlaps.tolist() == [[1.0, 1.0], [0.0, 0.0]]
     rotated = Rotation.from_rotvec([[0.0, 0.0, a] for a in (0.1, 0.3)]).as_matrix()
-    nearer, farther = closeness(target, target, rotated, np.zeros((2, 3)), num_points=200)[1].mean(axis=1)
+    nearer, farther = closeness(target, target, rotated, np.zeros((2, 3)), num_points=200)[1].mean(
+        axis=1
+    )
     assert 0.0 < nearer < farther < 1.0

@@ -10,7 +10,8 @@ from data_tools.surface.shape import Shape
 from pairwise.features.overlap import evaluate_poses, shares_in_front
 
 SIGHTS = (
-    np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]]) / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
+    np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]])
+    / np.linalg.norm([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]], axis=1)[:, None]
 )
 
 
@@ -49,7 +50,9 @@ def test_normals_of_a_depth_image_of_separate_pieces_point_to_what_saw_it():
 def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
     target, source = views
     still, moved = np.zeros(3), 0.5 * target.cell / 0.1 * SIGHTS[0]
-    shares = shares_in_front(target, source, np.tile(np.eye(3), (3, 1, 1)), np.stack([still, moved, -moved]))
+    shares = shares_in_front(
+        target, source, np.tile(np.eye(3), (3, 1, 1)), np.stack([still, moved, -moved])
+    )
     assert shares[0].max() < 0.01
     assert shares[1, 1] > 0.3  # the source is in front of the target,
     assert shares[2, 0] > 0.2  # or the target in front of the source

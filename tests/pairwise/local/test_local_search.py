@@ -27,7 +27,9 @@ def test_costs_and_maps_are_those_of_the_problem(known):
     np.testing.assert_allclose(costs(rotations) + own[:, None], expected, atol=1e-12)
     maps = costs.assign(rotations)
     for cost, point_map in zip(expected, maps, strict=True):
-        assert cost[range(len(cost)), point_map].sum() == pytest.approx(cost[linear_sum_assignment(cost)].sum())
+        assert cost[range(len(cost)), point_map].sum() == pytest.approx(
+            cost[linear_sum_assignment(cost)].sum()
+        )
 
 
 @pytest.mark.parametrize("known", PROBLEMS, ids=lambda known: known.name)
@@ -42,9 +44,13 @@ def test_every_end_is_a_local_minimum_below_its_start(known):
     assert found.energies[-1] <= worst + 1e-9
     again = minimise(problem, found.rotations)
     assert again.energies[0] == pytest.approx(found.energies[0], rel=1e-5, abs=1e-9)
-    for rotation, point_map, energy in zip(found.rotations, found.maps, found.energies, strict=True):
+    for rotation, point_map, energy in zip(
+        found.rotations, found.maps, found.energies, strict=True
+    ):
         assert problem.energy(rotation, point_map) == pytest.approx(energy, abs=1e-9)
-        assert problem.energy(problem.procrustes(point_map), point_map) == pytest.approx(energy, abs=1e-9)
+        assert problem.energy(problem.procrustes(point_map), point_map) == pytest.approx(
+            energy, abs=1e-9
+        )
 
 
 def test_runs_that_meet_are_one(rng):
@@ -53,7 +59,9 @@ def test_runs_that_meet_are_one(rng):
     found = minimise(problem, np.concatenate([rotations, rotations]))
     alone = [minimise(problem, rotation[None]) for rotation in rotations]
     assert len({m.tobytes() for m in found.maps}) == len(found)
-    assert {round(float(e), 9) for e in found.energies} == {round(float(m.energies[0]), 9) for m in alone}
+    assert {round(float(e), 9) for e in found.energies} == {
+        round(float(m.energies[0]), 9) for m in alone
+    }
 
 
 def test_energies_come_from_the_differences_themselves(rng):
@@ -61,7 +69,9 @@ def test_energies_come_from_the_differences_themselves(rng):
     rotations, maps = random_rotations(3, 3, rng), np.stack([rng.permutation(9) for _ in range(3)])
     np.testing.assert_allclose(procrustes(problem, maps), [problem.procrustes(m) for m in maps])
     found = energies_of(problem, rotations, maps)
-    np.testing.assert_allclose(found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)])
+    np.testing.assert_allclose(
+        found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)]
+    )
 
 
 def test_runs_hold_the_chirality_of_their_starts_on_request(rng):
@@ -72,7 +82,9 @@ def test_runs_hold_the_chirality_of_their_starts_on_request(rng):
     found = minimise(problem, starts, hold_chirality=True)
     mirrored = np.linalg.det(found.rotations) < 0
     apart = [
-        minimise(of_chirality(problem, reflected=r), starts[8 * r :][:8] @ (mirror if r else np.eye(3)))
+        minimise(
+            of_chirality(problem, reflected=r), starts[8 * r :][:8] @ (mirror if r else np.eye(3))
+        )
         for r in (0, 1)
     ]
     assert sorted(found.energies[mirrored]) == pytest.approx(sorted(apart[1].energies))

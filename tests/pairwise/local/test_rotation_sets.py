@@ -19,7 +19,9 @@ from pairwise.local.rotation_sets import (
 def assert_rotations(matrices):
     dim = matrices.shape[-1]
     np.testing.assert_allclose(
-        np.swapaxes(matrices, -1, -2) @ matrices, np.broadcast_to(np.eye(dim), matrices.shape), atol=1e-12
+        np.swapaxes(matrices, -1, -2) @ matrices,
+        np.broadcast_to(np.eye(dim), matrices.shape),
+        atol=1e-12,
     )
     np.testing.assert_allclose(np.linalg.det(matrices), 1.0, atol=1e-12)
 
@@ -43,7 +45,10 @@ def test_the_set_covers_space_better_than_random_rotations():
     def radius(rotations):
         return max(float(rotation_angles(rotations, probe).min()) for probe in probes)
 
-    even, random = radius(rotation_set(3, num)), radius(random_rotations(3, num, np.random.default_rng(6)))
+    even, random = (
+        radius(rotation_set(3, num)),
+        radius(random_rotations(3, num, np.random.default_rng(6))),
+    )
     assert even < 0.8 * random
     assert np.rad2deg(even) < 30
 
@@ -66,7 +71,9 @@ def test_the_principal_frame_turns_with_the_points(rng, dim):
     turn = random_rotations(dim, 1, rng)[0]
     frame = principal_frame(points, np.ones(40))
     assert_rotations(frame[None])
-    np.testing.assert_allclose(principal_frame(points @ turn.T, np.ones(40)), turn @ frame, atol=1e-9)
+    np.testing.assert_allclose(
+        principal_frame(points @ turn.T, np.ones(40)), turn @ frame, atol=1e-9
+    )
 
 
 def test_signs_are_all_rotations_of_the_axes():

@@ -23,7 +23,9 @@ from tests.problems import planted, search
 from tests.rigid_problems import of_chirality
 
 
-@pytest.mark.parametrize(("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)])
+@pytest.mark.parametrize(
+    ("seed", "num", "noise"), [(0, 16, 0.15), (1, 20, 0.3), (2, 24, 0.2), (3, 12, 0.5)]
+)
 @pytest.mark.parametrize("num_source", [None, 10])
 def test_search_is_no_worse_than_many_random_starts(seed, num, noise, num_source):
     rng = np.random.default_rng(seed)
@@ -92,7 +94,9 @@ def test_other_blocks_follow_in_closed_form(rng):
 
 def test_signs_start_diagonal_patterns(rng):
     signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
-    problem = planted(rng, rng.random((14, 6)), rotation=signs, rotation_pattern=0, noise=0.01, group="O")
+    problem = planted(
+        rng, rng.random((14, 6)), rotation=signs, rotation_pattern=0, noise=0.01, group="O"
+    )
     found = search(of_chirality(problem, reflected=True))
     np.testing.assert_array_equal(mirror_rotations(found.rotations)[0], signs)
 
@@ -121,7 +125,13 @@ def test_both_chiralities_go_on_from_the_screening(rng):
 
 def test_distinct_goes_on_until_each_chirality_has_its_share():
     turns = np.stack(
-        [np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), -np.eye(3), np.diag([-1.0, 1.0, 1.0])]
+        [
+            np.eye(3),
+            np.diag([1.0, -1.0, -1.0]),
+            np.diag([-1.0, 1.0, -1.0]),
+            -np.eye(3),
+            np.diag([-1.0, 1.0, 1.0]),
+        ]
     )
     mirrored = np.linalg.det(turns) < 0
     np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2), [0, 1])
@@ -143,8 +153,12 @@ def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rn
         # the same set in the frames of both shapes: it turns with each of them
         left, right = random_rotations(3, 2, rng)
         moved = Problem.from_user(points @ left.T, points @ turn @ right.T, group=group)
-        np.testing.assert_allclose(initial_rotations(moved, 40)[1], left @ even @ right.T, atol=1e-6)
-        np.testing.assert_allclose(even @ np.swapaxes(even, 1, 2), np.tile(np.eye(3), (len(even), 1, 1)), atol=1e-9)
+        np.testing.assert_allclose(
+            initial_rotations(moved, 40)[1], left @ even @ right.T, atol=1e-6
+        )
+        np.testing.assert_allclose(
+            even @ np.swapaxes(even, 1, 2), np.tile(np.eye(3), (len(even), 1, 1)), atol=1e-9
+        )
 
 
 def test_the_first_of_each_chirality_go_on():

@@ -35,7 +35,9 @@ def cut(shape, direction, share):
 
 def surface(shape):
     found = spread_points(shape, NUM)
-    return PartialSurface.from_user(found.points, found.normals, found.on_rim, oriented=found.oriented)
+    return PartialSurface.from_user(
+        found.points, found.normals, found.on_rim, oriented=found.oriented
+    )
 
 
 def moved(shape, turn, scale, shift):
@@ -105,6 +107,10 @@ def test_impossible_surfaces_are_refused():
     with pytest.raises(InputError, match="one place"):
         PartialSurface.from_user(np.ones((5, 3)))
     with pytest.raises(InputError, match="on_rim"):
-        PartialSurface.from_user(np.random.default_rng(0).random((5, 3)), on_rim=np.zeros(4, dtype=bool))
+        PartialSurface.from_user(
+            np.random.default_rng(0).random((5, 3)), on_rim=np.zeros(4, dtype=bool)
+        )
     with pytest.raises(OptionsError, match="group"):
-        match_partial(*[PartialSurface.from_user(np.random.default_rng(0).random((5, 3)))] * 2, group="E")
+        match_partial(
+            *[PartialSurface.from_user(np.random.default_rng(0).random((5, 3)))] * 2, group="E"
+        )

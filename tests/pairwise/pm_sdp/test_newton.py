@@ -60,7 +60,10 @@ def complementarity(data, primal, dual):
 
 
 def along(solver, step, size):
-    moved = move_primal(solver.data, solver.primal, step, size), move_dual(solver.data, solver.dual, step, size)
+    moved = (
+        move_primal(solver.data, solver.primal, step, size),
+        move_dual(solver.data, solver.dual, step, size),
+    )
     assert moved[0] is not None
     assert moved[1] is not None
     return complementarity(solver.data, *moved)
@@ -74,8 +77,13 @@ def share_of_primal(solver, step, size):
     G = point.C + size * step.C - np.swapaxes(B, 1, 2) @ weighted
     Y = point.Y + size * data.lifted.quaternion_change(step.R)
     shares = [x[data.valid] / point.x[data.valid]]
-    shares.append(1.0 + size * (step.slack / np.where(data.equality, 1.0, point.slack))[~data.equality])
-    shares += [np.linalg.eigvals(np.linalg.solve(*pair)).real.ravel() for pair in ((point.G, G), (point.Y, Y))]
+    shares.append(
+        1.0 + size * (step.slack / np.where(data.equality, 1.0, point.slack))[~data.equality]
+    )
+    shares += [
+        np.linalg.eigvals(np.linalg.solve(*pair)).real.ravel()
+        for pair in ((point.G, G), (point.Y, Y))
+    ]
     return float(np.concatenate(shares).min())
 
 
@@ -88,7 +96,9 @@ def share_of_dual(solver, step, size):
     potentials += size * (step.alpha[:, None] + step.beta[data.index])
     bent = (np.swapaxes(np.linalg.solve(F, np.swapaxes(w, 1, 2)), 1, 2) * w).sum(axis=2)
     shares = [((data.cost - potentials - bent) / point.s)[data.valid]]
-    shares.append(1.0 + size * (step.beta / np.where(data.equality, 1.0, point.beta))[~data.equality])
+    shares.append(
+        1.0 + size * (step.beta / np.where(data.equality, 1.0, point.beta))[~data.equality]
+    )
     pairs = (point.F, F), (point.Y, point.Y + size * step.Y)
     shares += [np.linalg.eigvals(np.linalg.solve(*pair)).real.ravel() for pair in pairs]
     return float(np.concatenate(shares).min())
@@ -116,7 +126,9 @@ def test_a_step_solves_the_linearised_equations(point, share):
     wanted = {"products": mu * data.valid, "slacks": mu * ~data.equality, "ratio": 0.0}
     for name, value in here.items():
         slope = (ahead[name] - behind[name]) / (2.0 * size)
-        np.testing.assert_allclose(value + slope, wanted[name], atol=1e-5 * np.abs(value).max(initial=1e-3))
+        np.testing.assert_allclose(
+            value + slope, wanted[name], atol=1e-5 * np.abs(value).max(initial=1e-3)
+        )
     targets = aim(data, primal, dual, mu)
     b = np.concatenate([np.where(data.valid, 1.0, 0.0)[..., None], dual.mean], axis=2)
     means = np.concatenate([b[..., :1], primal.mean], axis=2)
@@ -124,10 +136,17 @@ def test_a_step_solves_the_linearised_equations(point, share):
     H[:, 1:, 1:] += 0.5 * primal.G
     E, delta, moments = np.zeros_like(H), np.zeros_like(H), np.zeros(H.shape[1:])
     E[:, 1:, 1:] = dual.inverse
-    delta[:, 0, 0], delta[:, 0, 1:], delta[:, 1:, 0], delta[:, 1:, 1:] = -step.alpha, step.u, step.u, step.F
+    delta[:, 0, 0], delta[:, 0, 1:], delta[:, 1:, 0], delta[:, 1:, 1:] = (
+        -step.alpha,
+        step.u,
+        step.u,
+        step.F,
+    )
     moments[0, 1:], moments[1:, 0], moments[1:, 1:] = step.R, step.R, step.C
     left = H @ delta @ E + E @ delta @ H - np.einsum("kc,kca,kcb->kab", step.x, b, b) + moments
-    shifts = np.concatenate([np.zeros((*step.x.shape, 1)), step.g[data.index] @ dual.inverse], axis=2)
+    shifts = np.concatenate(
+        [np.zeros((*step.x.shape, 1)), step.g[data.index] @ dual.inverse], axis=2
+    )
     left += 2.0 * symmetric(np.einsum("kc,kca,kcb->kab", primal.x, means, shifts))
     np.testing.assert_allclose(left, targets.moments, atol=1e-8 * np.abs(targets.moments).max())
     turned = data.lifted.quaternion_change(step.R) + symmetric(dual.Y_inverse @ step.Y @ primal.Y)
@@ -138,27 +157,39 @@ def test_a_full_step_makes_up_for_what_linear_constraints_miss(point):
     data, primal, dual, basis = point.data, point.primal, point.dual, point.basis
     step = NewtonSystem(data, basis, primal, dual).solve(aim(data, primal, dual, 0.0))
     np.testing.assert_allclose((primal.x + step.x).sum(axis=1), 1.0, atol=1e-8)
-    np.testing.assert_allclose(data.row_sums(primal.x + step.x) + primal.slack + step.slack, 1.0, atol=1e-7)
+    np.testing.assert_allclose(
+        data.row_sums(primal.x + step.x) + primal.slack + step.slack, 1.0, atol=1e-7
+    )
     np.testing.assert_allclose(
         (primal.B + step.B).sum(axis=1), np.tile(primal.R + step.R, (len(primal.B), 1)), atol=1e-7
     )
     rows = data.row_sums(primal.B + step.B)[data.tied]
     np.testing.assert_allclose(rows, np.tile(primal.R + step.R, (len(rows), 1)), atol=1e-7)
     moments = np.block([[np.zeros((1, 1)), step.R[None]], [step.R[:, None], step.C]])
-    np.testing.assert_allclose(np.einsum("mab,ab->m", data.lifted.equations, moments), 0.0, atol=1e-8)
-    sums = basis.sum_of_points(data.lifted, dual.F + step.F, dual.u + step.u, dual.g + step.g, dual.Y + step.Y)
+    np.testing.assert_allclose(
+        np.einsum("mab,ab->m", data.lifted.equations, moments), 0.0, atol=1e-8
+    )
+    sums = basis.sum_of_points(
+        data.lifted, dual.F + step.F, dual.u + step.u, dual.g + step.g, dual.Y + step.Y
+    )
     np.testing.assert_allclose(basis.split(sums)[1], 0.0, atol=1e-6 * np.abs(dual.F).max())
 
 
 def test_slacks_of_matches_change_along_a_step_as_it_says(point):
     data, dual = point.data, point.dual
-    step = NewtonSystem(data, point.basis, point.primal, dual).solve(aim(data, point.primal, dual, 0.0))
+    step = NewtonSystem(data, point.basis, point.primal, dual).solve(
+        aim(data, point.primal, dual, 0.0)
+    )
     size = 0.5 * point._sizes(step)[1]
     solved = np.linalg.solve(dual.F + size * step.F, np.swapaxes(step.bend, 1, 2))
-    expected = dual.s + size * step.ds - size**2 * (np.swapaxes(solved, 1, 2) * step.bend).sum(axis=2)
+    expected = (
+        dual.s + size * step.ds - size**2 * (np.swapaxes(solved, 1, 2) * step.bend).sum(axis=2)
+    )
     found = move_dual(data, dual, step, size)
     assert found is not None
-    np.testing.assert_allclose(found.s[data.valid], expected[data.valid], atol=1e-9 * np.abs(dual.s).max())
+    np.testing.assert_allclose(
+        found.s[data.valid], expected[data.valid], atol=1e-9 * np.abs(dual.s).max()
+    )
 
 
 def test_terms_of_second_order_of_a_former_step_are_made_up_for(point):
@@ -171,7 +202,9 @@ def test_terms_of_second_order_of_a_former_step_are_made_up_for(point):
         bend = (ahead[name] + behind[name] - 2.0 * value) / (2.0 * 1e-3**2)
         change = np.where(np.isfinite(bend), getattr(corrected, name) - getattr(plain, name), 0.0)
         keep = bend != 0.0
-        np.testing.assert_allclose(change[keep], -0.5 * bend[keep], atol=1e-3 * np.abs(bend).max(initial=1e-3))
+        np.testing.assert_allclose(
+            change[keep], -0.5 * bend[keep], atol=1e-3 * np.abs(bend).max(initial=1e-3)
+        )
 
 
 @pytest.mark.parametrize("case", [0, 1, 2, 3])
@@ -181,9 +214,13 @@ def test_the_first_point_satisfies_the_equations_of_rotations(case, crossed):
     start = _InteriorPoint(data, 1e-6, 100, None)
     primal = start.primal
     moments = np.block([[np.ones((1, 1)), primal.R[None]], [primal.R[:, None], primal.C]])
-    np.testing.assert_allclose(np.einsum("mab,ab->m", start.data.lifted.equations, moments), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.einsum("mab,ab->m", start.data.lifted.equations, moments), 0.0, atol=1e-9
+    )
     if not crossed:  # what their equations move R by, the first steps make up for
-        np.testing.assert_allclose(primal.B.sum(axis=1), np.tile(primal.R, (len(primal.B), 1)), atol=1e-9)
+        np.testing.assert_allclose(
+            primal.B.sum(axis=1), np.tile(primal.R, (len(primal.B), 1)), atol=1e-9
+        )
     np.testing.assert_allclose(primal.x.sum(axis=1), 1.0)
 
 

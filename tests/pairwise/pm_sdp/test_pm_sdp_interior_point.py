@@ -76,12 +76,15 @@ def test_target_points_that_may_stay_free_have_no_row_sums(rng):
     free = [solve_relaxation(target, source, row_sums=row_sums) for row_sums in (False, True)]
     assert free[0].lower_bound == free[1].lower_bound
     allowed = np.array(
-        [[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 0, 1]], dtype=bool
+        [[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 0, 1]],
+        dtype=bool,
     )
     some = solve_relaxation(target, source, allowed=allowed)
     assert some.certificate.arrays["row_u"][:2].any()
     assert not some.certificate.arrays["row_u"][2:].any()
-    assert some.lower_bound <= brute_force(Problem.from_user(target, source, allowed=allowed)).energy
+    assert (
+        some.lower_bound <= brute_force(Problem.from_user(target, source, allowed=allowed)).energy
+    )
 
 
 def test_variants_are_ordered(rng):
@@ -101,7 +104,9 @@ def test_exact_recovery_without_noise(rng, num_target):
     allowed = np.zeros((num_target, 40), dtype=bool)
     allowed[rng.integers(0, num_target, (20, 40)), np.arange(40)] = True
     allowed[matched, np.arange(40)] = True
-    result = solve_relaxation(target, target[matched] @ rotation, allowed=None if num_target == 40 else allowed)
+    result = solve_relaxation(
+        target, target[matched] @ rotation, allowed=None if num_target == 40 else allowed
+    )
     assert np.array_equal(result.X.argmax(axis=0), matched)
     assert np.abs(result.R - rotation).max() < 0.02
     assert abs(result.value) < 1e-3
@@ -157,7 +162,10 @@ def test_same_bytes_every_time(rng):
     for name in ("R", "X", "C", "B"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
     assert (first.value, first.lower_bound) == (second.value, second.lower_bound)
-    assert all(first.certificate.arrays[n].tobytes() == a.tobytes() for n, a in second.certificate.arrays.items())
+    assert all(
+        first.certificate.arrays[n].tobytes() == a.tobytes()
+        for n, a in second.certificate.arrays.items()
+    )
 
 
 def test_scale_and_order_do_not_matter(rng):
@@ -179,7 +187,9 @@ def test_impossible_options_are_refused(options):
 
 def test_many_variables_converge_once_rough_operators_no_longer_do(rng):
     target = rng.random((10, 7))
-    source = target[rng.permutation(10)] @ random_rotation(rng, 7) + 0.1 * rng.standard_normal((10, 7))
+    source = target[rng.permutation(10)] @ random_rotation(rng, 7) + 0.1 * rng.standard_normal(
+        (10, 7)
+    )
     problem = Problem.from_user(target, source, group="O")
     result = solve_pm_sdp(problem, tol=1e-5)
     assert result.status is Status.CONVERGED
@@ -187,12 +197,16 @@ def test_many_variables_converge_once_rough_operators_no_longer_do(rng):
 
 
 @pytest.mark.parametrize("stops", ["primal", "dual", "short"])
-def test_a_step_that_arithmetic_does_not_allow_ends_with_the_best_point_so_far(stops, rng, monkeypatch):
+def test_a_step_that_arithmetic_does_not_allow_ends_with_the_best_point_so_far(
+    stops, rng, monkeypatch
+):
     target = rng.random((8, 3))
     if stops == "short":
         corrected = interior_point._InteriorPoint._corrected_step
         monkeypatch.setattr(
-            interior_point._InteriorPoint, "_corrected_step", lambda self: (corrected(self)[0], (1e-12, 1e-12))
+            interior_point._InteriorPoint,
+            "_corrected_step",
+            lambda self: (corrected(self)[0], (1e-12, 1e-12)),
         )
     else:
         monkeypatch.setattr(interior_point, f"move_{stops}", lambda *arguments: None)

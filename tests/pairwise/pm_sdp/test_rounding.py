@@ -50,7 +50,9 @@ def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng):
     entries, probabilities = rank_one_factors(mixture(problem, turn[None], point_map[None]))
     assert probabilities.sum() > 0
     np.testing.assert_array_equal(nearest_map(problem, probabilities), point_map)
-    np.testing.assert_allclose(problem.pattern.project(problem.pattern.unpack(entries)), turn, atol=1e-9)
+    np.testing.assert_allclose(
+        problem.pattern.project(problem.pattern.unpack(entries)), turn, atol=1e-9
+    )
     flipped, _ = rank_one_factors(mixture(problem, turn[None], point_map[None], sign=-1.0))
     assert entries @ flipped < 0
 

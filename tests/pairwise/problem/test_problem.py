@@ -14,20 +14,30 @@ def some_problem(rng, **options):
 
 
 def test_costs_and_energy_agree(rng):
-    problem = some_problem(rng, weights=rng.random(5), invariants=(rng.random((7, 2)), rng.random((5, 2))))
+    problem = some_problem(
+        rng, weights=rng.random(5), invariants=(rng.random((7, 2)), rng.random((5, 2)))
+    )
     point_map = rng.permutation(7)[:5]
     rotation = problem.pattern.project(rng.standard_normal((3, 3)))
     costs = problem.assignment_costs(rotation)
-    assert problem.energy(rotation, point_map) == pytest.approx(costs[point_map, np.arange(5)].sum())
-    assert not np.isclose(problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map))
+    assert problem.energy(rotation, point_map) == pytest.approx(
+        costs[point_map, np.arange(5)].sum()
+    )
+    assert not np.isclose(
+        problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map)
+    )
 
 
 def test_the_scale_of_energies_is_their_mean_over_all_matches_of_centred_shapes(rng):
     points = rng.standard_normal((7, 3))
     invariants = rng.random((7, 2)), rng.random((5, 2))
     target = points - points.mean(axis=0)
-    problem = Problem.from_user(target, 2.0 * rng.random((5, 3)), weights=rng.random(5), invariants=invariants)
-    assert energy_scale(problem) == pytest.approx(problem.assignment_costs(np.eye(3)).mean(axis=0).sum())
+    problem = Problem.from_user(
+        target, 2.0 * rng.random((5, 3)), weights=rng.random(5), invariants=invariants
+    )
+    assert energy_scale(problem) == pytest.approx(
+        problem.assignment_costs(np.eye(3)).mean(axis=0).sum()
+    )
 
 
 def test_procrustes_beats_every_other_rotation(rng):
@@ -76,7 +86,9 @@ def test_pack_is_column_major_and_unpack_its_inverse(rng):
     assert pattern.num_entries == 10
     assert np.array_equal(pattern.unpack(pattern.pack(matrix)), matrix)
     full = RotationPattern.from_user(None, 3, "O")
-    assert np.array_equal(full.pack(np.arange(9.0).reshape(3, 3)), np.arange(9.0).reshape(3, 3).ravel(order="F"))
+    assert np.array_equal(
+        full.pack(np.arange(9.0).reshape(3, 3)), np.arange(9.0).reshape(3, 3).ravel(order="F")
+    )
 
 
 @pytest.mark.parametrize(
@@ -145,5 +157,9 @@ def test_coordinates_whose_powers_overflow_are_refused_and_others_answered(rng):
             with pytest.raises(InputError, match="too large or too small"):
                 solve(unit * target, unit * source)
     for unit in (1e69, 1e-69):
-        assert match(unit * target, unit * source).energy / unit**2 == pytest.approx(energy, rel=1e-6)
-        assert solve_relaxation(unit * target, unit * source).lower_bound / unit**2 == pytest.approx(bound, rel=1e-3)
+        assert match(unit * target, unit * source).energy / unit**2 == pytest.approx(
+            energy, rel=1e-6
+        )
+        assert solve_relaxation(
+            unit * target, unit * source
+        ).lower_bound / unit**2 == pytest.approx(bound, rel=1e-3)

@@ -18,7 +18,9 @@ def least_truncated_energy(problem, cost):
     """The least energy over every injective map of every subset of the source points, by definition."""
     n, k = problem.num_target, problem.num_source
     best = math.inf
-    for kept in itertools.chain.from_iterable(itertools.combinations(range(k), m) for m in range(k + 1)):
+    for kept in itertools.chain.from_iterable(
+        itertools.combinations(range(k), m) for m in range(k + 1)
+    ):
         for images in itertools.permutations(range(n), len(kept)):
             source, target = problem.source[list(kept)], problem.target[list(images)]
             weights = problem.weights[list(kept)]
@@ -34,13 +36,17 @@ def with_outliers(seed, *, num=30, share=0.3, noise=0.02, shift=0.0):
     num_out = round(share * num)
     base, turn = rng.standard_normal((num - num_out, 3)), random_rotations(3, 1, rng)[0]
     target = np.vstack([base, 1.5 * rng.standard_normal((num_out, 3))])
-    source = np.vstack([base + noise * rng.standard_normal(base.shape), 1.5 * rng.standard_normal((num_out, 3))])
+    source = np.vstack(
+        [base + noise * rng.standard_normal(base.shape), 1.5 * rng.standard_normal((num_out, 3))]
+    )
     order = rng.permutation(num)
     expected = np.where(order < len(base), order, -1)
     return target, (source @ turn)[order] + shift, turn, expected
 
 
-@pytest.mark.parametrize(("seed", "cost"), [(1, 0.02), (0, 0.2), (1, 0.2), (2, 0.2), (0, 2.0), (2, 2.0)])
+@pytest.mark.parametrize(
+    ("seed", "cost"), [(1, 0.02), (0, 0.2), (1, 0.2), (2, 0.2), (0, 2.0), (2, 2.0)]
+)
 def test_bounds_are_below_the_least_energy_by_definition_and_poses_reach_it(seed, cost):
     rng = np.random.default_rng(seed)
     problem = Problem.from_user(rng.random((4, 3)), rng.random((4, 3)), weights=rng.random(4) + 0.5)
@@ -52,8 +58,12 @@ def test_bounds_are_below_the_least_energy_by_definition_and_poses_reach_it(seed
     relaxed = solve_pm_sdp(robust)
     assert relaxed.lower_bound <= optimum * (1 + 1e-9)
     for certificate in (proof.certificate, relaxed.certificate):
-        assert verify_certificate(robust.target, robust.source, certificate, problem=robust) <= optimum * (1 + 1e-9)
-    found = match(problem.target, problem.source, weights=problem.weights, unmatched_cost=cost, certify=True)
+        assert verify_certificate(
+            robust.target, robust.source, certificate, problem=robust
+        ) <= optimum * (1 + 1e-9)
+    found = match(
+        problem.target, problem.source, weights=problem.weights, unmatched_cost=cost, certify=True
+    )
     assert found.energy == pytest.approx(optimum, rel=1e-3)
     assert 0.0 <= found.lower_bound <= optimum * (1 + 1e-9)
 
@@ -65,7 +75,9 @@ def test_a_large_cost_leaves_no_point_unmatched():
     assert robust.energy == pytest.approx(plain.energy)
     np.testing.assert_array_equal(robust.map_target_source, plain.map_target_source)
     loose = solve_relaxation(target, source).value
-    assert solve_pm_sdp(with_unmatched(Problem.from_user(target, source), 100.0)).value <= loose + 1e-6
+    assert (
+        solve_pm_sdp(with_unmatched(Problem.from_user(target, source), 100.0)).value <= loose + 1e-6
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))

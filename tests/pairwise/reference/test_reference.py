@@ -30,7 +30,11 @@ def test_solution_is_feasible_and_bounds_the_optimum(known):
 
 def test_exact_recovery_without_noise(rng):
     points = rng.standard_normal((7, 3))
-    for options in ({}, {"num_source": 5}, {"group": "O", "rotation": random_rotation(rng, 3, reflected=True)}):
+    for options in (
+        {},
+        {"num_source": 5},
+        {"group": "O", "rotation": random_rotation(rng, 3, reflected=True)},
+    ):
         problem = planted(rng, points, **options)
         result = solve_reference(problem, tol=1e-8)
         assert result.X.max(axis=0) == pytest.approx(np.ones(problem.num_source), abs=1e-3)
@@ -67,7 +71,10 @@ def test_more_constraints_never_lower_the_value(rng):
 
 def test_limits_are_statuses(rng):
     problem = Problem.from_user(rng.random((6, 3)), rng.random((6, 3)))
-    assert solve_reference(problem, solver="scs", tol=1e-9, max_iterations=50).status is Status.ITERATION_LIMIT
+    assert (
+        solve_reference(problem, solver="scs", tol=1e-9, max_iterations=50).status
+        is Status.ITERATION_LIMIT
+    )
     stopped = solve_reference(problem, solver="clarabel", tol=1e-9, max_iterations=3)
     assert stopped.status is Status.ITERATION_LIMIT
     late = solve_reference(problem, solver="scs", tol=1e-10, time_limit_s=0.02)
@@ -76,6 +83,11 @@ def test_limits_are_statuses(rng):
 
 def test_wrong_options_are_refused(rng):
     problem = Problem.from_user(rng.random((3, 3)), rng.random((3, 3)))
-    for options in ({"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
+    for options in (
+        {"solver": "mosek"},
+        {"tol": 0.0},
+        {"max_iterations": 0},
+        {"time_limit_s": -1.0},
+    ):
         with pytest.raises(OptionsError, match=next(iter(options))):
             solve_reference(problem, **options)

@@ -46,7 +46,11 @@ class AlignedShape:
     @property
     def percent(self) -> str:
         """The confidence in whole percent, rounded down, as the report says it."""
-        return "unknown" if math.isnan(self.confidence) else f"{math.floor(100 * self.confidence + 1e-9)} %"
+        return (
+            "unknown"
+            if math.isnan(self.confidence)
+            else f"{math.floor(100 * self.confidence + 1e-9)} %"
+        )
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,9 @@ def read_results(folder: Path) -> Results:
         AlignedShape(
             name=shape["name"],
             mesh=meshes.get(shape["name"]),
-            transform=to_ras(np.array(shape["transform"], dtype=float), shape.get("coordinate_system", "LPS")),
+            transform=to_ras(
+                np.array(shape["transform"], dtype=float), shape.get("coordinate_system", "LPS")
+            ),
             confidence=float("nan") if shape["confidence"] is None else float(shape["confidence"]),
             points=points[np.argsort(order)][(order < 0).sum() :] * np.diag(LPS_TO_RAS)[:3],
         )

@@ -12,7 +12,9 @@ PACKAGE = "collalign"
 FINISHED = (0, 3)
 
 
-def command(python: str, folder: Path, out: Path, *, mirrored: str = "auto", keep_sizes: bool = False) -> list[str]:
+def command(
+    python: str, folder: Path, out: Path, *, mirrored: str = "auto", keep_sizes: bool = False
+) -> list[str]:
     """Return the command line.
 
     Parameters
@@ -33,7 +35,9 @@ def command(python: str, folder: Path, out: Path, *, mirrored: str = "auto", kee
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder")
     if out == folder or out in folder.parents or folder in out.parents:
-        raise ValueError(f"{out}: choose an output folder that neither contains the shapes nor lies among them")
+        raise ValueError(
+            f"{out}: choose an output folder that neither contains the shapes nor lies among them"
+        )
     words = [python, "-m", PACKAGE, "align", str(folder), "--out", str(out), "--group", mirrored]
     return words + (["--scaling", "rigid"] if keep_sizes else [])
 

@@ -49,7 +49,10 @@ class Scene:
 
     def accessor(self, values, *, stride=0, **more):
         rows = np.atleast_2d(values.T).T
-        entry = {"bufferView": self.view(values, stride), "componentType": CODES[values.dtype.str[1:]]}
+        entry = {
+            "bufferView": self.view(values, stride),
+            "componentType": CODES[values.dtype.str[1:]],
+        }
         entry |= {"count": len(rows), "type": {1: "SCALAR", 3: "VEC3"}[rows.shape[1]]} | more
         self.document["accessors"].append(entry)
         return len(self.document["accessors"]) - 1
@@ -67,13 +70,23 @@ class Scene:
     def plain(self, vertices=MESH.vertices, faces=MESH.faces, **more):
         """Return a primitive with positions in single precision and triangles."""
         positions = self.accessor(vertices.astype("<f4"))
-        return {"attributes": {"POSITION": positions}, "indices": self.accessor(faces.astype("<u2").ravel())} | more
+        return {
+            "attributes": {"POSITION": positions},
+            "indices": self.accessor(faces.astype("<u2").ravel()),
+        } | more
 
     def glb(self):
-        document = self.document | {"buffers": [{"byteLength": len(self.data)}, *self.document["buffers"][1:]]}
+        document = self.document | {
+            "buffers": [{"byteLength": len(self.data)}, *self.document["buffers"][1:]]
+        }
         text = json.dumps(document).encode()
         text, data = text + b" " * (-len(text) % 4), self.data + b"\0" * (-len(self.data) % 4)
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+        chunks = (
+            struct.pack("<I4s", len(text), b"JSON")
+            + text
+            + struct.pack("<I4s", len(data), b"BIN\0")
+            + data
+        )
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     def read(self):
@@ -85,7 +98,9 @@ class Scene:
 def test_positions_are_integers_under_a_node_that_scales(kind, normalized):
     scene, most = Scene(), np.iinfo(kind).max
     low, size = MESH.vertices.min(axis=0), np.ptp(MESH.vertices, axis=0).max()
-    fractions = (MESH.vertices - low) / size * 2 - 1 if kind[0] == "i" else (MESH.vertices - low) / size
+    fractions = (
+        (MESH.vertices - low) / size * 2 - 1 if kind[0] == "i" else (MESH.vertices - low) / size
+    )
     stored = np.round(fractions * most).astype(kind)
     positions = scene.accessor(stored, stride=4 * stored.itemsize, normalized=normalized)
     indices = scene.accessor(MESH.faces.astype("<u4").ravel())
@@ -102,7 +117,11 @@ def test_positions_are_integers_under_a_node_that_scales(kind, normalized):
 def test_the_least_normalised_integer_is_minus_one():
     scene = Scene()
     stored = np.array([[-128, -127, 127], [0, 1, 2], [3, 4, 5]], dtype="i1")
-    scene.node(mesh=scene.mesh({"attributes": {"POSITION": scene.accessor(stored, normalized=True)}, "mode": 0}))
+    scene.node(
+        mesh=scene.mesh(
+            {"attributes": {"POSITION": scene.accessor(stored, normalized=True)}, "mode": 0}
+        )
+    )
     found = scene.read()
     np.testing.assert_allclose(found.vertices[0], [-1, -1, 1])
     assert not len(found.faces)
@@ -117,16 +136,24 @@ def test_nodes_move_what_is_below_them_and_mirrors_turn_faces_round(tmp_path):
     scene.node(children=[middle], matrix=matrix.T.ravel().tolist())
     scene.node(mesh=mesh)
     found = scene.read()
-    turned = MESH.vertices * [-1, 2, 3] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T + [1, 0, 0]
+    turned = MESH.vertices * [-1, 2, 3] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T + [
+        1,
+        0,
+        0,
+    ]
     expected = turned @ matrix[:3, :3].T + matrix[:3, 3]
     np.testing.assert_allclose(found.vertices, np.concatenate([expected, MESH.vertices]), atol=1e-5)
-    np.testing.assert_array_equal(found.faces, np.concatenate([MESH.faces[:, ::-1], MESH.faces + 60]))
+    np.testing.assert_array_equal(
+        found.faces, np.concatenate([MESH.faces[:, ::-1], MESH.faces + 60])
+    )
     (tmp_path / "a.glb").write_bytes(scene.glb())
     other = trimesh.load_scene(tmp_path / "a.glb", process=False).to_geometry()
     np.testing.assert_allclose(
         np.sort(other.area_faces), np.sort(np.linalg.norm(normals(found), axis=1) / 2), rtol=1e-4
     )
-    np.testing.assert_allclose(other.volume, np.linalg.det(found.vertices[found.faces]).sum() / 6, rtol=1e-4)
+    np.testing.assert_allclose(
+        other.volume, np.linalg.det(found.vertices[found.faces]).sum() / 6, rtol=1e-4
+    )
 
 
 def normals(raw):
@@ -166,7 +193,10 @@ def test_strips_fans_points_and_triangles_without_indices():
 def test_primitives_that_share_vertices_keep_their_numbers():
     scene = Scene()
     first = scene.plain(faces=MESH.faces[:40])
-    second = first | {"indices": scene.accessor(MESH.faces[40:].astype("<u2").ravel()), "material": 0}
+    second = first | {
+        "indices": scene.accessor(MESH.faces[40:].astype("<u2").ravel()),
+        "material": 0,
+    }
     first["attributes"] = first["attributes"] | {"TEXCOORD_0": 0, "COLOR_0": 0}
     scene.node(mesh=scene.mesh(first, second))
     found = scene.read()
@@ -199,7 +229,9 @@ def test_sparse_accessors_replace_some_rows(has_base):
 
 def test_morph_targets_count_by_the_weights_of_the_node_or_mesh():
     scene = Scene()
-    targets = [{"POSITION": scene.accessor(np.full((60, 3), shift, dtype="<f4"))} for shift in (1.0, 10.0)]
+    targets = [
+        {"POSITION": scene.accessor(np.full((60, 3), shift, dtype="<f4"))} for shift in (1.0, 10.0)
+    ]
     primitive = scene.plain(targets=targets)
     scene.node(mesh=scene.mesh(primitive, weights=[0.5, 0.0]))
     np.testing.assert_allclose(scene.read().vertices, MESH.vertices + 0.5, atol=1e-5)
@@ -208,7 +240,8 @@ def test_morph_targets_count_by_the_weights_of_the_node_or_mesh():
 
 
 @pytest.mark.parametrize(
-    ("extension", "word"), [("KHR_draco_mesh_compression", "Draco"), ("EXT_meshopt_compression", "meshopt")]
+    ("extension", "word"),
+    [("KHR_draco_mesh_compression", "Draco"), ("EXT_meshopt_compression", "meshopt")],
 )
 def test_compressed_meshes_are_named_with_a_remedy(tmp_path, extension, word):
     scene = Scene()
@@ -219,24 +252,34 @@ def test_compressed_meshes_are_named_with_a_remedy(tmp_path, extension, word):
         for accessor in scene.document["accessors"]:
             del accessor["bufferView"]
     else:
-        scene.document["buffers"].append({"byteLength": 1000, "extensions": {extension: {"fallback": True}}})
+        scene.document["buffers"].append(
+            {"byteLength": 1000, "extensions": {extension: {"fallback": True}}}
+        )
         for view in scene.document["bufferViews"]:
             view |= {"buffer": 1, "extensions": {extension: {"buffer": 0}}}
     (tmp_path / "a.glb").write_bytes(scene.glb())
-    with pytest.raises(InputError, match=rf"a\.glb: is compressed with {word}, .* export it without compression"):
+    with pytest.raises(
+        InputError, match=rf"a\.glb: is compressed with {word}, .* export it without compression"
+    ):
         read_shape(tmp_path / "a.glb")
 
 
 def test_draco_with_plain_numbers_beside_it_is_read():
     scene = Scene()
     primitive = scene.plain()
-    scene.node(mesh=scene.mesh(primitive | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}))
+    scene.node(
+        mesh=scene.mesh(
+            primitive | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
+        )
+    )
     np.testing.assert_array_equal(scene.read().faces, MESH.faces)
 
 
 def test_copies_on_the_graphics_card_are_refused_with_a_remedy():
     scene = Scene()
-    scene.node(mesh=scene.mesh(scene.plain()), extensions={"EXT_mesh_gpu_instancing": {"attributes": {}}})
+    scene.node(
+        mesh=scene.mesh(scene.plain()), extensions={"EXT_mesh_gpu_instancing": {"attributes": {}}}
+    )
     with pytest.raises(InputError, match="export it without instancing"):
         scene.read()
 
@@ -255,7 +298,10 @@ def scene():
 
 
 def test_gltf_files_hold_their_data_or_have_it_beside_them(tmp_path, scene):
-    for uri in ("data:application/octet-stream;base64," + base64.b64encode(scene.data).decode(), "my%20data.bin"):
+    for uri in (
+        "data:application/octet-stream;base64," + base64.b64encode(scene.data).decode(),
+        "my%20data.bin",
+    ):
         (tmp_path / "my data.bin").write_bytes(scene.data)
         shape = read_shape(gltf(tmp_path, scene, uri))
         np.testing.assert_allclose(shape.vertices, MESH.vertices, atol=1e-6)
@@ -285,7 +331,9 @@ def test_data_that_is_missing_is_named_and_files_elsewhere_are_not_opened(tmp_pa
         "https://a.b/c",
         "dta:" + "A" * 5000,
     ):
-        with pytest.raises(InputError, match=r"a\.gltf: names as its data no file of its own folder"):
+        with pytest.raises(
+            InputError, match=r"a\.gltf: names as its data no file of its own folder"
+        ):
             read_shape(gltf(tmp_path / "shapes", scene, uri))
     with pytest.raises(UnavailableError, match=r"none\.bin: no such file"):
         read_shape(gltf(tmp_path / "shapes", scene, "none.bin"))
@@ -306,7 +354,10 @@ def test_files_that_end_early_or_are_of_old_versions_are_refused(scene):
     for wrong, reason in (
         (content[:-1], "truncated, its header promises"),
         (content[:4] + struct.pack("<I", 1) + content[8:], "GLB of version 1"),
-        (content[:8] + struct.pack("<I", 20) + struct.pack("<I", 10**9) + content[16:], "a part of 1000000000 bytes"),
+        (
+            content[:8] + struct.pack("<I", 20) + struct.pack("<I", 10**9) + content[16:],
+            "a part of 1000000000 bytes",
+        ),
     ):
         with pytest.raises(InputError, match=reason):
             read_gltf(Source(Path("a.glb"), wrong))

@@ -18,9 +18,21 @@ POINTS = np.random.default_rng(4).normal(size=(50, 3))
 
 
 def header(
-    num=50, data="ascii", fields="x y z", sizes="4 4 4", types="F F F", counts="1 1 1", comment="made by hand"
+    num=50,
+    data="ascii",
+    fields="x y z",
+    sizes="4 4 4",
+    types="F F F",
+    counts="1 1 1",
+    comment="made by hand",
 ):
-    lines = [f"# .PCD v0.7 - {comment}", "VERSION 0.7", f"FIELDS {fields}", f"SIZE {sizes}", f"TYPE {types}"]
+    lines = [
+        f"# .PCD v0.7 - {comment}",
+        "VERSION 0.7",
+        f"FIELDS {fields}",
+        f"SIZE {sizes}",
+        f"TYPE {types}",
+    ]
     lines += [
         f"COUNT {counts}",
         f"WIDTH {num}",
@@ -42,7 +54,9 @@ def read(content):
 
 def literal_lzf(data):
     """Return data as LZF that repeats nothing."""
-    return b"".join(bytes([len(p) - 1]) + p for p in (data[at : at + 32] for at in range(0, len(data), 32)))
+    return b"".join(
+        bytes([len(p) - 1]) + p for p in (data[at : at + 32] for at in range(0, len(data), 32))
+    )
 
 
 def test_text_and_binary_hold_the_same_points():
@@ -62,8 +76,15 @@ def test_text_and_binary_hold_the_same_points():
 
 
 def test_fields_are_of_any_type_count_and_order():
-    fields = {"fields": "z _ rgb y x normal", "sizes": "8 1 4 8 8 4", "types": "F U F F F F", "counts": "1 3 1 1 1 3"}
-    kind = np.dtype([("z", "<f8"), ("_", "u1", 3), ("rgb", "<f4"), ("y", "<f8"), ("x", "<f8"), ("n", "<f4", 3)])
+    fields = {
+        "fields": "z _ rgb y x normal",
+        "sizes": "8 1 4 8 8 4",
+        "types": "F U F F F F",
+        "counts": "1 3 1 1 1 3",
+    }
+    kind = np.dtype(
+        [("z", "<f8"), ("_", "u1", 3), ("rgb", "<f4"), ("y", "<f8"), ("x", "<f8"), ("n", "<f4", 3)]
+    )
     rows = np.zeros(50, dtype=kind)
     rows["x"], rows["y"], rows["z"] = POINTS.T
     found = read(header(data="binary", **fields) + rows.tobytes())
@@ -119,10 +140,19 @@ def test_points_that_a_camera_did_not_see_are_left_out_and_numbers_stay_those_of
         (header(num=10**12) + text(), "promises 1000000000000 points, 50 lines"),
         (header(num=10**12, data="binary") + b"\0" * 99, "promises 12000000000000 bytes"),
         (header(data="binary") + b"\0" * 599, "promises 600 bytes of data and 599 follow"),
-        (header(data="binary_compressed") + struct.pack("<II", 10**9, 600) + b"\0" * 20, "and 28 follow"),
-        (header(data="binary_compressed") + struct.pack("<II", 20, 599) + b"\0" * 20, "need 600 bytes, not 599"),
+        (
+            header(data="binary_compressed") + struct.pack("<II", 10**9, 600) + b"\0" * 20,
+            "and 28 follow",
+        ),
+        (
+            header(data="binary_compressed") + struct.pack("<II", 20, 599) + b"\0" * 20,
+            "need 600 bytes, not 599",
+        ),
         (header(data="binary_compressed") + struct.pack("<II", 20, 600) + b"\0" * 20, "ends early"),
-        (header(data="binary_compressed") + struct.pack("<II", 3, 600) + b"\xff\xff\xff", "ends early"),
+        (
+            header(data="binary_compressed") + struct.pack("<II", 3, 600) + b"\xff\xff\xff",
+            "ends early",
+        ),
         (header(data="zipped") + text(), "neither ascii, binary nor"),
         (header() + text(POINTS[:, :2]), "is not the 3 numbers"),
         (header() + text().replace(b"\n", b" one\n", 1), "is not the 3 numbers"),

@@ -26,7 +26,10 @@ def mesh():
 def ply(kind, elements, body, comment="made by hand", newline="\n"):
     """Return a PLY file; elements are names with their counts and properties."""
     head = f"ply\nformat {kind} 1.0\ncomment {comment}\n"
-    head += "".join(f"element {name} {count}\n{properties}" for name, count, properties in elements) + "end_header\n"
+    head += (
+        "".join(f"element {name} {count}\n{properties}" for name, count, properties in elements)
+        + "end_header\n"
+    )
     return head.replace("\n", newline).encode("latin-1") + body
 
 
@@ -67,14 +70,22 @@ def same_surface(faces, expected):
 @pytest.mark.parametrize("order", ["<", ">", ""])
 @pytest.mark.parametrize("number", [False, True])
 def test_texture_coordinates_of_corners_do_not_disturb(mesh, order, number):
-    properties = CORNERS + "property list uchar float texcoord\n" + ("property int texnumber\n" if number else "")
+    properties = (
+        CORNERS
+        + "property list uchar float texcoord\n"
+        + ("property int texnumber\n" if number else "")
+    )
     elements = [("vertex", 60, XYZ), ("face", len(mesh.faces), properties)]
     if order:
         body = mesh.vertices.astype(order + "f4").tobytes()
         for face in mesh.faces:
-            body += struct.pack(order + "B3iB6f", 3, *face, 6, *[0.5] * 6) + (struct.pack(order + "i", 7) * number)
+            body += struct.pack(order + "B3iB6f", 3, *face, 6, *[0.5] * 6) + (
+                struct.pack(order + "i", 7) * number
+            )
     else:
-        body = text_of(mesh.vertices) + text_of([3, *face, 6, *[0.5] * 6, *[7] * number] for face in mesh.faces)
+        body = text_of(mesh.vertices) + text_of(
+            [3, *face, 6, *[0.5] * 6, *[7] * number] for face in mesh.faces
+        )
     found = read(ply(ORDERS.get(order, "ascii"), elements, body, comment="TextureFile tex0.jpg"))
     np.testing.assert_array_equal(found.faces, mesh.faces)
     np.testing.assert_allclose(found.vertices, mesh.vertices, atol=1e-6)
@@ -82,7 +93,9 @@ def test_texture_coordinates_of_corners_do_not_disturb(mesh, order, number):
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
-@pytest.mark.parametrize(("word", "code"), [("uchar", "B"), ("int", "i"), ("uint", "I"), ("ushort", "H")])
+@pytest.mark.parametrize(
+    ("word", "code"), [("uchar", "B"), ("int", "i"), ("uint", "I"), ("ushort", "H")]
+)
 def test_triangles_and_quads_are_mixed(mesh, order, word, code):
     polygons = paired(mesh)
     assert {len(polygon) for polygon in polygons} == {3, 4}
@@ -109,11 +122,15 @@ def test_triangle_strips_are_surfaces(mesh, order, kind, again):
         body += np.array(strip).astype("<u4").tobytes()
     else:
         body = text_of(mesh.vertices) + text_of([[len(strip), *strip]])
-    np.testing.assert_array_equal(read(ply(ORDERS.get(order, "ascii"), elements, body)).faces, mesh.faces)
+    np.testing.assert_array_equal(
+        read(ply(ORDERS.get(order, "ascii"), elements, body)).faces, mesh.faces
+    )
 
 
 def test_every_second_triangle_of_a_strip_is_turned_round():
-    body = text_of([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 0], [4, 0, 1, 2, 3], [3, 0, 0, 4]])
+    body = text_of(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 0], [4, 0, 1, 2, 3], [3, 0, 0, 4]]
+    )
     elements = [("vertex", 5, XYZ), ("tristrips", 2, CORNERS)]
     assert read(ply("ascii", elements, body)).faces.tolist() == [[0, 1, 2], [2, 1, 3]]
 
@@ -125,16 +142,24 @@ def test_comments_are_in_any_encoding_and_lines_end_in_any_way(mesh, newline):
     body += b"".join(struct.pack("<B3i", 3, *face) for face in mesh.faces)
     content = ply(ORDERS["<"], elements, body, comment="Größe in µm", newline=newline)
     np.testing.assert_array_equal(read(content).faces, mesh.faces)
-    np.testing.assert_array_equal(read(content.replace(newline.encode(), b"\r\n", 1)).faces, mesh.faces)
-    text = text_of(mesh.vertices).replace(b"\n", b"  \n") + text_of([3, *face] for face in mesh.faces)
-    content = ply("ascii", elements, text.replace(b"\n", newline.encode()), comment="Größe", newline=newline)
+    np.testing.assert_array_equal(
+        read(content.replace(newline.encode(), b"\r\n", 1)).faces, mesh.faces
+    )
+    text = text_of(mesh.vertices).replace(b"\n", b"  \n") + text_of(
+        [3, *face] for face in mesh.faces
+    )
+    content = ply(
+        "ascii", elements, text.replace(b"\n", newline.encode()), comment="Größe", newline=newline
+    )
     np.testing.assert_array_equal(read(content).faces, mesh.faces)
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
 def test_other_elements_and_properties_are_passed_over(mesh, order):
     vertex = (
-        "property uchar red\nproperty list int short odd\n" + XYZ.replace("float", "double") + "property float nx\n"
+        "property uchar red\nproperty list int short odd\n"
+        + XYZ.replace("float", "double")
+        + "property float nx\n"
     )
     elements = [
         ("camera", 1, "property float view\nproperty list uchar double k\n"),
@@ -153,22 +178,30 @@ def test_other_elements_and_properties_are_passed_over(mesh, order):
         found = read(ply(ORDERS[order], elements, body))
     else:
         body = text_of([[1.0, 2, 3.0, 4.0]])
-        body += text_of([9, len(o), *o, *p.tolist(), 0.0] for p, o in zip(mesh.vertices, odd, strict=True))
+        body += text_of(
+            [9, len(o), *o, *p.tolist(), 0.0] for p, o in zip(mesh.vertices, odd, strict=True)
+        )
         body += text_of([[0, 1]]) + text_of([1, 3, *face, 5] for face in mesh.faces)
         found = read(ply("ascii", elements[:-1], body))
     np.testing.assert_array_equal(found.vertices, mesh.vertices)
     np.testing.assert_array_equal(found.faces, mesh.faces)
-    assert {"colours", "its elements 'camera'", "its elements 'edge'"} <= {*found.notes[0].values["things"]}
+    assert {"colours", "its elements 'camera'", "its elements 'edge'"} <= {
+        *found.notes[0].values["things"]
+    }
 
 
 def test_bodies_are_counted_to_the_byte_and_line():
     vertex = "property float x\nproperty double y\nproperty uchar z\n"
     size = 4 + 8 + 1
     assert len(read(ply(ORDERS["<"], [("vertex", 3, vertex)], b"\0" * 3 * size)).vertices) == 3
-    with pytest.raises(InputError, match=f"at least {3 * size} bytes of data and {3 * size - 1} follow"):
+    with pytest.raises(
+        InputError, match=f"at least {3 * size} bytes of data and {3 * size - 1} follow"
+    ):
         read(ply(ORDERS["<"], [("vertex", 3, vertex)], b"\0" * (3 * size - 1)))
     elements = [("vertex", 1, vertex), ("face", 2, CORNERS)]
-    assert len(read(ply(ORDERS["<"], elements, b"\0" * (size + 2))).faces) == 0  # of lists that are empty
+    assert (
+        len(read(ply(ORDERS["<"], elements, b"\0" * (size + 2))).faces) == 0
+    )  # of lists that are empty
     with pytest.raises(InputError, match="truncated"):
         read(ply(ORDERS["<"], elements, b"\0" * (size + 1)))
     with pytest.raises(InputError, match="face 1 of 2 goes beyond its end"):
@@ -178,7 +211,9 @@ def test_bodies_are_counted_to_the_byte_and_line():
 
 
 @pytest.mark.parametrize("kind", ["ascii", *ORDERS.values()])
-@pytest.mark.parametrize("elements", [[("vertex", 10**18, XYZ)], [("vertex", 1, XYZ), ("face", 10**18, CORNERS)]])
+@pytest.mark.parametrize(
+    "elements", [[("vertex", 10**18, XYZ)], [("vertex", 1, XYZ), ("face", 10**18, CORNERS)]]
+)
 def test_counts_that_the_file_cannot_hold_are_refused_at_once(kind, elements):
     with pytest.raises(InputError, match="truncated"):
         read(ply(kind, elements, b"1 2 3\n" * 4))
@@ -218,12 +253,20 @@ def test_text_lists_have_the_lengths_that_they_say():
         ("element vertex 1\nproperty list float int x\n", "line 4: malformed"),
         ("property float x\nelement vertex 1\n", "line 3: malformed"),
         ("element vertex 1\n" + XYZ + "element vertex 1\n" + XYZ, "lists an element twice"),
-        ("element vertex 1\nproperty float x\nproperty float y\nproperty float w\n", "no properties x, y and z"),
+        (
+            "element vertex 1\nproperty float x\nproperty float y\nproperty float w\n",
+            "no properties x, y and z",
+        ),
         (
             "element vertex 1\n" + XYZ + "element face 1\nproperty float a\nproperty float b\n",
             "face has no list vertex_indices",
         ),
-        ("element vertex 1\n" + XYZ + "element face 1\nproperty list uchar float vertex_indices\n", "not whole"),
+        (
+            "element vertex 1\n"
+            + XYZ
+            + "element face 1\nproperty list uchar float vertex_indices\n",
+            "not whole",
+        ),
     ],
 )
 def test_headers_that_say_no_mesh_are_refused(head, reason):
@@ -242,7 +285,9 @@ def test_words_that_are_no_numbers_are_refused():
 
 
 def test_the_case_of_a_whole_file(tmp_path, mesh):
-    body = mesh.vertices.astype("<f4").tobytes() + b"".join(struct.pack("<B3i", 3, *face) for face in mesh.faces)
+    body = mesh.vertices.astype("<f4").tobytes() + b"".join(
+        struct.pack("<B3i", 3, *face) for face in mesh.faces
+    )
     (tmp_path / "A.PLY").write_bytes(
         ply(ORDERS["<"], [("vertex", 60, XYZ), ("face", len(mesh.faces), CORNERS)], body)
     )

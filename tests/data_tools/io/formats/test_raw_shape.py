@@ -35,5 +35,8 @@ def test_what_is_not_kept_is_said_once():
     assert not_kept([]) == ()
     merged = Note("duplicates-merged", values={"num": 3})
     (of_all,) = content_not_kept({"a": (merged, *note), "b": not_kept(["colours"]), "c": ()})
-    assert (of_all.shapes, of_all.values) == (("a", "b"), {"things": ("colours", "textures"), "total": 3})
+    assert (of_all.shapes, of_all.values) == (
+        ("a", "b"),
+        {"things": ("colours", "textures"), "total": 3},
+    )
     assert content_not_kept({"a": (merged,)}) == ()

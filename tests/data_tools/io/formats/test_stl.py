@@ -27,7 +27,12 @@ FACETS = "".join(
 
 
 def binary(*, head=b"by hand", count=NUM, records=RECORDS, tail=b""):
-    return head.ljust(80, b" " if head.startswith(b"solid") else b"\0") + struct.pack("<I", count) + records + tail
+    return (
+        head.ljust(80, b" " if head.startswith(b"solid") else b"\0")
+        + struct.pack("<I", count)
+        + records
+        + tail
+    )
 
 
 def text(name="a", body=FACETS, end="endsolid a\n"):
@@ -42,12 +47,16 @@ ALIKE = {
     "binary": binary(),
     "binary that begins with solid": binary(head=b"solid part"),
     "bytes behind it": binary(tail=b"\0" * 7),
-    "bytes behind it, begins with solid": binary(head=b"solid facet normal vertex", tail=b"trailing"),
+    "bytes behind it, begins with solid": binary(
+        head=b"solid facet normal vertex", tail=b"trailing"
+    ),
     "count of zero": binary(count=0),
     "count of a stream": binary(count=2**32 - 1),
     "text": text(),
     "vertex in the name": text("vertex-painted scan", end="endsolid vertex-painted scan\n"),
-    "facet in the name": text("a facet normal of endfacet, endloop", end="endsolid a facet normal of endfacet\n"),
+    "facet in the name": text(
+        "a facet normal of endfacet, endloop", end="endsolid a facet normal of endfacet\n"
+    ),
     "no name": text("", end="endsolid"),
     "no end": text(end=""),
     "byte order mark": b"\xef\xbb\xbf" + text(),
@@ -92,7 +101,10 @@ def test_vertices_are_merged(tmp_path):
         (binary(count=0, tail=b"\0"), "promises 0 triangles"),
         (binary(count=0, records=b""), "promises 0 triangles"),
         (b"solid", "truncated STL text, 0 vertices"),
-        (text(body=FACETS[: FACETS.rindex("endfacet")], end=""), f"{3 * NUM} vertices in {NUM - 1} complete"),
+        (
+            text(body=FACETS[: FACETS.rindex("endfacet")], end=""),
+            f"{3 * NUM} vertices in {NUM - 1} complete",
+        ),
         (text(body=FACETS[: FACETS.rindex("vertex")], end=""), "complete triangles"),
         (text(body=FACETS + "facet normal 0 0 1\nouter loop\n", end=""), "truncated STL text"),
         (text().replace(b"vertex", b"vertex one", 1), "vertex 1 is not three numbers"),

@@ -25,7 +25,12 @@ class Writer:
     """Writes arrays in one way; blocks of 500 bytes where they are compressed."""
 
     def __init__(self, mode="ascii", compressor="", header="<u8", order="<"):
-        self.mode, self.compressor, self.header, self.order = mode, compressor, header.replace("<", order), order
+        self.mode, self.compressor, self.header, self.order = (
+            mode,
+            compressor,
+            header.replace("<", order),
+            order,
+        )
         self.appended = b""
 
     def stream(self, data):
@@ -42,9 +47,8 @@ class Writer:
     def array(self, values, name="", code=None):
         values = np.asarray(values)
         code = code or ("<f8" if values.dtype.kind == "f" else "<i8")
-        attributes = (
-            f'type="{NAMES[code]}" Name="{name}" NumberOfComponents="{values.shape[1] if values.ndim > 1 else 1}"'
-        )
+        num = values.shape[1] if values.ndim > 1 else 1
+        attributes = f'type="{NAMES[code]}" Name="{name}" NumberOfComponents="{num}"'
         if self.mode == "ascii":
             text = " ".join(map(str, values.ravel().tolist()))
             return f'<DataArray {attributes} format="ascii">\n{text}\n</DataArray>'
@@ -62,7 +66,12 @@ class Writer:
 
     def piece(self, vertices=MESH.vertices, polygons=POLYGONS, strips=(), more="", code=None):
         points = f"<Points>{self.array(vertices, 'Points', code)}</Points>"
-        inside = points + self.cells("Polys", polygons) + (self.cells("Strips", strips) if strips else "") + more
+        inside = (
+            points
+            + self.cells("Polys", polygons)
+            + (self.cells("Strips", strips) if strips else "")
+            + more
+        )
         return f'<Piece NumberOfPoints="{len(vertices)}" NumberOfPolys="{len(polygons)}">{inside}</Piece>'
 
     def file(self, *pieces, kind="PolyData"):
@@ -102,9 +111,18 @@ def test_arrays_that_fill_their_blocks_are_whole():
 def test_pieces_polygons_strips_and_values():
     writer = Writer()
     values = f"<PointData>{writer.array(np.arange(60.0), 'heat')}</PointData>"
-    first = writer.piece(polygons=[[0, 1, 2], [3, 4, 5, 6]], strips=[[0, 1, 2, 3]], more=values, code="<f4")
+    first = writer.piece(
+        polygons=[[0, 1, 2], [3, 4, 5, 6]], strips=[[0, 1, 2, 3]], more=values, code="<f4"
+    )
     found = read(writer.file(first, writer.piece(polygons=[[0, 1, 2]])))
-    assert found.faces.tolist() == [[0, 1, 2], [3, 4, 5], [3, 5, 6], [0, 1, 2], [2, 1, 3], [60, 61, 62]]
+    assert found.faces.tolist() == [
+        [0, 1, 2],
+        [3, 4, 5],
+        [3, 5, 6],
+        [0, 1, 2],
+        [2, 1, 3],
+        [60, 61, 62],
+    ]
     assert len(found.vertices) == 120
     assert found.notes == not_kept(["values of points and cells"])
 
@@ -126,23 +144,49 @@ def changed(old, new, mode="ascii", compressor=""):
         (changed(b'NumberOfPoints="60"', b'NumberOfPoints="61"'), "other numbers of points"),
         (changed(b"Float64", b"String"), "of a type that is not read"),
         (changed(b'format="ascii"', b'format="binary"'), "truncated or damaged"),
-        (changed(b"vtkZLib", b"vtkLZ4", "raw", "vtkZLibDataCompressor"), "with LZ4, .* save it with ZLib"),
+        (
+            changed(b"vtkZLib", b"vtkLZ4", "raw", "vtkZLibDataCompressor"),
+            "with LZ4, .* save it with ZLib",
+        ),
         (changed(b'offset="0"', b'offset="99999999"', "raw"), "truncated or damaged"),
-        (changed(b"_" + struct.pack("<Q", 1440), b"_" + struct.pack("<Q", 2**60), "raw"), "truncated or damaged"),
         (
-            changed(b"_" + struct.pack("<Q", 3), b"_" + struct.pack("<Q", 2**60), "raw", "vtkZLibDataCompressor"),
-            "truncated",
-        ),
-        (
-            changed(struct.pack("<QQ", 3, 500), struct.pack("<QQ", 3, 2**50), "raw", "vtkZLibDataCompressor"),
-            "more data than its compressed size can hold",
-        ),
-        (
-            changed(struct.pack("<QQ", 3, 500), struct.pack("<QQ", 3, 501), "raw", "vtkZLibDataCompressor"),
+            changed(b"_" + struct.pack("<Q", 1440), b"_" + struct.pack("<Q", 2**60), "raw"),
             "truncated or damaged",
         ),
         (
-            changed(b"_" + struct.pack("<Q", 3), b"_" + struct.pack("<Q", 2), "raw", "vtkLZMADataCompressor"),
+            changed(
+                b"_" + struct.pack("<Q", 3),
+                b"_" + struct.pack("<Q", 2**60),
+                "raw",
+                "vtkZLibDataCompressor",
+            ),
+            "truncated",
+        ),
+        (
+            changed(
+                struct.pack("<QQ", 3, 500),
+                struct.pack("<QQ", 3, 2**50),
+                "raw",
+                "vtkZLibDataCompressor",
+            ),
+            "more data than its compressed size can hold",
+        ),
+        (
+            changed(
+                struct.pack("<QQ", 3, 500),
+                struct.pack("<QQ", 3, 501),
+                "raw",
+                "vtkZLibDataCompressor",
+            ),
+            "truncated or damaged",
+        ),
+        (
+            changed(
+                b"_" + struct.pack("<Q", 3),
+                b"_" + struct.pack("<Q", 2),
+                "raw",
+                "vtkLZMADataCompressor",
+            ),
             "damaged",
         ),
     ],
