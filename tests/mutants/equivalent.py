@@ -5,14 +5,13 @@
 #: By the text of the mutant.
 EQUIVALENT = {
     "pairwise/certificates/verify_pm_sdp.py _quadratic_upper_bounds: '    gamma = 2.0 * (len(F) + 4) * _EPS' -> '    gamma = 2.0 * (len(F) + 5) * _EPS'": "a wider allowance for rounding stays sound",
-    "pairwise/certificates/verify_pm_sdp.py _cost_lower_bounds: '        error = (d + 8) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])' -> '        error = (d + 9) * _EPS * (weights[j] * squares + np.abs(constant_cost[:, j]) + 2.0 * v_size[:, 0])'": "a wider allowance for rounding stays sound",
-    "data_tools/surface/closest.py SurfaceLocator.closest: '            left = np.flatnonzero(far[:, -1] < best.distances + reach) if num < len(group) else every[:0]' -> '            left = np.flatnonzero(far[:, -1] < best.distances + reach) if num < len(group) else every[:1]'": "a point that is asked for again gets the same answer",
+    "pairwise/certificates/verify_pm_sdp.py _cost_lower_bounds: '            (d + 8)' -> '            (d + 9)'": "a wider allowance for rounding stays sound",
+    "data_tools/surface/closest.py SurfaceLocator.closest: '                else every[:0]' -> '                else every[:1]'": "a point that is asked for again gets the same answer",
     "pairwise/certificates/certificate.py CertificateArrays.refuse_rest: '            names = \", \".join(sorted(map(str, self._unread))[:5])' -> '            names = \", \".join(sorted(map(str, self._unread))[:6])'": "how many names a message lists",
     "collalign/tools/certify/rounds.py Rounds.prove: '        for e in np.argsort(-(master.least() + most), kind=\"stable\").tolist():' -> '        for e in np.argsort(-(master.least() - most), kind=\"stable\").tolist():'": "the order in which pairs are proven",
     "collalign/landmarks/carry.py fuse: '    filled = np.where(weights[..., None] > 0, said, 0.0)' -> '    filled = np.where(weights[..., None] > 0, said, 1.0)'": "multiplied by a weight of zero",
     'collalign/engine/jobs/cluster.py _one_line: \'    return " ".join(f"{type(error).__name__}: {error}".split())[:300]\' -> \'    return " ".join(f"{type(error).__name__}: {error}".split())[:301]\'': "how much of a message is shown",
     'collalign/tools/match/result.py NonrigidCandidate.orientation: \'        return "preserving" if value > 0 else "reversing"\' -> \'        return "preserving" if value >= 0 else "reversing"\'': "a measured orientation is never zero",
-    "pairwise/local/rotation_search.py <module>: '_NUM_ROTATIONS_ABOVE = 500' -> '_NUM_ROTATIONS_ABOVE = 501'": "a tuned value: one rotation more",
     "collalign/output/report/sections.py shape_map: '            \"linkage\": joined[:, :3].tolist(),' -> '            \"linkage\": joined[:, :4].tolist(),'": "the page reads three of the columns",
     "collalign/output/evidence_file.py shown_pair: '        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),' -> '        rotations=np.ascontiguousarray(pair.rotations[kept, :4, :3]),'": "rotations have three rows",
     "pairwise/certificates/verify_cells.py <module>: 'DEEPEST = 60' -> 'DEEPEST = 61'": "a depth that no proof reaches",
