@@ -346,8 +346,8 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
 
 
 def test_an_open_shape_of_another_kind_is_a_stranger_and_a_piece_is_none(planted, store, tmp_path):
-    part = cut(chair(), np.array([0.2, 0.1, 1.0]), 0.4)
-    write_mesh(tmp_path / "part.ply", part)
+    rng = np.random.default_rng(4)
+    write_mesh(tmp_path / "part.ply", cut(chair(rng), rng.standard_normal(3), 0.4))
     found = align(
         [*sorted(planted[0].glob("*.ply")), tmp_path / "part.ply"],
         store=store,
@@ -355,7 +355,7 @@ def test_an_open_shape_of_another_kind_is_a_stranger_and_a_piece_is_none(planted
     )
     note = only(found.notes, "resembles-none")
     assert note.shapes == ("part",)
-    assert note.values["mismatch"] > 0.9 > note.values["median"]
+    assert note.values["mismatch"] > 2.0 * note.values["median"]
     assert only(found.notes, "incomplete").shapes == BROKEN
     assert {found.names[one.shape]: one.is_stranger for one in found.incomplete} == {
         "part": True,
