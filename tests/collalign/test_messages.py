@@ -12,7 +12,7 @@ import pytest
 
 from collalign.cli import main
 from collalign.console.messages import add_to_summary, command_messages, configure_output, end
-from collalign.engine import session
+from collalign.engine import progress
 
 TEXTS = (".json", ".csv", ".html")
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -73,8 +73,8 @@ def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_pa
 
 def test_a_stage_has_a_line_at_its_start_and_end_and_one_a_minute_between(monkeypatch, caplog):
     now = [0.0]
-    monkeypatch.setattr(session, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    with caplog.at_level(logging.INFO), session.ProgressBar("pairs", 200) as bar:
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with caplog.at_level(logging.INFO), progress.ProgressBar("pairs", 200) as bar:
         for _ in range(200):
             now[0] += 0.7
             bar.advance()
@@ -171,7 +171,7 @@ def test_a_log_goes_into_no_file_of_somebody_else(name, tmp_path, capsys):
     path = tmp_path / name
     path.write_bytes(b"# log of another program")
     assert main(["status", str(tmp_path), "--log", str(path)]) == 2
-    assert "name a new file" in capsys.readouterr().err
+    assert "Name a new file" in capsys.readouterr().err
     assert path.read_bytes() == b"# log of another program"
 
 
