@@ -32,14 +32,14 @@ def cluster():
         "processes": True,
         "dashboard_address": ":0",
     }
-    timeouts = {f"distributed.comm.timeouts.{name}": "300s" for name in ("connect", "tcp")}
+    timeouts = {f"distributed.comm.timeouts.{name}": "60s" for name in ("connect", "tcp")}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1, **timeouts}),
         distributed.LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster,
         pytest.MonkeyPatch.context() as patch,
     ):
         for name in ("_CONNECT_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):
-            patch.setattr(f"collalign.engine.jobs.cluster.{name}", 300.0)
+            patch.setattr(f"collalign.engine.jobs.cluster.{name}", 60.0)
         done = threading.Event()
         replacing = threading.Thread(target=replace_lost_workers, args=(cluster, done))
         replacing.start()
