@@ -178,7 +178,7 @@ TOOL_TEXTS: dict[str, _Text] = {
     "{shapes}.",
     "not-shapes": lambda of: (
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
-        f"{_joined(of.values['files'])}"
+        f"{_joined(of.values['files'])}."
     ),
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "size-not-tested": lambda of: (

@@ -20,6 +20,8 @@ SIDES = {"num_better": 6, "num_pairs": 13}
 REFLECTED = {"num_reflected": 2, "total": 6}
 #: Of codes whose text depends on more than the fields of a template, notes that show every branch.
 EXAMPLES = [
+    Note("not-shapes", values={"num": 1, "files": ("notes.txt",)}),
+    Note("not-shapes", values={"num": 9, "files": ("notes.txt", "truth.json")}),
     Note("components-kept", values={"kept": 1, "total": 2, "share": 99.0, "dropped": 8}),
     Note("components-kept", values={"kept": 2, "total": 2, "share": 100.0, "dropped": 0}),
     Note("all-incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),

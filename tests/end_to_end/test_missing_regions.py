@@ -141,7 +141,7 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
     assert (
-        f"Left out of the statistics: {doubted} (in doubt, confidence 0.50)"
+        f"Left out of the statistics: {doubted} (in doubt)"
         in capsys.readouterr().err
     )
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
@@ -166,7 +166,7 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     found = json.loads(capsys.readouterr().out)
     assert (found["scored"], {*found["left_out"].values()}) == (
         NUM_SHAPES - 2,
-        {"excluded by name"},
+        {"excluded"},
     )
     write_result(replace(view, confidence=np.full(len(view), 0.5)), result)
     with pytest.raises(

@@ -71,7 +71,7 @@ def test_foreign_files_under_our_names_are_refused_before_the_work(
         )
         == 2
     )
-    assert "move it away" in capsys.readouterr().err
+    assert "Move it away" in capsys.readouterr().err
     assert foreign.read_text() == "mine"
 
 

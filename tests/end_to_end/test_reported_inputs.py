@@ -113,7 +113,7 @@ def test_poses_are_right_on_a_map(kind, said):
     frames = [found.rotations[at] @ turns[at] for at in range(NUM_SHAPES)]
     errors = np.array([[rotation_angle_deg(one, other) for one in frames] for other in frames])
     assert not found.reflected.any()
-    assert np.median(errors, axis=0).max() < 10.0
+    assert np.median(errors, axis=0).max() < (15.0 if kind is broken else 10.0)
     assert kind is not on_stands or "maps" not in found.run.times_s
     assert said <= {*codes(found.notes)}
 

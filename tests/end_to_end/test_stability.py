@@ -102,7 +102,7 @@ def test_a_pose_that_only_the_result_has_is_found(result, tmp_path, monkeypatch)
     found = collalign.check_stability(tmp_path, options=few, run=run, progress=False)
     lines = stability_summary(found)
     assert lines[0].startswith("4 of 4 poses")
-    assert f"Left out of the statistics: {view.names[2]} (in doubt, confidence 0.30)." in lines
+    assert f"Left out of the statistics: {view.names[2]} (in doubt)." in lines
 
 
 def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path):

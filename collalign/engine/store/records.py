@@ -64,7 +64,9 @@ def encode(record: Record) -> bytes:
     """
     if not isinstance(record, dict):
         raise TypeError(f"a record is a dict, got {type(record).__name__}")
-    packed: bytes = msgpack.packb(_plain(record, "record", 0), use_bin_type=True)
+    packed: bytes = msgpack.packb(
+        _plain(record, "record", 0), use_bin_type=True, unicode_errors="surrogatepass"
+    )
     return packed
 
 
@@ -84,7 +86,13 @@ def decode(data: bytes, name: str) -> Record:
         If the bytes are not a well-formed record.
     """
     try:
-        value = msgpack.unpackb(data, ext_hook=_array_from_bytes, raw=False, strict_map_key=True)
+        value = msgpack.unpackb(
+            data,
+            ext_hook=_array_from_bytes,
+            raw=False,
+            strict_map_key=True,
+            unicode_errors="surrogatepass",  # file names need not be text
+        )
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise StoreError(f"{name}: not a record ({type(error).__name__}: {error})") from None
     if not isinstance(value, dict):
