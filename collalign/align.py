@@ -120,7 +120,7 @@ def align_collection(
     --------
     >>> points = np.random.default_rng(0).random((40, 3))
     >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> aligned = collalign.align_collection({"still": points, "rotated": points @ quarter}, progress=False)
+    >>> aligned = collalign.align_collection({"original": points, "rotated": points @ quarter}, progress=False)
     >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
     True
     """
