@@ -140,10 +140,7 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     )
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
     assert main(command) == 0
-    assert (
-        f"Left out of the statistics: {doubted} (in doubt)"
-        in capsys.readouterr().err
-    )
+    assert f"Left out of the statistics: {doubted} (in doubt)" in capsys.readouterr().err
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))

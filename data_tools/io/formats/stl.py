@@ -50,7 +50,7 @@ def _read_binary(path: Path, content: bytes) -> tuple[FloatArray, tuple[Note, ..
     if not 0 < num <= room:
         raise InputError(
             f"{path}: not an STL file, or truncated. It does not begin with 'solid', and its {len(content)} bytes "
-            f"are too few for the {promised} triangles of a binary header"
+            f"do not fit the {promised} triangles that a binary header promises"
         )
     triangles = np.frombuffer(content, dtype=STL_TRIANGLE, count=num, offset=84)
     ignored = len(content) - 84 - num * STL_TRIANGLE.itemsize

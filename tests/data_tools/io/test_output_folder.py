@@ -65,7 +65,7 @@ def test_a_file_of_somebody_else_is_refused_and_stays(tmp_path, kind):
     else:
         (place / "deep").mkdir(parents=True)
     before = contents(out)
-    with pytest.raises(InputError, match="move it away"):
+    with pytest.raises(InputError, match="Move it away"):
         write(out, {"summary": "2", "report": "2"})
     assert contents(out) == before
     assert elsewhere.read_text() == "mine"
@@ -273,7 +273,7 @@ def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path):
     elsewhere.write_text("1")
     (out / "report").unlink()
     (out / "report").symlink_to(elsewhere)
-    with pytest.raises(InputError, match="move it away"):
+    with pytest.raises(InputError, match="Move it away"):
         write(out, {"summary": "2", "report": "2"})
     write(out, {"summary": "2"})
     assert (out / "report").is_symlink()
@@ -296,7 +296,7 @@ def test_names_that_this_system_cannot_write_are_refused(tmp_path):
 
 def test_a_refused_run_leaves_a_folder_as_it_was(tmp_path):
     (tmp_path / "summary").write_text("mine")
-    with pytest.raises(InputError, match="move it away"):
+    with pytest.raises(InputError, match="Move it away"):
         write(tmp_path, {"summary": "1"})
     assert [p.name for p in tmp_path.iterdir()] == ["summary"]
 

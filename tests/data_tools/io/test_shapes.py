@@ -56,7 +56,7 @@ MALFORMED = [
     (
         "fan.obj",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1" + 5001 * " 2 3" + "\n",
-        "corner of 10001 triangles, at most 10000",
+        "corner of 10001 triangles, more than 10000",
     ),
     (
         "fan.off",

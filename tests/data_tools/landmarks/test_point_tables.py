@@ -104,9 +104,9 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
         ("label,x,y,z\nF-1,1,5,2,5,3,5\n", r"row 1 has 7 cells under 4 headings.*decimal points"),
         (
             "label,a,b,c,d\nF-1,1,2,3,4\n",
-            r"not clear from its heading \(label, a, b, c, d\); call one each x, y and z",
+            r"its heading does not say .* \(label, a, b, c, d\). Call one each x, y and z",
         ),
-        ("label,x,y,x,z\nF-1,1,2,3,4\n", "not clear from its heading"),
+        ("label,x,y,x,z\nF-1,1,2,3,4\n", "its heading does not say"),
         ("1,2,3,4,5,6,7\n2,3,4,5,6,7,9\n", "no heading, and 7 columns of numbers"),
         ("label,x,y,z\nF-1,1,2\n", "F-1 has 2 coordinates"),
         ("F-1,1,2,3\nF-2,1,2\n", "row 2 has 3 cells, most have 4|row 1 has 4 cells, most have 3"),

@@ -115,6 +115,6 @@ def test_vertex_areas_of_cloud_and_mesh_agree(sphere):
 
 def test_points_on_a_line_have_no_laplacian_and_that_is_said_in_words():
     line = np.column_stack([np.arange(80.0), np.zeros((80, 2))])
-    with pytest.raises(InputError, match="do not lie on a surface") as caught:
+    with pytest.raises(InputError, match="are not on a surface") as caught:
         surface_operators(Shape.from_arrays(line, np.empty((0, 3), dtype=int), name="line"))
     assert "ASSERT" not in str(caught.value)

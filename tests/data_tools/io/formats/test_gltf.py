@@ -259,7 +259,7 @@ def test_compressed_meshes_are_named_with_a_remedy(tmp_path, extension, word):
             view |= {"buffer": 1, "extensions": {extension: {"buffer": 0}}}
     (tmp_path / "a.glb").write_bytes(scene.glb())
     with pytest.raises(
-        InputError, match=rf"a\.glb: is compressed with {word}, .* export it without compression"
+        InputError, match=rf"a\.glb: is compressed with {word}, .* Export it without compression"
     ):
         read_shape(tmp_path / "a.glb")
 

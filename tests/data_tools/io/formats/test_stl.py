@@ -95,11 +95,11 @@ def test_vertices_are_merged(tmp_path):
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (binary()[:-1], f"promises {NUM} triangles"),
-        (binary(head=b"solid part")[:-51], f"promises {NUM} triangles"),
-        (binary(count=10**9), "promises 1000000000 triangles"),
-        (binary(count=0, tail=b"\0"), "promises 0 triangles"),
-        (binary(count=0, records=b""), "promises 0 triangles"),
+        (binary()[:-1], f"the {NUM} triangles that"),
+        (binary(head=b"solid part")[:-51], f"the {NUM} triangles that"),
+        (binary(count=10**9), "the 1000000000 triangles that"),
+        (binary(count=0, tail=b"\0"), "the 0 triangles that"),
+        (binary(count=0, records=b""), "the 0 triangles that"),
         (b"solid", "truncated STL text, 0 vertices"),
         (
             text(body=FACETS[: FACETS.rindex("endfacet")], end=""),
