@@ -146,3 +146,47 @@ def test_poses_about_an_axis_are_said_to_be_in_doubt():
     assert max(np.degrees(np.arccos(np.clip(axes[0] @ axis, -1, 1))) for axis in axes) < 5.0
     assert (found.confidence < DOUBT).all()
     assert "symmetric" in codes(found.notes)
+
+
+def bumpy(number, subdivisions):
+    """Return surface ``number`` of a family without any symmetry: nine large bumps, and six small ones of its own."""
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    radii = np.ones(len(sphere.vertices))
+    for seed, num, size in ((7, 9, 0.7), (1000 + number, 6, 0.05)):
+        rng = np.random.default_rng(seed)
+        places = rng.normal(size=(num, 3))
+        places /= np.linalg.norm(places, axis=1, keepdims=True)
+        heights, widths = size * rng.uniform(-1, 1, num), rng.uniform(4, 9, num)
+        radii += (heights * np.exp(widths * (sphere.vertices @ places.T - 1.0))).sum(axis=1)
+    return sphere.vertices * radii[:, None] * [1.6, 1.0, 0.75], np.array(sphere.faces)
+
+
+def worst_deg(found, turns):
+    """Return the largest error of a relative rotation."""
+    frames = [R @ turn for R, turn in zip(found.rotations, turns, strict=True)]
+    return max(rotation_angle_deg(one, other) for one in frames for other in frames)
+
+
+def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
+    rng = np.random.default_rng(1)
+    turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
+    given = []
+    for number, turn in enumerate(turns):
+        points, faces = bumpy(number, 4)
+        given.append(((5.0 * points @ turn.T + PLACE).astype(np.float32), faces))
+    found = align_collection(given, run=RunOptions(jobs=1), progress=False)
+    assert worst_deg(found, turns) < 5.0
+    assert "coarse-coordinates" in codes(found.notes)
+
+
+def test_left_and_right_are_told_and_lie_within_few_degrees():
+    rng = np.random.default_rng(2)
+    is_left = np.isin(np.arange(8), (1, 4, 6))
+    turns = [random_rotation(rng) @ np.diag([1.0 - 2.0 * left, 1.0, 1.0]) for left in is_left]
+    given = []
+    for number, (turn, left) in enumerate(zip(turns, is_left, strict=True)):
+        points, faces = bumpy(number, 3)
+        given.append((points @ turn.T, faces[:, :: -1 if left else 1]))
+    found = align_collection(given, run=RunOptions(jobs=1), progress=False)
+    assert found.reflected.tolist() in (is_left.tolist(), (~is_left).tolist())
+    assert worst_deg(found, turns) < 5.0
