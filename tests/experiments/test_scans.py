@@ -70,9 +70,15 @@ def test_pairs_count_within_sixteen_degrees():
     assert (row["class_0"], row["class_2"]) == ("2 of 4", "2 of 2")
     assert "class_1" not in row
     assert row["right"] == pytest.approx(200 / 3)
-    figures = {"errors": [1.0, 40.0, 180.0], "processor_s": 2.0, "stated": 0.5, "sure_wrong": 1}
+    figures = {
+        "errors": [1.0, 40.0, 180.0],
+        "processor_s": 2.0,
+        "stated": 0.5,
+        "sure_wrong": 1,
+        "parts": 2,
+    }
     row = scans.joined_row("views", "collalign", figures)
-    assert (row["median"], row["stated"], row["sure_wrong"]) == (40.0, 50.0, 1)
+    assert (row["median"], row["parts"], row["stated"], row["sure_wrong"]) == (40.0, 2, 50.0, 1)
 
 
 def test_the_quick_run_measures_views_of_a_generated_object(layouts, monkeypatch):
