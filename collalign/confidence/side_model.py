@@ -244,7 +244,9 @@ def are_one_kind(mirrored: BoolArray, edges: IntArray, energies: FloatArray) -> 
     return bool(np.median(least[between]) <= MOST_BETWEEN * np.median(least[~between]))
 
 
-def undecided_sides(fits: Sides, surfaces: SurfaceSides, alone: SurfaceSides) -> BoolArray:
+def undecided_sides(
+    fits: Sides, surfaces: SurfaceSides, alone: SurfaceSides, *, one_kind: bool = True
+) -> BoolArray:
     """Return which shapes may be mirror images of the others although nothing is mirrored, shape (N,).
 
     Parameters
@@ -255,10 +257,12 @@ def undecided_sides(fits: Sides, surfaces: SurfaceSides, alone: SurfaceSides) ->
         Of the same sides.
     alone : SurfaceSides
         The sides that surfaces support best.
+    one_kind : bool
+        Whether these are sides of one kind of shapes (:func:`are_one_kind`): two kinds are no sides.
     """
     is_open = are_open(fits, surfaces)
     is_seen = alone.agreement >= LEAST_OPEN_ALONE or (is_open and surfaces.agreement >= LEAST_OPEN)
-    return ((fits.mirrored | fits.unsure) & is_open) | (alone.mirrored & is_seen)
+    return ((fits.mirrored | fits.unsure) & is_open) | (alone.mirrored & is_seen & one_kind)
 
 
 def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:

@@ -8,7 +8,7 @@ image.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -61,9 +61,8 @@ class Subset:
         are_both = self.mirrored.any() and not self.mirrored.all()
         if alone.are_clear or sides.are_mixed(found, by_surfaces):
             return 1.0 if are_both else -FALSE_ALARM
-        if not sides.are_one_kind(alone.mirrored, compared, energies):
-            alone = replace(alone, mirrored=np.zeros(num, dtype=np.bool_))
-        doubted = sides.undecided_sides(found, by_surfaces, alone)
+        one_kind = sides.are_one_kind(alone.mirrored, compared, energies)
+        doubted = sides.undecided_sides(found, by_surfaces, alone, one_kind=one_kind)
         if not are_both:
             return float(1.0 - doubted.mean())
         return 0.5 * bool(doubted[self.mirrored].all() or doubted[~self.mirrored].all())

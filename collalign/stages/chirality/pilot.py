@@ -142,9 +142,8 @@ def group_of_shapes(
     if are_mixed(sides, surfaces):
         undecided = np.flatnonzero(sides.unsure).tolist()
         return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
-    if not are_one_kind(alone.mirrored, compared, energies):
-        alone = replace(alone, mirrored=np.zeros(num, dtype=np.bool_))
-    doubted = undecided_sides(sides, surfaces, alone)
+    one_kind = are_one_kind(alone.mirrored, compared, energies)
+    doubted = undecided_sides(sides, surfaces, alone, one_kind=one_kind)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     note = _note_of_none(sides, surfaces, doubted, num_better, shapes.names)
     return "SO", (note,), dict.fromkeys(np.flatnonzero(doubted).tolist(), ONE_OF_TWO)
