@@ -135,9 +135,8 @@ def minimise(
         goes_on = is_new & (iteration < max_iterations)
         ended = is_own & ~goes_on
         if not goes_on.any() and not any(len(runs) for runs, _ in ends) and not ended.any():
-            ended[0] = (
-                True  # the last runs swapped maps of equal energy: one of them stands for all
-            )
+            # The last runs swapped maps of equal energy: one of them stands for all.
+            ended[0] = True
         ends.append((active[ended], maps[ended]))
         active = active[goes_on]
         if not len(active):

@@ -32,9 +32,8 @@ def test_the_score_adds_logarithms_and_counts_curvature_twice():
 def test_a_map_between_different_spectra_commutes_where_its_entries_allow():
     target, source = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     entry = np.zeros((3, 3))
-    entry[1, 2] = (
-        1.0  # function 2 of the target (value 2) becomes function 1 of the source (value 3)
-    )
+    # Function 2 of the target (value 2) becomes function 1 of the source (value 3).
+    entry[1, 2] = 1.0
     assert _commutativity_gap(entry, target, source) == pytest.approx((3.0 - 2.0) / (3.0 + 2.0))
     entry = np.zeros((3, 3))
     entry[2, 1] = 1.0

@@ -337,27 +337,15 @@ def test_the_first_axis_has_the_largest_variance_and_nothing_is_mirrored():
 
 def test_signs_are_relative_to_the_first_shape_and_agree_with_most_of_the_evidence():
     truth = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
+    mirrored = [False, True, True, False, True]
     edges = complete_edges(5)
     signs = truth[edges[:, 0]] * truth[edges[:, 1]]
-    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [
-        False,
-        True,
-        True,
-        False,
-        True,
-    ]
+    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == mirrored
     signs[2] *= -1.0
-    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == [
-        False,
-        True,
-        True,
-        False,
-        True,
-    ]
+    assert synchronize_signs(edges, signs, np.ones(10), 5).tolist() == mirrored
     alone = np.full(10, 0.1)
-    alone[[0, 1, 2, 3]] = (
-        1.0  # the first shape's own pairs say all that counts, the wrong one included
-    )
+    # The first shape's own pairs say all that counts, the wrong one included.
+    alone[[0, 1, 2, 3]] = 1.0
     assert synchronize_signs(edges, signs, alone, 5).tolist() == [False, True, True, True, True]
 
 
