@@ -373,7 +373,7 @@ def _moves(
 def _places(
     asked: Sequence[tuple[float, FloatArray]], middle: FloatArray, cell: float
 ) -> list[tuple[float, FloatArray]]:
-    """Return distinct moves with the weight of all moves that agree with each, the largest weight first."""
+    """Return distinct moves with the weight of all moves near each, less of the farther ones, the largest first."""
     if not asked:
         return []
     weights, moves = (
@@ -381,9 +381,11 @@ def _places(
         np.stack([move for _, move in asked]),
     )
     middles = moves[:, :3, :3] @ middle + moves[:, :3, 3]
-    near = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) < 2.0 * AGREE_DEG
-    near &= np.linalg.norm(middles[:, None] - middles, axis=2) < 2.0 * AGREE_CELLS * cell
-    total = near @ weights
+    angles = pose_angle_deg(moves[:, None, :3, :3], moves[None, :, :3, :3]) / (2.0 * AGREE_DEG)
+    gaps = np.linalg.norm(middles[:, None] - middles, axis=2) / (2.0 * AGREE_CELLS * cell)
+    near = (angles < 1.0) & (gaps < 1.0)
+    # Less of what lies farther off: a stray one beside the right ones would count as much as these.
+    total = np.where(near, (1.0 - angles**2) * (1.0 - gaps**2), 0.0) @ weights
     kept: list[int] = []
     for p in np.argsort(-total, kind="stable").tolist():
         if not near[p, kept].any():
