@@ -38,6 +38,7 @@ FEW = collalign.AlignOptions(
     seed=3,
     refine=False,
     incomplete="never",
+    maps="never",
     sampling=SamplingOptions(num_points=16, num_dense_points=0),
 )
 
@@ -47,10 +48,22 @@ def out(tmp_path_factory):
     return finished_run(tmp_path_factory.mktemp("served"), chairs(4), FEW, report=True)
 
 
+@contextmanager
+def answering(place):
+    """A server of a workspace that answers until it is left: one that goes on slows all tests after it."""
+    with served(Workspace(place)) as server:
+        thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
 @pytest.fixture(scope="module")
 def ask(out):
-    with served(Workspace(out)) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
+    with answering(out) as server:
         _, _, host, base = server.address.split("/", 3)
 
         def asked(path, body=None, **headers):
@@ -168,10 +181,11 @@ def test_a_command_runs_in_a_process_of_its_own_until_its_exit_code(ask, out):
 @contextmanager
 def shown(browser, place):
     """The page of a workspace in a browser, and its frame of a task."""
-    with served(Workspace(place)) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        with Page(browser, SimpleNamespace(as_uri=lambda: server.address), offline=False) as opened:
-            yield opened, lambda task: opened.page.frame_locator(f"[data-shows={task}]")
+    with (
+        answering(place) as server,
+        Page(browser, SimpleNamespace(as_uri=lambda: server.address), offline=False) as opened,
+    ):
+        yield opened, lambda task: opened.page.frame_locator(f"[data-shows={task}]")
 
 
 def press(page, button, words):
