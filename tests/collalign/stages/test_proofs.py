@@ -117,7 +117,7 @@ def proof_of(poses):
 
 
 def test_the_record_of_a_list_is_checked_and_says_whether_it_is_complete():
-    problem = Problem.from_user(*planted_cube(5, 0.3, 2))
+    problem = Problem.from_user(*planted_cube(4, 0.2, 2))
     poses = list_poses(problem, within=LISTED_WITHIN, record=True)
     record = decode(encode(to_record(proof_of(poses))), "pair")
     found = from_record(PairProof, record, "pair")
