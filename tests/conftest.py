@@ -74,11 +74,15 @@ def two_cores(monkeypatch):
 
 @pytest.fixture(scope="module")
 def quick_search():
-    """Maps of bending surfaces and poses of parts from fewer starts, in a third of the time."""
+    """Maps and poses from fewer starts, and registrations of fewer Gaussians, in a third of the time."""
     from collalign.nonrigid import portfolio
+    from collalign.registration import register
+    from collalign.stages import steps
     from pairwise.partial import match
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(steps, "MOST_SEARCHED", 0)  # the golden of bodies searches
+        patch.setattr(register, "TUNED", register.TUNED._replace(num_centres=150))
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
         patch.setattr(
             match, "TUNED", match.TUNED._replace(num_rotations=500, num_starts=80, num_refined=15)

@@ -18,8 +18,6 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.pairwise.partial.test_partial_match import cut, moved
 
-pytestmark = pytest.mark.usefixtures("quick_search")
-
 
 @pytest.fixture
 def files(tmp_path, rng):

@@ -23,10 +23,9 @@ from data_tools.surface.topology import boundary_edges
 from tests.pairwise.partial.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
-pytestmark = pytest.mark.usefixtures("quick_search")
 NUM_SHAPES, BROKEN = 5, "tooth3"
 #: Vertices with landmarks; the cut takes some of them.
-LANDMARKS = np.arange(10, 700, 45)
+LANDMARKS = np.arange(10, 480, 30)
 
 
 class Teeth:
@@ -34,7 +33,7 @@ class Teeth:
 
     def __init__(self, folder):
         rng = np.random.default_rng(5)
-        teeth = deformed_family(crown(rng, num_vertices=800), NUM_SHAPES, rng, rms=0.01)
+        teeth = deformed_family(crown(rng, num_vertices=500), NUM_SHAPES, rng, rms=0.01)
         (folder / "shapes").mkdir()
         self.whole = {}
         for number, tooth in enumerate(teeth):

@@ -29,7 +29,7 @@ from tests.notes import codes
 pytestmark = pytest.mark.usefixtures("quick_search")
 NUM, SIZE = 6, 12
 #: Which vertex of the blob is each vertex of its bent copies.
-ORDERS = [np.random.default_rng(n).permutation(1500) for n in range(4)]
+ORDERS = [np.random.default_rng(n).permutation(700) for n in range(4)]
 
 
 def planted(rng, *, num_wrong=0):
