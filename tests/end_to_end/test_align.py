@@ -26,8 +26,9 @@ from data_tools.rotations import rotation_angle_deg
 from tests.finished_runs import chairs
 from tests.notes import codes
 
-OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=24, num_dense_points=0))
+OPTIONS = AlignOptions(maps="never", sampling=SamplingOptions(num_points=24, num_dense_points=0))
 FLAGS = ["--sampling.num-points", "24", "--sampling.num-dense-points", "0", "--jobs", "1"]
+FLAGS += ["--maps", "never"]
 
 
 @pytest.fixture(scope="module")
@@ -211,7 +212,7 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
     (mixed / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
     (mixed / "notes.md").write_text("not a shape")
     out = tmp_path / "out"
-    assert main(["align", str(mixed), "--out", str(out), *FLAGS]) == 3
+    assert main(["align", str(mixed), "--out", str(out), "--no-report", *FLAGS]) == 3
     captured = capsys.readouterr()
     assert "broken.ply" in captured.err
     assert "notes.md" in captured.out
@@ -292,7 +293,7 @@ def test_pruning_leaves_what_the_same_command_needs(folder, out, capsys):
         store.put("pairs", "a" * 40, {"energy": 0.5})
     assert main(["status", str(out), "--prune", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["removed"] == 1
-    assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
+    assert main(["align", str(folder), "--out", str(out), "--no-report", *FLAGS]) == 0
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
@@ -325,25 +326,26 @@ def test_adding_shapes_moves_nothing(grown, planted):
 
 def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
     inbox, before = tmp_path / "inbox", (out / "alignment.json").read_bytes()
+    command = ["add", str(out), str(inbox), "--jobs", "1", "--no-report"]
     shutil.copytree(folder, inbox)
     (inbox / "chair1.ply").rename(inbox / "another name.ply")
-    assert main(["add", str(out), str(inbox), "--jobs", "1", "--json"]) == 0
+    assert main([*command, "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["known"]) == 5
     assert (out / "alignment.json").read_bytes() == before
     write_mesh(
         inbox / "late.ply",
         read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])),
     )
-    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
+    assert main(command) == 0
     assert (
         "Skipped 5 files that the collection has already: another name.ply (as chair1), "
         in capsys.readouterr().out
     )
     assert len(json.loads((out / "run.json").read_text())["known"]) == 5
-    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 0
+    assert main(command) == 0
     assert "nothing new to add" in capsys.readouterr().out
     np.savetxt(inbox / "chair2.ply", np.eye(3))
-    assert main(["add", str(out), str(inbox), "--jobs", "1"]) == 2
+    assert main(command) == 2
     assert "a shape called 'chair2' already; rename the new one" in capsys.readouterr().err
 
 
@@ -452,7 +454,7 @@ def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
-    command = ["align", str(folder), "--out", str(out), *FLAGS]
+    command = ["align", str(folder), "--out", str(out), "--no-report", *FLAGS]
     shapes = json.loads((out / "alignment.json").read_text())["shapes"]
     linear = np.array(shapes[2]["transform"])[:3, :3]
     flipped = np.diag([1.0, -1.0, -1.0]) @ linear / np.cbrt(np.linalg.det(linear))

@@ -16,7 +16,8 @@ from tests.finished_runs import chairs
 from tests.notes import only
 
 NUM = 4
-OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}
+OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}}
+OPTIONS |= {"incomplete": "never", "maps": "never"}
 
 
 @pytest.fixture(scope="module")
