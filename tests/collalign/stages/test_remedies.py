@@ -75,8 +75,11 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(said):
 def test_open_surfaces_in_doubt_may_be_incomplete(said, doubted, named):
     found = said(sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))))
     assert found == ([Note("open-borders", tuple(named))] if named else [])
-    told = replace(OPTIONS, incomplete="never")
-    assert said(sure(**doubted), pairs_at(np.tile(np.eye(3), (NUM, 1, 1))), told) == []
+
+
+def test_nobody_asks_for_incomplete_shapes_who_was_told_of_none(said):
+    told, pairs = replace(OPTIONS, incomplete="never"), pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
+    assert said(sure(s1=0.2), pairs, told) == []
 
 
 def test_a_shape_of_another_kind_is_not_taken_for_incomplete(said):

@@ -44,7 +44,7 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 NO_TURNS = np.zeros((0, 3, 3))
 
 
-def samples_of(shapes, num_dense_points=400):
+def samples_of(shapes, num_dense_points=200):
     options = SamplingOptions(num_points=16, num_dense_points=num_dense_points)
     return [sample_shape(shape, options, EmbeddingOptions(kind="xyz")) for shape in shapes]
 
