@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 def made(folder):
     shapes = chairs(3).shapes
     named = {"<one>": shapes[0], "two": shapes[1], "points": shapes[2].vertices}
-    options = {"seed": 3, "sampling": {"num_points": 16, "num_dense_points": 0}}
+    options = {"seed": 3, "maps": "never", "sampling": {"num_points": 16, "num_dense_points": 0}}
     aligned = collalign.align_collection(named, options=options, seed=1, jobs=1, progress=False)
     aligned.save(folder, report=False)
     return aligned
@@ -37,7 +37,7 @@ def result(request, made, folder):
 
 def test_options_may_be_keywords_which_win_and_tables(result):
     sampling = SamplingOptions(num_points=16, num_dense_points=0)
-    assert result.options == collalign.AlignOptions(seed=1, sampling=sampling)
+    assert result.options == collalign.AlignOptions(seed=1, maps="never", sampling=sampling)
 
 
 def test_shapes_are_found_by_name_and_position(result, made):

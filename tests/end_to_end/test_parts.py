@@ -20,6 +20,7 @@ from data_tools.surface.shape import Shape
 
 NUM = 4
 FLAGS = ["--sampling.num-points", "32", "--sampling.num-dense-points", "60", "--jobs", "1"]
+FLAGS += ["--maps", "never", "--no-report"]
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +164,7 @@ def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder):
         progress=False,
         jobs=1,
         incomplete="never",
+        maps="never",
     )
     first = dict(read_shape(folder / "s0.*").parts)["cranium"]
     assert 0 < (fine.samples[0] >= first).sum() < 12
