@@ -18,10 +18,10 @@ from tests.job_functions import end_as_told
 
 #: How many files of each kind are damaged here.
 NUMBERS = {
-    "shapes": 150,
-    "landmarks": 60,
+    "shapes": 90,
+    "landmarks": 40,
     "stores": 30,
-    "records": 100,
+    "records": 60,
     "certificate-files": 30,
     "configs": 10,
 }

@@ -53,7 +53,7 @@ def planted(tmp_path_factory):
     """Five teeth in random poses, one of them without a quarter, and the turn of each."""
     rng = np.random.default_rng(11)
     folder = tmp_path_factory.mktemp("teeth")
-    teeth = deformed_family(crown(rng, num_vertices=900), 5, rng, rms=0.015)
+    teeth = deformed_family(crown(rng, num_vertices=600), 5, rng, rms=0.015)
     turns = np.stack([random_rotation(rng) for _ in teeth])
     for number, (tooth, turn) in enumerate(zip(teeth, turns, strict=True)):
         name = f"tooth{number}"
@@ -188,7 +188,7 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
 
     monkeypatch.setattr("collalign.stages.steps.gather_trust", counted)
     rng = np.random.default_rng(3)
-    teeth = deformed_family(crown(rng, num_vertices=900), 7, rng, rms=0.012)
+    teeth = deformed_family(crown(rng, num_vertices=600), 7, rng, rms=0.012)
     for number, tooth in enumerate(teeth):
         part = cut(tooth, np.array([1.0, 0.3, 0.2]), 0.25) if number == 4 else tooth
         write_mesh(
