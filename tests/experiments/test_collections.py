@@ -28,7 +28,7 @@ def posed(shape, rng, side=1):
 
 def chiral_crown(rng):
     """A crown that is longer than wide and twisted, so that its mirror image is another shape."""
-    shape = crown(num_vertices=700)
+    shape = crown(num_vertices=560)
     x, y, z = (shape.vertices * [1.5, 1.0, 1.0]).T
     angle = 0.6 * z
     twisted = np.column_stack(
@@ -63,7 +63,7 @@ def write_teeth(folder):
 
 def write_class(folder):
     rng = np.random.default_rng(4)
-    for number, shape in enumerate(deformed_family(chair(), 4, rng, rms=0.01)):
+    for number, shape in enumerate(deformed_family(chair(resolution=1), 4, rng, rms=0.01)):
         vertices = posed(shape, rng)
         write_mesh(folder / "meshes" / f"{number}.off", Shape.from_arrays(vertices, shape.faces))
         rows = [f"{i} " + " ".join(map(str, vertices[i])) for i in range(0, 200, 20)]
