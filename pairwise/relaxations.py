@@ -1,20 +1,19 @@
-"""The entry point of PM-SDP: checks the problem, picks the solver, returns values with their proof."""
+"""The entry point of PM-SDP: checks the problem, solves it, returns values with their proof."""
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, read_only
-from data_tools.errors import OptionsError
+from data_tools.checks import check_count, check_number
 from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.certify import certify_dual
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
-from pairwise.reference.constraints import check_limits
 from pairwise.results import RelaxationResult
 
 
@@ -23,9 +22,8 @@ def solve_relaxation(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    solver: str = "dual",
     tol: float = 1e-6,
-    max_iterations: int | None = None,
+    max_iterations: int = 100,
     time_limit_s: float | None = None,
     cross_products: bool = False,
     row_sums: bool = True,
@@ -41,12 +39,9 @@ def solve_relaxation(
     ----------
     target, source : array_like, shapes (n, d) and (k, d)
         Points are rows; k <= n.
-    solver : {"dual", "scs", "clarabel"}
-        The structured interior-point method, or a general conic solver through CVXPY (no certificate).
     tol : float
         Relative gap between value and bound at which to stop.
-    max_iterations : int, optional
-        The solver's own limit by default.
+    max_iterations : int
     time_limit_s : float, optional
     cross_products : bool
         Use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
@@ -65,7 +60,7 @@ def solve_relaxation(
     InputError
         If the points or the allowed matches do not make a problem.
     OptionsError
-        If an option is unknown or out of range.
+        If an option is out of range.
 
     Examples
     --------
@@ -74,19 +69,23 @@ def solve_relaxation(
     >>> bool(abs(found.lower_bound) < 1e-4)
     True
     """
-    if solver not in ("dual", "scs", "clarabel"):
-        raise OptionsError(f"solver: expected 'dual', 'scs' or 'clarabel', got {solver!r}")
     check_limits(tol, max_iterations, time_limit_s)
-    problem = Problem.from_user(target, source, **problem_arguments)
-    limits: dict[str, Any] = {"tol": tol, "time_limit_s": time_limit_s}
-    if max_iterations is not None:
-        limits["max_iterations"] = max_iterations
-    equations = {"cross_products": cross_products, "row_sums": row_sums}
-    if solver != "dual":
-        from pairwise.reference.pm_sdp import solve_reference
+    return solve_pm_sdp(
+        Problem.from_user(target, source, **problem_arguments),
+        cross_products=cross_products,
+        row_sums=row_sums,
+        tol=tol,
+        max_iterations=max_iterations,
+        time_limit_s=time_limit_s,
+    )
 
-        return solve_reference(problem, solver=solver, **equations, **limits)
-    return solve_pm_sdp(problem, **equations, **limits)
+
+def check_limits(tol: float, max_iterations: int, time_limit_s: float | None) -> None:
+    """Refuse a tolerance or a limit that no solver can have."""
+    check_number("tol", tol, upper=1.0, positive=True)
+    check_count("max_iterations", max_iterations, lower=1)
+    if time_limit_s is not None:
+        check_number("time_limit_s", time_limit_s, positive=True)
 
 
 @one_blas_thread()

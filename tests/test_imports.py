@@ -136,10 +136,6 @@ def test_a_package_that_is_needed_is_noticed():
     assert "No module named 'scipy" in run_without(("scipy",)).stderr
 
 
-def relax():
-    return pairwise.solve_relaxation(np.eye(4, 3), np.eye(4, 3), solver="scs")
-
-
 def use_scheduler():
     run = RunOptions(scheduler="tcp://127.0.0.1:9")
     return collalign.align_collection([np.eye(8, 3)] * 2, run=run, progress=False)
@@ -148,7 +144,6 @@ def use_scheduler():
 @pytest.mark.parametrize(
     ("package", "call", "advice"),
     [
-        ("cvxpy", relax, "pip install cvxpy"),
         ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
     ],
 )

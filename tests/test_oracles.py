@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.reference.pm_sdp import solve_reference
 from pairwise.problem.problem import Problem
-from pairwise.reference.pm_sdp import solve_reference
 from tests.oracles import (
     brute_force,
     check_pose,

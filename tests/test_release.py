@@ -12,7 +12,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 RECIPE = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text("utf-8"))
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 #: Packages that conda-forge calls otherwise; without their optional parts.
-CONDA_NAMES = {"cvxpy": "cvxpy-base", "matplotlib": "matplotlib-base", "msgpack": "msgpack-python"}
+CONDA_NAMES = {"matplotlib": "matplotlib-base", "msgpack": "msgpack-python"}
 
 
 def faults(workflow):

@@ -15,9 +15,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import cvxpy as cp
+
+from experiments.reference.pm_sdp import Model, build_model, solve_model
 from pairwise.problem.problem import Problem
-from pairwise.reference.constraints import cvxpy_module
-from pairwise.reference.pm_sdp import Model, build_model, solve_model
 from pairwise.results import RelaxationResult
 
 
@@ -34,7 +35,7 @@ def solve_full_lifted(
     """Solve the full lifted relaxation through CVXPY.
 
     As published unless ``row_sums`` are asked for.
-    Parameters are those of :func:`pairwise.reference.pm_sdp.solve_reference`; so is the result, and the errors.
+    Parameters are those of :func:`experiments.reference.pm_sdp.solve_reference`; so is the result, and the errors.
     Memory grows with (n k)^2 and time with a high power of it: n = k = 8 is comfortable.
     """
     model = lift_fully(build_model(problem, cross_products=cross_products, row_sums=row_sums))
@@ -45,7 +46,6 @@ def solve_full_lifted(
 
 def lift_fully(model: Model) -> Model:
     """Return the model with the blocks of all source points replaced by the one large block."""
-    cp = cvxpy_module()
     problem = model.problem
     num, r = len(model.source_index), problem.pattern.num_entries
     lifted = cp.Variable((1 + num + r, 1 + num + r), PSD=True)

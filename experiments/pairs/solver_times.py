@@ -19,7 +19,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from experiments.figures.planted import planted_problem
-from pairwise.reference.pm_sdp import solve_reference
+from experiments.reference.pm_sdp import solve_reference
 from pairwise.relaxations import solve_pm_sdp
 
 #: Gap asked for; the figures ask for values within 1e-5.

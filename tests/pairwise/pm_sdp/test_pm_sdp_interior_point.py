@@ -178,7 +178,7 @@ def test_scale_and_order_do_not_matter(rng):
 
 @pytest.mark.parametrize(
     "options",
-    [{"solver": "mosek"}, {"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}],
+    [{"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}],
 )
 def test_impossible_options_are_refused(options):
     with pytest.raises(OptionsError):

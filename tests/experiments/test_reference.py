@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from data_tools.errors import OptionsError
+from experiments.reference.pm_sdp import solve_reference
 from pairwise.problem.problem import Problem
-from pairwise.reference.pm_sdp import solve_reference
 from pairwise.status import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import catalogue, planted, random_rotation

@@ -23,18 +23,18 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray, read_only
-from pairwise.problem.problem import Problem, assignment_support
-from pairwise.reference.constraints import (
+from experiments.reference.constraints import (
     cross_product_equations,
-    cvxpy_module,
     hull_constraints,
     orthogonality_equations,
     solve_program,
 )
+from pairwise.problem.problem import Problem, assignment_support
 from pairwise.results import RelaxationResult
 from pairwise.status import Status
 
@@ -132,7 +132,6 @@ def solve_reference(
 
 def build_model(problem: Problem, *, cross_products: bool = False, row_sums: bool = True) -> Model:
     """Write PM-SDP of a problem in CVXPY, in the reduced form of the module's docstring."""
-    cp = cvxpy_module()
     j, i = np.nonzero(problem.allowed.T)
     r, m = problem.pattern.num_entries, len(i)
     x, b = cp.Variable(m, nonneg=True), cp.Variable((r, m))
@@ -158,7 +157,7 @@ def build_model(problem: Problem, *, cross_products: bool = False, row_sums: boo
 
 def _sums_to(sums: Any, entries: Any) -> Any:
     """Return the constraint that every column of an (r, m) expression is [R], shape (r,)."""
-    columns = cvxpy_module().reshape(entries, (entries.size, 1), order="F")
+    columns = cp.reshape(entries, (entries.size, 1), order="F")
     return sums == columns @ np.ones((1, sums.shape[1]))
 
 
@@ -173,8 +172,6 @@ def rotation_constraints(
     problem: Problem, c: Any, entries: Any, *, cross_products: bool
 ) -> list[Any]:
     """Return orthogonality of the lifted R, and its hull or its cross products for rotation blocks."""
-    cp = cvxpy_module()
-
     pattern = problem.pattern
     lifted = [orthogonality_equations(pattern)]
     blocks = pattern.special_blocks
@@ -199,8 +196,6 @@ def solve_model(
     time_limit_s: float | None = None,
 ) -> RelaxationResult:
     """Solve a model built by :func:`build_model`; see :func:`solve_reference`."""
-    cp = cvxpy_module()
-
     program = cp.Problem(cp.Minimize(model.objective), [*model.linear, *model.blocks])
     status = solve_program(
         program, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s
@@ -231,8 +226,6 @@ def _objective(
     problem: Problem, i: IntArray, j: IntArray, x: Any, b: Any
 ) -> tuple[Any, float, float]:
     """Return the linear energy of the allowed matches divided by a scale, that scale, and the constant."""
-    cp = cvxpy_module()
-
     weights = problem.weights
     linear = weights[j] * (problem.target[i] ** 2).sum(axis=1) + problem.constant_cost[i, j]
     rows, cols = problem.pattern.entries
