@@ -15,7 +15,7 @@ from collalign.landmarks.templates import SemilandmarkKeywords
 from collalign.nonrigid.map_options import NonrigidKeywords
 from collalign.options import AlignKeywords, TwoShapeKeywords
 from collalign.products.own import Own, OwnKeywords
-from collalign.synchronization.problem.graph import GraphArguments
+from collalign.synchronization.graph import GraphArguments
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningKeywords, EmbeddingKeywords, SamplingKeywords
 from pairwise.matching import MatchKeywords

@@ -17,7 +17,7 @@ CALLED_ALIKE = (
 )
 #: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
-    "hypotheses": {"synchronization/solvers"},
+    "hypotheses": {"synchronization"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense", "stages/deformation"},
     "maps": {

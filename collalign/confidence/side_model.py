@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from collalign.synchronization.solvers.spectral import synchronize_signs
+from collalign.synchronization.spectral import synchronize_signs
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError
 

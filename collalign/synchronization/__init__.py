@@ -1,12 +1,12 @@
 """One consistent pose per shape from many pairs that are partly wrong, with doubts."""
 
+from collalign.synchronization.blockwise import SynchronizationResult
 from collalign.synchronization.clusters import find_parts
 from collalign.synchronization.gauge import principal_axes_gauge
+from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.permutations import synchronize_maps
-from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.result import SynchronizationResult
 from collalign.synchronization.solve import synchronize, synchronize_graph
-from collalign.synchronization.solvers.spectral import alternate_assignments
+from collalign.synchronization.spectral import alternate_assignments
 
 __all__ = [
     "PairGraph",

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
-from collalign.synchronization.problem.checks import transposed
-from collalign.synchronization.problem.graph import PairGraph
+from collalign.synchronization.checks import transposed
+from collalign.synchronization.graph import PairGraph
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import OptionsError
 from data_tools.threads import one_blas_thread

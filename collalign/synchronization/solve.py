@@ -8,15 +8,15 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.checks import angles_rad, check_pattern, relative, transposed
-from collalign.synchronization.problem.graph import GraphArguments, PairGraph
-from collalign.synchronization.result import SynchronizationResult
-from collalign.synchronization.solvers.blockwise import (
+from collalign.synchronization.blockwise import (
+    SynchronizationResult,
     connectivity_warnings,
     robust_synchronization,
 )
-from collalign.synchronization.solvers.spectral import spectral_frames
+from collalign.synchronization.checks import angles_rad, check_pattern, relative, transposed
+from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.graph import GraphArguments, PairGraph
+from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice
 from data_tools.errors import InputError

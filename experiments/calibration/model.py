@@ -12,7 +12,7 @@ import numpy as np
 from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
-from collalign.synchronization.problem import priors
+from collalign.synchronization import model
 from data_tools.rotations import rotation_angle_deg
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.aligning import pose_some
@@ -56,8 +56,8 @@ def measure_model(data: Path, collections: Sequence[str], quick: bool) -> dict[s
 
 
 CALIBRATION = Calibration(
-    module=priors.__name__,
-    constants=constants_of(priors.PRIORS, "noise_rad", "outliers", "log_odds"),
+    module=model.__name__,
+    constants=constants_of(model.PRIORS, "noise_rad", "outliers", "log_odds"),
     measure=measure_model,
     collections=("teeth", "glasses", "ant"),
 )

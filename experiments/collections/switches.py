@@ -18,7 +18,7 @@ from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.pairs.match import MATCHING
 from collalign.stages.trust import rival_poses as rivals
-from collalign.synchronization.problem.priors import PRIORS
+from collalign.synchronization.model import PRIORS
 from data_tools.arrays import FloatArray
 
 #: What a switch needs of a collection to change anything, and which of its results are taken from a store.
@@ -85,7 +85,7 @@ def _no_rotations(edges: Any, costs: Any, *, start: FloatArray, fixed: Any) -> F
 
 
 _COSTS = "collalign.confidence.candidate_model"
-_SYNC = "collalign.synchronization.solvers"
+_SYNC = "collalign.synchronization"
 _TRUST = "collalign.stages.trust.assess"
 _MODEL = "collalign.confidence.pose_model"
 _STEPS = "collalign.stages.steps"

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from collalign.synchronization import PairGraph, synchronize, synchronize_graph
-from collalign.synchronization.problem.checks import angles_rad
-from collalign.synchronization.problem.model import EdgeModel
+from collalign.synchronization.checks import angles_rad
+from collalign.synchronization.model import EdgeModel
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import RotationPattern
 from tests.notes import codes

@@ -5,7 +5,7 @@ import pytest
 
 from collalign.stages.poses.placement import common_scales
 from collalign.synchronization import alternate_assignments, synchronize_maps
-from collalign.synchronization.solvers.spectral import assign_all_pairs
+from collalign.synchronization.spectral import assign_all_pairs
 from data_tools.errors import InputError
 from tests.synchronization_problems import complete_edges, random_rotations, regular_edges
 

@@ -8,22 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
+from collalign.synchronization.blockwise import connectivity_warnings, restricted
+from collalign.synchronization.checks import relative, transposed
 from collalign.synchronization.clusters import pair_affinity, part_rotations, spectral_clusters
 from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.problem.checks import relative, transposed
-from collalign.synchronization.problem.model import (
-    EdgeModel,
-    _fitted_noise,
-    _fitted_power,
-    candidate_features,
-    group_volume,
-    relative_energies,
-    relative_weights,
-    squared_distances,
-)
-from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.blockwise import connectivity_warnings, restricted
-from collalign.synchronization.solvers.hypotheses import (
+from collalign.synchronization.hypotheses import (
     FORBIDDEN,
     Hypotheses,
     _add_own_hypotheses,
@@ -33,8 +22,19 @@ from collalign.synchronization.solvers.hypotheses import (
     aligned_candidates,
     hypothesis_costs,
 )
-from collalign.synchronization.solvers.search import State, common_costs
-from collalign.synchronization.solvers.spectral import synchronize_signs
+from collalign.synchronization.model import (
+    PRIORS,
+    EdgeModel,
+    _fitted_noise,
+    _fitted_power,
+    candidate_features,
+    group_volume,
+    relative_energies,
+    relative_weights,
+    squared_distances,
+)
+from collalign.synchronization.search import State, common_costs
+from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
 from pairwise.problem.pattern import RotationPattern

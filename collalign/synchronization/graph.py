@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix, csr_matrix
 
-from collalign.synchronization.problem.checks import check_pattern, checked_edges, checked_energies
+from collalign.synchronization.checks import check_pattern, checked_edges, checked_energies
 from data_tools.arrays import (
     BoolArray,
     FloatArray,

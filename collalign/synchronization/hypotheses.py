@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.synchronization.problem.graph import PairGraph
-from collalign.synchronization.problem.model import EdgeModel
-from collalign.synchronization.problem.priors import PRIORS
+from collalign.synchronization.graph import PairGraph
+from collalign.synchronization.model import PRIORS, EdgeModel
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.poses import APART_DEG
 

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_matrix, diags, identity
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from collalign.synchronization.problem.graph import PairGraph, block_matrix, degrees
+from collalign.synchronization.graph import PairGraph, block_matrix, degrees
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread

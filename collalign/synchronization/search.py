@@ -7,17 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collalign.synchronization.problem.graph import PairGraph, degrees
-from collalign.synchronization.problem.model import EdgeModel
-from collalign.synchronization.problem.priors import PRIORS
-from collalign.synchronization.solvers.hypotheses import (
+from collalign.synchronization.graph import PairGraph, degrees
+from collalign.synchronization.hypotheses import (
     Hypotheses,
     aligned_candidates,
     hypothesis_costs,
     propagate_beliefs,
     propose_hypotheses,
 )
-from collalign.synchronization.solvers.robust import maximise_likelihood, weighted_start
+from collalign.synchronization.model import PRIORS, EdgeModel
+from collalign.synchronization.robust import maximise_likelihood, weighted_start
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Costs that fall by less than this, nats, have not fallen.

@@ -1,1 +1,0 @@
-"""The graph of pairs, its checks, its geometry, its noise model."""
