@@ -19,7 +19,6 @@ from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import shown_pair
 from collalign.output.provenance import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
-from collalign.output.report.shown import some_shapes
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
 from collalign.output.write import WRITER, save_collection
 from collalign.products.named_frame import NamedFrame
@@ -107,7 +106,7 @@ def _part(collection: CollectionData, chosen: IntArray) -> CollectionData:
         for one in map(collection.shape_at, chosen.tolist())
     ]
     vertices, faces = zip(*meshes, strict=True)
-    part = some_shapes(replace(collection, vertices=(), faces=(), places=()), chosen)
+    part = replace(collection, vertices=(), faces=(), places=()).some(chosen)
     return replace(
         part, vertices=vertices, faces=faces, pairs=[shown_pair(pair) for pair in part.pairs]
     )

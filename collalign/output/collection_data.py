@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self, overload
+from typing import Annotated, Any, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from data_tools.options import AS_STORED
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
+T = TypeVar("T")
 #: The folder of a result in which the aligned shapes lie.
 MESH_FOLDER = "meshes"
 
@@ -290,6 +291,39 @@ class CollectionData:
                 "there are no maps of all vertices; align with deformable=True (--deformable)"
             )
         return self.made.vertices
+
+    def some(self, chosen: IntArray) -> Self:
+        """Return the collection as if there were only some of its shapes, given by position, ascending."""
+        position = {shape: at for at, shape in enumerate(chosen.tolist())}
+
+        def of(values: tuple[T, ...]) -> tuple[T, ...]:
+            return tuple(values[at] for at in position) if values else ()
+
+        return replace(
+            self,
+            names=of(self.names),
+            files=of(self.files),
+            transforms=self.transforms[chosen],
+            confidence=self.confidence[chosen],
+            samples=self.samples[chosen],
+            positions=self.positions[chosen],
+            maps=ConsistentMaps(names=of(self.names), labels=self.maps.labels[chosen]),
+            landmarks=self.landmarks[chosen],
+            pairs=[
+                replace(pair, target=position[pair.target], source=position[pair.source])
+                for pair in self.pairs
+                if {pair.target, pair.source} <= position.keys()
+            ],
+            alternatives=of(self.alternatives),
+            part_numbers=self.part_numbers[chosen],
+            incomplete=tuple(
+                one.among(position) for one in self.incomplete if one.shape in position
+            ),
+            labels={column: of(values) for column, values in self.labels.items()},
+            vertices=of(self.vertices),
+            faces=of(self.faces),
+            places=of(self.places),
+        )
 
     @property
     def made(self) -> Made:

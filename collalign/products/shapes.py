@@ -84,6 +84,15 @@ class Incomplete:
         """The share of its partners' surfaces that it covers."""
         return float(self.overlaps[:, 0].mean()) if len(self.overlaps) else float("nan")
 
+    def among(self, position: Mapping[int, int]) -> Incomplete:
+        """Return what is known of it by the new positions of some shapes, with its partners that have one."""
+        partners = self.partners.tolist()
+        kept = np.array([at in position for at in partners], dtype=bool)
+        there = np.array([position[at] for at in partners if at in position], dtype=np.int64)
+        return replace(
+            self, shape=position[self.shape], partners=there, overlaps=self.overlaps[kept]
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Excluded:

@@ -1,4 +1,8 @@
-"""Fills the page's template: everything inside one file that opens from disk without a network."""
+"""Fills the page's template: everything inside one file that opens from disk without a network.
+
+A browser holds some hundreds of shapes, and collections have thousands. The first page shows the most doubtful shapes
+and others evenly spaced. All shapes are on further pages, each with shapes that were compared with each other.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,18 @@ import html
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from collalign.output.collection_data import CollectionData
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.report.content import build_content
-from collalign.output.report.shown import MOST_SHOWN, page_members, shown_part, some_shapes
 from collalign.products.trust import DOUBT
 from collalign.wording import note_text
 from data_tools.arrays import IntArray
@@ -24,6 +29,42 @@ from data_tools.errors import CollalignError
 from data_tools.notes import Note
 from data_tools.percent import MAX_NAMED, percent
 from data_tools.threads import one_blas_thread
+
+#: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.
+MOST_SHOWN = 600
+
+
+def shown_part(collection: CollectionData) -> CollectionData:
+    """Return the collection as far as a page shows it: all of it, or some shapes with a note that says so."""
+    if len(collection) <= MOST_SHOWN:
+        return collection
+    numbers = {"num": MOST_SHOWN, "total": len(collection), "num_doubtful": MOST_SHOWN // 2}
+    part = collection.some(chosen_shapes(collection, MOST_SHOWN))
+    return replace(part, notes=(*collection.notes, Note("shown-in-part", values=numbers)))
+
+
+def page_members(collection: CollectionData) -> list[IntArray]:
+    """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
+
+    Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
+    """
+    num = len(collection)
+    agreeing = [(pair.target, pair.source) for pair in collection.pairs if pair.inlier]
+    ends = np.array(agreeing, dtype=np.int64).reshape(-1, 2)
+    rows, cols = np.concatenate([ends, ends[:, ::-1]]).T
+    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(num, num)).tocsr()
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
+    num_pages = -(-num // MOST_SHOWN)
+    return [np.sort(members) for members in np.array_split(order, num_pages)]
+
+
+def chosen_shapes(collection: CollectionData, most: int) -> IntArray:
+    """Return positions of the least confident shapes, half of ``most``, and of others evenly spaced; ascending."""
+    order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")
+    doubtful, others = order[: most // 2], np.sort(order[most // 2 :])
+    spaced = others[np.linspace(0, len(others) - 1, most - len(doubtful)).round().astype(np.int64)]
+    return np.sort(np.concatenate([doubtful, spaced]))
+
 
 #: Folder beside the report with the pages that show all shapes of a large collection.
 PAGES_FOLDER = "report_pages"
@@ -115,7 +156,7 @@ def report_pages(collection: CollectionData, path: Path, *, title: str) -> Itera
         again=again,
     )
     for number, members in enumerate(pages, 1):
-        shown = some_shapes(collection, members)
+        shown = collection.some(members)
         summary = f"{_steps(number, len(pages), path.name)}{_summary(shown, ())}"
         place = path.parent / page_path(number)
         yield Page(

@@ -115,14 +115,9 @@ def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
 
 
-def _pairs_among(collection: Collection, members: Sequence[int]) -> list[AlignedPair]:
+def _pairs_among(collection: Collection, members: Sequence[int]) -> Sequence[AlignedPair]:
     """Return the pairs of the result with both shapes among the members, by position among these."""
-    at = {shape: position for position, shape in enumerate(members)}
-    pairs = [
-        replace(pair, target=at[pair.target], source=at[pair.source])
-        for pair in collection.pairs
-        if pair.target in at and pair.source in at
-    ]
+    pairs = collection.some(np.array(members)).pairs
     if not pairs:
         raise InputError(
             "shapes: the result holds no pair of these shapes; name others, or align with --pairs all"

@@ -12,7 +12,6 @@ import numpy as np
 from collalign.analysis.procrustes import MIN_LABELS, common_labels, generalized_procrustes
 from collalign.output.collection import Collection
 from collalign.output.members import Members
-from collalign.output.report.shown import some_shapes
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
@@ -64,9 +63,7 @@ class ExportRequest:
         """The same of the shapes alone that count in statistics."""
         names = {name for name, _ in self.who.left_out}
         chosen = [at for at, name in enumerate(self.collection.names) if name not in names]
-        return replace(
-            self, collection=some_shapes(self.collection, np.array(chosen, dtype=np.int64))
-        )
+        return replace(self, collection=self.collection.some(np.array(chosen, dtype=np.int64)))
 
     def transforms(self) -> FloatArray:
         """Take file coordinates to the space asked for, shape (N, 4, 4).

@@ -11,7 +11,6 @@ from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.provenance import write_tool_record
-from collalign.output.report.shown import some_shapes
 from collalign.tools.export.formats import (
     mesh_writer,
     write_markups,
@@ -122,7 +121,7 @@ def export(
         ) as output:
             request = ExportRequest(
                 system=system,
-                collection=some_shapes(collection, np.array(written, dtype=np.int64))
+                collection=collection.some(np.array(written, dtype=np.int64))
                 if exclude
                 else collection,
                 folder=output.staging,

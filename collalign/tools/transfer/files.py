@@ -16,8 +16,7 @@ from collalign.landmarks.table import slider_rows
 from collalign.output.collection import Collection
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.content import shapes_content
-from collalign.output.report.page import opener, render_page
-from collalign.output.report.shown import shown_part
+from collalign.output.report.page import opener, render_page, shown_part
 from collalign.tools.transfer.run import TransferredLandmarks
 from collalign.wording import note_text
 from data_tools.io.coordinate_systems import declared_system

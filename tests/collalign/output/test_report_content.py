@@ -16,10 +16,9 @@ from scipy.spatial.transform import Rotation
 from collalign.output import report
 from collalign.output.members import statistics_members
 from collalign.output.report.content import build_content, categories
-from collalign.output.report.page import report_pages, write_report
+from collalign.output.report.page import page_members, report_pages, shown_part, write_report
 from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.sections import offered_poses, shape_map
-from collalign.output.report.shown import page_members, shown_part
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete

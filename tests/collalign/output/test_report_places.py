@@ -7,7 +7,6 @@ import pytest
 
 from collalign.output.loading import load
 from collalign.output.report.content import build_content, place_meshes
-from collalign.output.report.shown import some_shapes
 from data_tools.errors import InputError
 from tests.collalign.output.test_report_content import unpack
 from tests.view_problems import view_of, write_result
@@ -50,10 +49,10 @@ def test_every_shape_with_maps_is_drawn_in_its_colours():
 
 def test_pages_show_the_colours_of_their_shapes():
     view = mapped_view()
-    shown = some_shapes(view, np.array([1, WITHOUT]))
+    shown = view.some(np.array([1, WITHOUT]))
     assert np.array_equal(shown.places[0], view.places[1])
     assert len(shown.places[1]) == 0
-    assert some_shapes(view_of(4), np.array([1])).places == ()
+    assert view_of(4).some(np.array([1])).places == ()
 
 
 def test_colours_come_back_from_the_file_and_impossible_ones_do_not(tmp_path):
