@@ -15,14 +15,13 @@ from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import composed, natural_key, read_text, readable_name
 from data_tools.io.formats.gltf import read_gltf
+from data_tools.io.formats.obj_off import read_obj, read_off
 from data_tools.io.formats.pcd import read_pcd
 from data_tools.io.formats.ply import read_ply
 from data_tools.io.formats.raw_shape import RawShape
 from data_tools.io.formats.stl import read_stl
 from data_tools.io.formats.vtk_legacy import read_vtk
 from data_tools.io.formats.vtp import read_vtp
-from data_tools.io.obj import read_obj
-from data_tools.io.off import read_off
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
 from data_tools.io.text_tables import is_landmark_pts, read_pts, read_text_points
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
+from data_tools.io.formats.obj_off import vertices_of_lines
 from data_tools.io.formats.raw_shape import RawShape, not_kept
-from data_tools.io.obj import vertices_of_lines
 from data_tools.io.source import Source
 from data_tools.notes import Note
 
