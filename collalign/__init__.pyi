@@ -78,8 +78,8 @@ from .synchronization.graph import PairGraph as PairGraph
 from .tools.certify.result import CertifiedCollection as CertifiedCollection
 from .tools.certify.result import JointBound as JointBound
 from .tools.certify.run import certify_collection as certify_collection
-from .tools.correspond.result import DenseCorrespondence as DenseCorrespondence
-from .tools.correspond.run import dense_correspondence as dense_correspondence
+from .tools.correspond import DenseCorrespondence as DenseCorrespondence
+from .tools.correspond import dense_correspondence as dense_correspondence
 from .tools.match.in_part import PartialMatch as PartialMatch
 from .tools.match.in_part import PartialPose as PartialPose
 from .tools.match.in_part import match_in_part as match_in_part

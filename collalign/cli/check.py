@@ -20,8 +20,7 @@ from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.errors import CollectionError
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
-from data_tools.io.precision import coarse_coordinates
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions

@@ -16,7 +16,7 @@ from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
-from data_tools.io.precision import coarse_coordinates
+from data_tools.io.shapes import coarse_coordinates
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
 from data_tools.surface.outliers import odd_ratios

@@ -7,7 +7,7 @@ import pytest
 
 from collalign.wording import COLLECTION_TEXTS, SHAPE_TEXTS, TOOL_TEXTS, note_records, note_text
 from data_tools.io.formats.raw_shape import NOT_KEPT
-from data_tools.io.precision import COARSE
+from data_tools.io.shapes import COARSE
 from data_tools.notes import Note
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from tests.test_layers import sources

@@ -15,7 +15,7 @@ from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.output.verify import verify_result
-from collalign.tools.certify.files import certification_notes
+from collalign.tools.certify.command import certification_notes
 from collalign.wording import note_records
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions

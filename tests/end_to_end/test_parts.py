@@ -7,7 +7,7 @@ import pytest
 
 from collalign import add_to_collection, align_collection, load
 from collalign.cli import main
-from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.posture import parts_of_mean
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError

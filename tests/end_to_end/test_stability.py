@@ -14,7 +14,7 @@ from collalign.cli import main
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
-from collalign.tools.stability.files import stability_summary, write_stability_page
+from collalign.tools.stability.command import stability_summary, write_stability_page
 from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions

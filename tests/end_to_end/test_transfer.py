@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 import collalign
 from collalign.cli import main
 from collalign.output.loading import load
-from collalign.tools.correspond.run import choose_template
+from collalign.tools.correspond import choose_template
 from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, NO_COUNTERPART, PLACED
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair
@@ -110,7 +110,7 @@ def test_radii_of_single_templates_hold(result, templates, planted, run):
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(
     result, monkeypatch
 ):
-    module = "collalign.tools.correspond.run.correspond"
+    module = "collalign.tools.correspond.correspond"
     monkeypatch.setattr(module, lambda session, files, lender, maps: (files, lender))
     files, chosen = collalign.dense_correspondence(result, run={"jobs": 1}, progress=False)
     for factor in (0.5, 2.0):

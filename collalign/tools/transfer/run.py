@@ -41,8 +41,7 @@ from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.products.trust import DOUBT
 from collalign.registration.surface import RegistrationSurface, missing_vertices, with_cloud_rim
-from collalign.tools.correspond.result import DenseCorrespondence
-from collalign.tools.correspond.run import dense_correspondence
+from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points

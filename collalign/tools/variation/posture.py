@@ -12,7 +12,7 @@ from collalign.analysis.procrustes import (
     generalized_procrustes,
 )
 from collalign.output.collection import Collection
-from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond import DenseCorrespondence
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape

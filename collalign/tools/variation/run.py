@@ -21,8 +21,7 @@ from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
-from collalign.tools.correspond.result import DenseCorrespondence
-from collalign.tools.correspond.run import dense_correspondence
+from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean

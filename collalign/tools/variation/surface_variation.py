@@ -16,7 +16,7 @@ from collalign.analysis.procrustes import (
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED
 from collalign.analysis.symmetry import ObjectSymmetry, object_symmetry
 from collalign.output.collection import Collection
-from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond import DenseCorrespondence
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.io.shapes import read_shape
 from data_tools.notes import Note

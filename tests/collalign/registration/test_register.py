@@ -8,7 +8,7 @@ from collalign.registration import register as module
 from collalign.registration.register import MIN_VOLUME_CHANGE, SmoothField, register
 from collalign.registration.surface import RegistrationSurface
 from collalign.registration.tuning import TUNED
-from collalign.tools.correspond.run import medoid
+from collalign.tools.correspond import medoid
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError

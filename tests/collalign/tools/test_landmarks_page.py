@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign.tools.transfer.files import landmarks_page
+from collalign.tools.transfer.command import landmarks_page
 from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
 from data_tools.landmarks.landmark_files import SemilandmarkRows, read_landmarks
 from data_tools.landmarks.landmark_tables import read_specimens

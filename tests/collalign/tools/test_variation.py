@@ -15,7 +15,7 @@ from collalign.analysis.procrustes import (
     principal_components,
 )
 from collalign.output.members import Members
-from collalign.tools.correspond.result import DenseCorrespondence
+from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.posture import at_mean_posture
 from collalign.tools.variation.shape_model import (

@@ -5,8 +5,14 @@ import pytest
 import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.precision import coarse_coordinates, coarse_note, fits_single
-from data_tools.io.shapes import WRITABLE, read_shape, write_mesh
+from data_tools.io.shapes import (
+    WRITABLE,
+    coarse_coordinates,
+    coarse_note,
+    fits_single,
+    read_shape,
+    write_mesh,
+)
 from data_tools.notes import Note
 from data_tools.surface.shape import Shape
 

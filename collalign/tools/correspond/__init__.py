@@ -1,1 +1,0 @@
-"""Surfaces of a result in dense correspondence with their mean."""
