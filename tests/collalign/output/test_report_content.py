@@ -258,8 +258,7 @@ def test_of_a_large_collection_the_doubtful_and_evenly_spaced_shapes_are_shown(m
 
 
 def small_pages(monkeypatch, most=6):
-    for module in ("page", "shown"):
-        monkeypatch.setattr(f"collalign.output.report.{module}.MOST_SHOWN", most)
+    monkeypatch.setattr("collalign.output.report.page.MOST_SHOWN", most)
 
 
 def test_every_shape_of_a_large_collection_is_on_one_of_the_pages(tmp_path, monkeypatch):
