@@ -37,8 +37,8 @@ def add_to_collection(
 ) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
 
-    Whether shapes may be mirrored stays as it was decided for the result. A specimen of the other side that comes to
-    a collection without mirror images is therefore not mirrored; a note says that it looks like one.
+    Whether shapes may be reflected stays as it was decided for the result. A specimen of the other side that comes to
+    a collection without mirror images is therefore not reflected; a note says that it looks like one.
 
     Parameters
     ----------

@@ -84,9 +84,9 @@ class AlignOptions:
         and the eigenvectors of appendix B, without confidence and refinement. An option that differs from its own
         default wins over the preset.
     group : {"SO", "O", "auto"}
-        SO keeps every shape as it is; O may mirror shapes (left and right specimens in one folder); auto mirrors only
-        where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched as
-        with SO).
+        SO keeps every shape as it is; O may reflect shapes (left and right specimens in one folder); auto reflects
+        only where pairs of similar shapes clearly say that both sides are there (a single pair of shapes is matched
+        as with SO).
     scaling : {"similarity", "rigid"}
         similarity brings all shapes to one size; rigid keeps the sizes of the files.
     pairs : {"auto", "all", "sparse", "adaptive"}
@@ -262,7 +262,7 @@ class TwoShapeOptions:
     Parameters
     ----------
     group : {"SO", "O"}
-        SO keeps the source as it is; O may mirror it.
+        SO keeps the source as it is; O may reflect it.
     refine : bool
         Refine the poses on dense samples (``sampling.num_dense_points``).
     certify : bool

@@ -23,6 +23,7 @@ AVOIDED = {
     r"lenders?\b": "template",
     r"outvoted": "rejected",
     r"stands? right": "is correct",
+    r"mirrored": "reflected",
 }
 OTHERS = (
     README,

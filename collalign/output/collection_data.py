@@ -112,10 +112,8 @@ class CollectionData:
         object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
 
     def __repr__(self) -> str:
-        doubtful, mirrored = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
-        found = (
-            f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {mirrored} mirrored"
-        )
+        doubtful, reflected = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
+        found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {reflected} reflected"
         return f"<{type(self).__name__}: {found}>"
 
     def __len__(self) -> int:
@@ -189,7 +187,7 @@ class CollectionData:
 
     @property
     def reflected(self) -> BoolArray:
-        """Whether each shape is mirrored, shape (N,)."""
+        """Whether each shape is reflected, shape (N,)."""
         return np.linalg.det(self.transforms[:, :3, :3]) < 0
 
     @property

@@ -149,7 +149,7 @@ def _known(fields: dict[str, Any]) -> dict[str, Any]:
     return {name: None if value != value else value for name, value in fields.items()}
 
 
-#: The arrays of the file beside the samples.
+#: The arrays of the file other than the samples.
 PROOF_ARRAYS = ("edges", "frames", "tilts", "diagonal", "num_cells", "depths", "bound")
 #: Numbers beyond this are refused: their products would overflow.
 _LARGEST = 1e50
@@ -192,7 +192,7 @@ def _check(
     problems = [problem(i, j) for i, j in edges.tolist()]
     sides = 1 if problems[0].pattern.special_blocks else 2
     if sides == 1 and (np.linalg.det(frames) < 0.0).any():
-        raise InputError("frames: a shape is mirrored, which the result's group forbids")
+        raise InputError("frames: a shape is reflected, which the result's group forbids")
     depths = as_indices(arrays["depths"], "depths", upper=256, shape=(None,))
     counts = as_indices(
         arrays["num_cells"], "num_cells", upper=len(depths) + 1, shape=(len(edges), sides)

@@ -190,7 +190,7 @@ def test_a_forged_proof_is_refused_or_proves_no_more(proof):
         ({"depths": arrays["depths"] + 1}, "tile"),
         ({"edges": np.repeat(arrays["edges"][:1], 6, axis=0)}, "twice"),
         ({"edges": arrays["edges"][:, ::-1]}, "no pair"),
-        ({"frames": -arrays["frames"]}, "mirrored"),
+        ({"frames": -arrays["frames"]}, "reflected"),
         ({"frames": 2.0 * arrays["frames"]}, "frames"),
         ({"diagonal": arrays["diagonal"][:, 0]}, "diagonal"),
     ):

@@ -66,7 +66,7 @@ def test_a_mirror_image_that_fits_much_better_is_said(tmp_path, capsys):
     assert main(["match", str(target), str(source), "--group", "O"]) == 0
     printed = capsys.readouterr().out
     assert "Note" not in printed
-    assert "mirrored" in printed
+    assert "reflected" in printed
     found = np.array(
         [[float(word) for word in line.split()] for line in printed.splitlines()[1:4]]
     )[:, :3]

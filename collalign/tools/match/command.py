@@ -215,12 +215,12 @@ def _summary(found: RigidMatch) -> str:
     """Return five lines: the pose, what stands against it, and the transform."""
     poses, scores = found.result.candidates, found.scores
     words = f"{found.source.name} -> {found.target.name}: energy {scores[0]:.4g}"
-    words += ", mirrored" if poses[0].reflected else ""
+    words += ", reflected" if poses[0].reflected else ""
     words += ", proven to be the best pose" if found.result.status is Status.PROVEN_OPTIMAL else ""
     if len(poses) > 1:
         first, other = (pose.R_target_source[:3, :3] for pose in poses[:2])
         apart = (
-            "mirrored"
+            "reflected"
             if poses[0].reflected != poses[1].reflected
             else f"{rotation_angle_deg(first.T @ other):.0f} deg away"
         )

@@ -85,9 +85,9 @@ class RigidMatch:
 
     def __repr__(self) -> str:
         best = self.result.candidates[0]
-        mirrored = ", mirrored" if best.reflected else ""
+        reflected = ", reflected" if best.reflected else ""
         return (
-            f"<RigidMatch: {self.source.name} on {self.target.name}, energy {best.energy:.3g}{mirrored}, "
+            f"<RigidMatch: {self.source.name} on {self.target.name}, energy {best.energy:.3g}{reflected}, "
             f"{len(self.result.candidates)} poses>"
         )
 

@@ -42,7 +42,7 @@ class Stability:
     present : ndarray of bool, shape (V, N)
         Whether the shape took part.
     changes_deg : ndarray, shape (V, N)
-        By how much its pose relative to the others differs; NaN where it is mirrored differently, absent or alone.
+        By how much its pose relative to the others differs; NaN where it is reflected differently, absent or alone.
     same_chirality : ndarray of bool, shape (V, N)
         True where absent.
     stay_deg : float
@@ -72,7 +72,7 @@ class Stability:
 
     @property
     def chirality_stays(self) -> FloatArray:
-        """Share of the repetitions in which each shape is mirrored as in the result, shape (N,)."""
+        """Share of the repetitions in which each shape is reflected as in the result, shape (N,)."""
         return _shares(self.same_chirality, self.known)
 
 

@@ -129,7 +129,7 @@ export function poseByHand(app, drawn, row, index, ghost, decided) {
   figure.append(el("div", { class: "row" }, use,
     button("↺", () => pose.turn(0, 0, ROLL), { "aria-label": "Rotate by 15° counterclockwise" }),
     button("↻", () => pose.turn(0, 0, -ROLL), { "aria-label": "Rotate by 15° clockwise" }),
-    collection.options.decided?.group === "O" ? button("Mirror", () => pose.mirror()) : "",
+    collection.options.decided?.group === "O" ? button("Reflect", () => pose.mirror()) : "",
     button("Snap to nearest", () => (said.textContent = `Snapped to ${pose.snap()}.`)),
     placed ? el("label", { class: "check" }, moves, "drag moves") : "", said), fields?.row ?? "");
   const update = () => use.setAttribute("aria-pressed", String(corrections.poseOf(index) === BY_HAND));

@@ -130,7 +130,7 @@ export class Collection {
 
   // How far the pair's own best pose is from the collection's, in words.
   disagreement(pair) {
-    return this.pairs.mirrored[pair] ? "mirrored" : degrees(this.pairs.disagreement[pair]);
+    return this.pairs.mirrored[pair] ? "reflected" : degrees(this.pairs.disagreement[pair]);
   }
 
   // What synchronization made of a pair, in words.

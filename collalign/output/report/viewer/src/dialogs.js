@@ -60,7 +60,7 @@ export function pairDialog(app) {
       const choose = () => { pose = one; moving.forEach(({ tile }) => stage.refresh(tile)); };
       const radio = el("input", { type: "radio", name: "pair-pose", checked: at === 0, onchange: choose });
       const ratio = number(one.energy / poses[0].energy);
-      return [el("label", { class: "check" }, radio, one.text), number(one.energy), ratio, mirrored ? "mirrored" : degrees(angle)];
+      return [el("label", { class: "check" }, radio, one.text), number(one.energy), ratio, mirrored ? "reflected" : degrees(angle)];
     });
     const bound = pairs.bound[pair];
     const facts = [
@@ -135,7 +135,7 @@ export function shapeDialog(app) {
     const chance = chances(shape);
     shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
-      const turned = origin === "candidates" ? (mirrored ? "mirrored" : `rotated by ${degrees(angle)}`) : origin;
+      const turned = origin === "candidates" ? (mirrored ? "reflected" : `rotated by ${degrees(angle)}`) : origin;
       const words = Number.isNaN(chance[at]) ? "no pair proposes it" : chanceInWords(chance[at]);
       add(`pose ${at + 1}: ${turned}, ${words}`, layers(at), at);
     });
@@ -156,7 +156,7 @@ export function shapeDialog(app) {
     if (compare !== undefined) drawn.add(row, `for comparison: ${collection.shapes[compare].name}`, () => [after(app, compare, { color: GREY })]);
     poseFigures(row, index, ghost);
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
-    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}`, shape.reflected && "mirrored by the alignment", ...labels, `file ${shape.file}`];
+    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}`, shape.reflected && "reflected by the alignment", ...labels, `file ${shape.file}`];
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     const others = certain.map((other) => [String(other), `${collection.shapes[other].name} (${percent(collection.shapes[other].confidence)})`]);
     box.body.replaceChildren(

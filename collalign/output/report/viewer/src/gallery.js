@@ -17,7 +17,7 @@ export function tags(app, index) {
   const shape = app.collection.shapes[index];
   const words = [];
   if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
-  if (shape.reflected) words.push(["mirrored", ""]);
+  if (shape.reflected) words.push(["reflected", ""]);
   if (shape.coverage !== null) words.push([`incomplete, covers ${percent(shape.coverage)}`, ""]);
   if (app.collection.mark(index) === "not surely joined") words.push(["not surely joined", "warn"]);
   if (app.collection.numParts > 1) words.push([`part ${shape.part + 1}`, ""]);

@@ -1,4 +1,4 @@
-// The matrix of pairs: a canvas with one cell per pair, usable by mouse and by arrow keys, beside a list of the worst pairs.
+// The matrix of pairs: a canvas with one cell per pair, usable by mouse and by arrow keys, next to a list of the worst pairs.
 
 import { button, degrees, el, number, select, table } from "./dom.js";
 import { viridis } from "./colors.js";

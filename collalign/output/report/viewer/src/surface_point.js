@@ -11,7 +11,7 @@ export function pixelOf(event, canvas) {
   return { x: (event.clientX - left) * ratio, y: (event.clientY - top) * ratio, ratio };
 }
 
-// The place in the coordinates of the mesh that `matrix` brings to the display; null beside it.
+// The place in the coordinates of the mesh that `matrix` brings to the display; null outside it.
 export function pointOnSurface(stage, tile, event, mesh, geometry, matrix) {
   const { width, height } = tile.canvas;
   const { x, y } = pixelOf(event, tile.canvas);
