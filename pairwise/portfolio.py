@@ -122,7 +122,7 @@ def _given_starts(
     relaxation: RelaxationResult | None,
     starts: FloatArray | None,
 ) -> tuple[FloatArray, NDArray[np.str_]]:
-    """Return rotations beside the search's own ones, of each chirality that the group has, and what gave each."""
+    """Return further rotations than the search's own, of each chirality that the group has, and what gave each."""
     if starts is None and relaxation is None:
         return np.zeros((0, problem.dim, problem.dim)), np.zeros(0, dtype=np.str_)
     matrices = [np.zeros((0, problem.dim, problem.dim)) if starts is None else starts]

@@ -87,8 +87,8 @@ def read_labels(path: Path | str) -> Labels:
     """Read a CSV file with one row per shape and a heading.
 
     Columns are separated by commas, semicolons or tabs; numbers may have decimal commas where these separate nothing.
-    Names are compared without folder and without a mesh file's ending; where there is a column ``file`` beside the
-    names, both lead to the row. Values such as ``NA`` count as unknown.
+    Names are compared without folder and without a mesh file's ending; where there is also a column ``file``, both
+    lead to the row. Values such as ``NA`` count as unknown.
 
     Raises
     ------

@@ -28,7 +28,7 @@ _NOTHING = 1e-8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effects:
-    """Numbers that are the larger, the stronger an effect is, beside what permutations make of them.
+    """Numbers that are the larger, the stronger an effect is, with what permutations make of them.
 
     As found, shape (t,); standard deviates of their logarithms among permutations (effect sizes); shares of
     permutations that give as much, the one found counted among them.

@@ -56,7 +56,7 @@ _SOURCES_FILE = "sources.txt"
 
 
 class Workspace:
-    """A result, or a folder of shapes that will have one beside it; nothing else is read or written."""
+    """A result, or a folder of shapes that will have one next to it; nothing else is read or written."""
 
     def __init__(self, place: Path, sources: Path | None = None) -> None:
         self._shapes, self.out = resolved(place), resolved(place)
@@ -288,7 +288,7 @@ def _folder_in(content: bytes) -> Path:
 
 
 def _left_out(collection: Collection) -> list[str]:
-    """Return the names of the shapes beside the others that were left out; none where the files are not known."""
+    """Return the names of the shapes that were left out; none where the files are not known."""
     try:
         return shape_words(collection)[1]
     except InputError:

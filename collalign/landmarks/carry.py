@@ -16,7 +16,7 @@ from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 from data_tools.surface.normals import vertex_normals
 
 #: Landmarks farther than this from their specimen's surface, in parts of the root mean square radius, are inside it
-#: or beside it: they keep their offset instead of being put onto the surface.
+#: or outside it: they keep their offset instead of being put onto the surface.
 OFF_SURFACE = 0.05
 
 
@@ -91,7 +91,7 @@ def at_places(templates: Sequence[Template], values: FloatArray) -> FloatArray:
 
 
 def off_surface(templates: Sequence[Template]) -> BoolArray:
-    """Return which landmarks are inside or beside the surface in most templates that have them, shape (l,)."""
+    """Return which landmarks are inside or outside the surface in most templates that have them, shape (l,)."""
     off = np.stack([np.linalg.norm(item.offsets, axis=1) for item in templates])
     return np.asarray(np.nanmedian(np.where(np.isnan(off).all(axis=0), 0.0, off), axis=0) > 0)
 
@@ -110,7 +110,7 @@ def on_surface(
     return placed
 
 
-#: A template without any counterpart at a landmark still counts so much, beside one that corresponds perfectly.
+#: A template without any counterpart at a landmark still counts so much; one that corresponds perfectly counts 1.
 _LEAST_QUALITY = 0.1
 
 

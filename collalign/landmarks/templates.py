@@ -1,4 +1,4 @@
-"""Landmark files of several templates, and the files of curves and patches beside them."""
+"""Landmark files of several templates, and the files of their curves and patches."""
 
 from __future__ import annotations
 
@@ -151,9 +151,9 @@ def specimen_among(given: str | Path, names: Sequence[str]) -> str:
         found = max(begun, key=len)
         _LOG.warning("%s: taken as the landmarks of %s, by its name", path, found)
         return found
-    told = "" if shape else f" (call the file like its shape, or give it as SHAPE={path.name})"
+    hint = "" if shape else f" (call the file like its shape, or give it as SHAPE={path.name})"
     advice = meant(name, names) or f"; the collection has {listed(names)}"
-    raise InputError(f"{path}: no shape is called {name!r}{told}{advice}")
+    raise InputError(f"{path}: no shape is called {name!r}{hint}{advice}")
 
 
 def with_semilandmarks(

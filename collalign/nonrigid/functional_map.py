@@ -176,7 +176,7 @@ def fitted_map(
     forward, backward : ndarray of int, shapes (v,) and (u,)
         -1 where unknown.
     cost : ndarray, shape (k,), optional
-        Of the square of each coefficient, beside the mean of the squared residuals.
+        Of the square of each coefficient, relative to the mean of the squared residuals.
     """
     known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
     images = backward[back]

@@ -178,8 +178,8 @@ def _at(
 
 #: Functions, the constant one included, that ZoomOut starts with, and how fast their number grows.
 FIRST_SIZE, GROWTH = 10, 1.5
-#: Weights of unit normals, and of the descriptors, each kind of unit variance, beside positions of root mean square
-#: radius 1, in the closest points of a start. With descriptors of intrinsic place limbs find each other whatever they
+#: Weights of unit normals, and of the descriptors, each kind of unit variance, in the closest points of a start.
+#: Positions have root mean square radius 1. With descriptors of intrinsic place limbs find each other whatever they
 #: do: on 30 pairs of SHREC07's armadillos the pose judged best is 11 instead of 17 deg off in the median.
 START_NORMAL_WEIGHT, START_DESCRIPTOR_WEIGHT = 0.3, 0.6
 #: Weight of unit normals relative to positions of root mean square radius 1 where surfaces are compared.
@@ -228,7 +228,7 @@ class PoseMapper:
         """Return the maps that signs of the lowest eigenfunctions lead to, those that fit best at the start.
 
         Eigenfunctions of near-isometric surfaces agree up to sign where their eigenvalues are simple; the descriptors
-        beside them steady those that are not. No pose takes part.
+        steady those that are not. No pose takes part.
         """
         target, source = (
             np.hstack(

@@ -70,7 +70,7 @@ def gallery(collection: CollectionData) -> str:
         if rows
         else ""
     )
-    told = f"<p>{html.escape(repr(collection)[1:-1])}</p>{table}"
+    summary = f"<p>{html.escape(repr(collection)[1:-1])}</p>{table}"
     try:
         part, title = (
             _part(collection, np.sort(order)),
@@ -83,11 +83,13 @@ def gallery(collection: CollectionData) -> str:
             pictured(collection, np.sort(order).tolist())._repr_png_()
         ).decode()
     except CollalignError:  # a file is not there any more
-        return told
+        return summary
     image = (
         f'<img alt="Before and after" style="max-width:100%" src="data:image/png;base64,{picture}">'
     )
-    return f"{told}{_framed(page.text())}<details><summary>As a picture</summary>{image}</details>"
+    return (
+        f"{summary}{_framed(page.text())}<details><summary>As a picture</summary>{image}</details>"
+    )
 
 
 def pictured(collection: CollectionData, chosen: Iterable[int]) -> Any:
@@ -172,7 +174,7 @@ class Collection(CollectionData):
         What the caller gave in addition to shapes and options: "invariants", "samples", "candidates",
         "correspondences", "pair_weights".
     group : str
-        "SO" or "O": whether shapes could be mirrored, as asked for or, with ``options.group`` "auto", as decided.
+        "SO" or "O": whether shapes could be reflected, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord
     cycle_errors_deg : ndarray
         Rotation angle left after going around cycles of three pairs.

@@ -75,7 +75,7 @@ def fixed_by(
         If a shape decided on is not in the collection, or none of the certain ones is; if two files decide about one
         shape, or one about an incomplete shape that ``incomplete`` says is complete.
     """
-    told = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
+    named = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
     kept: dict[str, FloatArray] = {}
     decided: dict[str, FloatArray] = {}
     for one in files:
@@ -88,7 +88,7 @@ def fixed_by(
                 raise InputError(
                     f"{one.source}: another file decides about {shape!r} as well; keep one"
                 )
-            if shape in one.incomplete and incomplete not in (AUTO, ALL) and shape not in told:
+            if shape in one.incomplete and incomplete not in (AUTO, ALL) and shape not in named:
                 raise InputError(
                     f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well"
                 )

@@ -15,7 +15,7 @@ from data_tools.embedding.copies import Copies
 from data_tools.io.csv_cells import csv_text
 from data_tools.notes import Note
 
-#: The table of those who do not count, beside statistics that are written.
+#: The table of those who do not count, next to statistics that are written.
 LEFT_OUT_FILE = "left_out.csv"
 
 

@@ -2,7 +2,7 @@
 
 The problem is that of the samples in ``certificates/problems.npz``, with all maps and the group that
 ``alignment.json`` says. These must be the samples of ``correspondences.npz``, taken back by the transforms of
-``alignment.json``, centred and scaled as its options say; nothing else holds the invariants beside them. No bound may
+``alignment.json``, centred and scaled as its options say; nothing else holds the invariants. No bound may
 exceed the pair's energy in ``pairs.csv``. Files that the manifest does not name are not looked at.
 """
 

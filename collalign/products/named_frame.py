@@ -106,12 +106,12 @@ def _line(option: str, text: str, marks: Mapping[str, FloatArray]) -> str:
 
 def _landmark(option: str, label: str, marks: Mapping[str, FloatArray]) -> FloatArray:
     if label not in marks:
-        told = (
+        hint = (
             f"it has {', '.join(marks)}"
             if marks
             else "none are given; give its landmark file with --marks"
         )
-        raise InputError(f"{option}: the reference has no landmark {label!r}; {told}")
+        raise InputError(f"{option}: the reference has no landmark {label!r}; {hint}")
     return marks[label]
 
 

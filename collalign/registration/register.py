@@ -302,7 +302,7 @@ class _Search:
         return np.asarray(np.linalg.norm(places - moved, axis=1)), np.asarray(quality)
 
     def _features(self, vertices: FloatArray, normals: FloatArray, noise: float) -> FloatArray:
-        """Return positions beside scaled normals: their Euclidean distance is what "closest" means."""
+        """Return positions joined with scaled normals: their Euclidean distance is what "closest" means."""
         scale = self._target.radius * noise / TUNED.normal_noise if self._has_normals else 0.0
         return np.hstack([vertices, scale * normals])
 

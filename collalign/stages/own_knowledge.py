@@ -110,11 +110,11 @@ def with_marks(session: AlignSession, own: Own) -> AlignSession:
     options = session.options
     if own.marks and options.reference not in own.marks:
         if options.reference or len(own.marks) > 1:
-            told = (
+            reference = (
                 f"the reference, {options.reference!r}," if options.reference else "the reference"
             )
             raise InputError(
-                f"marks: {told} has no landmarks, {', '.join(own.marks)} has; name it as reference"
+                f"marks: {reference} has no landmarks, {', '.join(own.marks)} has; name it as reference"
             )
         options = replace(options, reference=next(iter(own.marks)))
     marks = {

@@ -1,4 +1,4 @@
-"""How far two surfaces are from each other at a pose: closest dense points with normals, beside energies."""
+"""How far two surfaces are from each other at a pose: closest dense points with normals, in addition to energies."""
 
 from __future__ import annotations
 

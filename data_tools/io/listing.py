@@ -283,13 +283,13 @@ def parts_of(origin: Origin | str) -> dict[str, Path]:
     path = Path(origin)
     folder = path.with_suffix("")
     inside = _entries(folder, recursive=False) if folder.is_dir() else []
-    beside = [
+    next_to_it = [
         file
         for file in _entries(path.parent, recursive=False)
         if specimen_at(file, path.parent) == path
     ]
     named = [(file.stem, file) for file in inside] + [
-        (Path(file.stem).suffix[1:], file) for file in beside
+        (Path(file.stem).suffix[1:], file) for file in next_to_it
     ]
     named = [(name, file) for name, file in named if _is_shape(file)]
     if not named or len(dict(named)) < len(named):

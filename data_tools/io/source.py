@@ -33,7 +33,7 @@ class Source:
     is_file : bool
         Whether it came from the disk; otherwise the path is only the name of a shape that the caller holds.
     companions : mapping of str to bytes
-        The files that it names as its data, which a glTF file has beside it, by the names it gives them.
+        The files that it names as its data, which a glTF file has next to it, by the names it gives them.
     """
 
     def __init__(

@@ -28,8 +28,8 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
 
     ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
     ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
-    ``.csv``, ``.tsv``, ``.txt``: with columns of specimens and landmarks beside x, y and z, a row for each landmark,
-    as the page of a transfer writes it; or a row for each specimen (``nose_x``, ``nose_y``, ``nose_z``). Missing
+    ``.csv``, ``.tsv``, ``.txt``: with columns of specimens, landmarks, x, y and z, a row for each landmark, as the
+    page of a transfer writes it; or a row for each specimen (``nose_x``, ``nose_y``, ``nose_z``). Missing
     landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
     :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
 

@@ -74,7 +74,7 @@ def _nearest(grid, corner, cell, place):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _mean_cost(surface, moved, scale, shift, costs, enough):  # type: ignore[no-untyped-def]
-    """Return the mean truncated cost of moved places beside the nearest points, or anything above enough."""
+    """Return the mean truncated cost of moved places from the nearest points, or anything above enough."""
     (grid, corner, cell, points, directions), (places, normals), (factor, weight) = (
         surface,
         moved,

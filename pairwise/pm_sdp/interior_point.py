@@ -39,7 +39,7 @@ _SHORT_STEP = 0.2
 #: Iterations without a better point after which the method has stalled.
 _PATIENCE = 8
 
-#: Share of the constant sum_j w_j |p_j|^2 that counts as scale of the gap beside the value itself.
+#: Share of the constant sum_j w_j |p_j|^2 that counts as scale of the gap in addition to the value itself.
 _CONSTANT_SHARE = 1e-2
 
 #: Largest violation of a linear constraint of the scaled problem at convergence.

@@ -1,9 +1,9 @@
 """Dask on several machines, by plain futures: a killed worker's tasks run again, a task that kills runs alone.
 
 Dask replaces dead workers and repeats their tasks by itself; after several deaths it gives a task up together with
-innocent ones that ran beside it, so these suspects run one at a time at the end. A table of shared records goes to
-each worker once, as a worker plugin, which later and restarted workers get as well (scattered data would be lost with
-its holder), and goes when the run ends.
+innocent ones that ran at the same time. So these suspects run one at a time at the end. A table of shared records
+goes to each worker once, as a worker plugin, which later and restarted workers get as well (scattered data would be
+lost with its holder), and goes when the run ends.
 """
 
 from __future__ import annotations

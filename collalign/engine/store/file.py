@@ -80,7 +80,7 @@ def table_of(kind: str) -> str:
     return kind
 
 
-#: How SQLite's files beside a store begin (https://www.sqlite.org/fileformat.html and walformat.html).
+#: How SQLite's files next to a store begin (https://www.sqlite.org/fileformat.html and walformat.html).
 _JOURNALS = {
     "-wal": (bytes.fromhex("377f0682"), bytes.fromhex("377f0683")),
     "-journal": (bytes.fromhex("d9d505f920a163d7"), bytes(8)),

@@ -61,7 +61,7 @@ class Store:
         Parameters
         ----------
         path : str or Path
-            The file. ``-wal``, ``-shm`` and ``.lock`` files lie beside it while it is open.
+            The file. ``-wal``, ``-shm`` and ``.lock`` files are next to it while it is open.
         read_only : bool
             Look only; works while another run writes.
 
@@ -322,18 +322,16 @@ def _text(text: str) -> str:
 
 
 def _locked(path: Path) -> LockFile:
-    """Lock a store at once or refuse, by a file beside it, which the system frees however the writer ends."""
-    beside = path.with_name(path.name + ".lock")
+    """Lock a store at once or refuse, by a file next to it, which the system frees however the writer ends."""
+    lock = path.with_name(path.name + ".lock")
     try:
-        return LockFile.take(beside)
+        return LockFile.take(lock)
     except BlockingIOError:
         raise StoreError(
             f"{path}: another run is writing to this store; wait for it, or name another store"
         ) from None
     except OSError as error:
-        raise StoreError(
-            f"{beside}: cannot be opened and locked ({system_reason(error)})"
-        ) from None
+        raise StoreError(f"{lock}: cannot be opened and locked ({system_reason(error)})") from None
 
 
 def fingerprint(algorithm_version: str, options: Any, *content_hashes: str) -> str:

@@ -66,7 +66,7 @@ def chosen_shapes(collection: CollectionData, most: int) -> IntArray:
     return np.sort(np.concatenate([doubtful, spaced]))
 
 
-#: Folder beside the report with the pages that show all shapes of a large collection.
+#: Folder next to the report with the pages that show all shapes of a large collection.
 PAGES_FOLDER = "report_pages"
 
 _MARKER = re.compile(r"\{\{(\w+)\}\}")
@@ -111,7 +111,7 @@ class Page:
 def write_report(
     collection: CollectionData, path: Path | str, *, title: str = "Aligned collection"
 ) -> Path:
-    """Write a self-contained ``report.html``; of a large collection also pages with all shapes, beside it.
+    """Write a self-contained ``report.html``; of a large collection also pages with all shapes, next to it.
 
     Parameters
     ----------
@@ -280,13 +280,13 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
     incomplete = f", {num_incomplete} of them incomplete" if num_incomplete else ""
     facts = [
         (len(collection), f"shapes aligned{incomplete}"),
-        (int(collection.reflected.sum()), "of them mirrored"),
+        (int(collection.reflected.sum()), "of them reflected"),
         (len(collection.pairs), f"pairs compared, {against} against the common poses"),
     ]
     items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
     listed = "".join(f"<li>{html.escape(note_text(note))}</li>" for note in notes)
-    told = f'<ul class="notes">{listed}</ul>' if listed else ""
-    return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{told}'
+    noted = f'<ul class="notes">{listed}</ul>' if listed else ""
+    return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{noted}'
 
 
 def opener(name: str) -> str:

@@ -27,7 +27,7 @@ from pairwise.dense.points import DensePoints
 from pairwise.dense.refine import refine_pose
 from pairwise.problem.pattern import RotationPattern
 
-#: Pairs that each shape is refined with, beside a spanning tree.
+#: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8
 #: Most steps of closest points.
 MOST_STEPS = 16

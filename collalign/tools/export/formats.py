@@ -273,7 +273,7 @@ def write_transforms(request: ExportRequest) -> tuple[Path, ...]:
 
 
 def write_shapeworks(request: ExportRequest) -> tuple[Path, ...]:
-    """Write ``project.swproj`` with ``meshes/`` and ``particles/`` beside it; all paths in it are relative.
+    """Write ``project.swproj`` with ``meshes/`` and ``particles/`` next to it; all paths in it are relative.
 
     Local particles are samples in file coordinates, world particles the same in the common frame, and the alignment
     is the pose (16 numbers, row-major). Only labels that every shape has become particles; a particle file ends in a

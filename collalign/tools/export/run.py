@@ -169,11 +169,11 @@ def export_notes(
     include_doubtful: bool = False,
 ) -> tuple[Note, ...]:
     """Return what a reader of an export must know, the notes of the alignment included."""
-    told = [coordinates_note(collection, space)] if format in STATISTICS else []
+    notes = [coordinates_note(collection, space)] if format in STATISTICS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
-        told += who.notes
-    return (*told, *collection.notes)
+        notes += who.notes
+    return (*notes, *collection.notes)
 
 
 def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful: bool) -> Members:

@@ -148,7 +148,7 @@ def draw_stability(stability: Stability) -> bytes:
         aspect="auto",
     )
     for column, row in zip(*np.nonzero(~stability.same_chirality[:, chosen]), strict=True):
-        axes.text(column, row, "mirrored", ha="center", va="center", fontsize=6, color="tab:red")
+        axes.text(column, row, "reflected", ha="center", va="center", fontsize=6, color="tab:red")
     words = [f"{stability.names[i]}  {100 * stability.pose_stays[i]:.0f} %" for i in chosen]
     for label in axes.set_yticks(range(len(chosen)), words, fontsize=7):
         label.label1.set_parse_math(False)

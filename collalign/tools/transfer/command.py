@@ -242,14 +242,15 @@ def transfer(
         Folder of the original files where they have moved.
     """
     collection = load(result, sources=sources)
-    beside = (*semilandmarks.curves, *semilandmarks.patches)
+    extra_files = (*semilandmarks.curves, *semilandmarks.patches)
     refuse_overlap(
-        written.to, {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *beside))}
+        written.to,
+        {*collection.inputs, *(shape_of(path)[1] for path in (*landmarks, *extra_files))},
     )
     given = read_templates(landmarks, collection.names)
     if (
         written.leave_one_out
-        and len({*given, *(specimen_among(one, collection.names) for one in beside)}) < 2
+        and len({*given, *(specimen_among(one, collection.names) for one in extra_files)}) < 2
     ):
         raise InputError(
             "--leave-one-out: one specimen cannot be predicted from others; give landmarks of two at least"

@@ -73,8 +73,8 @@ def parts_of_mean(
 def at_mean_posture(vertices: FloatArray, parts: IntArray) -> FloatArray:
     """Bring each part of all specimens to its mean place and direction among the others, by rotation and translation.
 
-    Sizes stay: how large a part is beside another one is shape. What the places of parts say beyond posture, such as
-    a joint that lies farther back, goes as well.
+    Sizes stay: how large a part is compared with another one is shape. Other information in the places of parts, such
+    as a joint that lies farther back, goes as well.
 
     Parameters
     ----------

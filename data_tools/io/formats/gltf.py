@@ -270,7 +270,7 @@ class _Document:
         return rows.astype(np.float64)
 
     def _buffer(self, view: dict[str, Any]) -> bytes:
-        """Return the buffer of a view: the file's own, one that its text holds, or a file beside it."""
+        """Return the buffer of a view: the file's own, one that its text holds, or a file next to it."""
         at = view["buffer"]
         entry = self._entry("buffers", at)
         if at not in self._buffers:

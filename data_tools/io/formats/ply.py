@@ -157,10 +157,10 @@ def _text_rows(path: Path, lines: list[str], element: _Element) -> dict[str, _Co
     for number, line in enumerate(lines):
         words, at = line.split(), 0
         for one in element.properties:
-            told = words[at] if one.length is not None and at < len(words) else ""
+            length = words[at] if one.length is not None and at < len(words) else ""
             start, at = at, at + 1
             if one.length is not None:
-                start, at = at, at + (int(told) if told.isdecimal() and len(told) < 19 else 0)
+                start, at = at, at + (int(length) if length.isdecimal() and len(length) < 19 else 0)
             found[one.name].append(words[start:at])
         if at != len(words):
             kind = element.name if element.name in ("vertex", "face") else "element"
