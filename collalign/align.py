@@ -134,10 +134,10 @@ def align_collection(
         kind: {name: given[name] for name in given if kinds[name] is kind}
         for kind in kinds.values()
     }
-    asked = as_options("options", options, AlignOptions, of_kind[AlignOptions])
+    wanted = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts)
-    with Session.open(asked, how, progress_display(progress)) as session:
+    with Session.open(wanted, how, progress_display(progress)) as session:
         return align_listing(
             session, listing, fixed=fixed or {}, kept=kept or {}, own=Own(**of_kind[Own])
         )
@@ -206,7 +206,7 @@ def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
 
 def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:
     """Return the result of a run: the one place where a collection is made."""
-    shapes, solution, asked = run.shapes, posed.solution, run.session.options
+    shapes, solution, wanted = run.shapes, posed.solution, run.session.options
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
     in_files = each_moved_by(
         np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions
@@ -233,13 +233,13 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             *shapes.notes,
             *matched.notes,
             *posed.notes,
-            *_unknown_confidence(solution.confidence, asked.synchronization),
+            *_unknown_confidence(solution.confidence, wanted.synchronization),
             *(one.note for one in copies),
         ),
         copies=copies,
         incomplete=posed.incomplete,
         by_hand=_by_hand(run, posed),
-        options=asked,
+        options=wanted,
         group=matched.group,
         run=RunRecord(
             times_s=run.times_s,

@@ -129,7 +129,7 @@ class AlignOptions:
     seed : int
         Seed of everything random; the same seed gives the same bytes.
     certify : bool
-        Try to prove the best pose of the pairs that matter: those with rival poses or rejected by synchronization.
+        Try to prove the best pose of pairs with competing poses, and of those that synchronization rejects.
     certify_budget_s : float
         Seconds for all proofs together, per worker; the least settled pairs come first.
     certify_pair_s : float

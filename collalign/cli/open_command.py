@@ -134,20 +134,20 @@ class Workspace:
 
         self._keep((*folders, name), content, check)
 
-    def words(self, task: str, asked: Mapping[str, Any]) -> list[str]:
+    def words(self, task: str, request: Mapping[str, Any]) -> list[str]:
         """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
         out = str(self.out)
         if task == "align" and not (self.out / ALIGNMENT_FILE).is_file():
-            return ["align", str(self._shapes), f"--out={out}", *self._first_words(asked)]
+            return ["align", str(self._shapes), f"--out={out}", *self._first_words(request)]
         collection = self._load()
         names = {*collection.names, *_left_out(collection)}
         for key in ("exclude", "incomplete"):
-            check_known(key, asked.get(key) or (), names)
-        exclude = asked.get("exclude") or ()
+            check_known(key, request.get(key) or (), names)
+        exclude = request.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
             usual, decisions = collection.options.incomplete, self.out / _GIVEN / _DECISIONS_FILE
-            named = {*asked.get("incomplete", _incomplete(collection))} - {*exclude}
+            named = {*request.get("incomplete", _incomplete(collection))} - {*exclude}
             is_usual = usual in (ALL, AUTO, NEVER) and named == _incomplete(collection)
             incomplete = usual if is_usual else ",".join(sorted(named)) or NEVER
             options = option_words(replace(collection.options, incomplete=incomplete))
@@ -170,32 +170,32 @@ class Workspace:
                 f"--to={out}/landmarks",
                 *self._sources(),
             ]
-        if task != "export" or asked.get("format") not in FORMATS:
+        if task != "export" or request.get("format") not in FORMATS:
             raise InputError(f"{task}: there is no such command or format here")
-        to = f"--to={out}/export-{asked['format']}"
-        return ["export", out, f"--format={asked['format']}", to, *counted, *self._sources()]
+        to = f"--to={out}/export-{request['format']}"
+        return ["export", out, f"--format={request['format']}", to, *counted, *self._sources()]
 
-    def _first_words(self, asked: Mapping[str, Any]) -> list[str]:
+    def _first_words(self, request: Mapping[str, Any]) -> list[str]:
         """Return the options of a first alignment."""
         names = read_folder(self._shapes).names
         for key in ("exclude", "incomplete"):
-            check_known(key, asked.get(key) or (), names)
-        kept = {key: asked[key] for key in ("group", "scaling") if key in asked}
+            check_known(key, request.get(key) or (), names)
+        kept = {key: request[key] for key in ("group", "scaling") if key in request}
         named = ",".join(
-            sorted({*(asked.get("incomplete") or ())} - {*(asked.get("exclude") or ())})
+            sorted({*(request.get("incomplete") or ())} - {*(request.get("exclude") or ())})
         )
         options = AlignOptions(**kept, incomplete=named or AUTO)
         return [
             *option_words(options),
-            *(f"--exclude={name}" for name in asked.get("exclude") or ()),
+            *(f"--exclude={name}" for name in request.get("exclude") or ()),
         ]
 
-    def start(self, task: str, asked: Mapping[str, Any]) -> None:
+    def start(self, task: str, request: Mapping[str, Any]) -> None:
         """Run the command of :meth:`words` in a process of its own, one at a time."""
         with self._starting:  # requests come in threads of their own
             if self._process is not None and self._process.poll() is None:
                 raise InputError("a command is running; wait for its end, or stop it")
-            words = self.words(task, asked)
+            words = self.words(task, request)
             self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
             variables = {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
             self._process = Popen(

@@ -106,10 +106,10 @@ def _power_iteration(
     target, source = edges[:, 0], edges[:, 1]
     weighted = weights[:, None, None] * maps
     for _ in range(MAX_STEPS):
-        asked = np.zeros_like(bases)
-        np.add.at(asked, source, weighted @ bases[target])
-        np.add.at(asked, target, np.swapaxes(weighted, 1, 2) @ bases[source])
-        before, bases = bases, nearest_orthogonal(asked)
+        sums = np.zeros_like(bases)
+        np.add.at(sums, source, weighted @ bases[target])
+        np.add.at(sums, target, np.swapaxes(weighted, 1, 2) @ bases[source])
+        before, bases = bases, nearest_orthogonal(sums)
         if float(np.abs(bases - before).max()) < TOLERANCE:
             break
     return bases

@@ -183,8 +183,8 @@ def fitted_map(
     counts = np.bincount(np.concatenate([known, images]), minlength=len(source))
     gram = source.T @ (source * counts[:, None])
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
-    asked = source[known].T @ target[forward[known]] + source[images].T @ target[back]
-    _, fitted, is_singular = dposv(gram, asked)
+    right_side = source[known].T @ target[forward[known]] + source[images].T @ target[back]
+    _, fitted, is_singular = dposv(gram, right_side)
     if is_singular:
         raise np.linalg.LinAlgError("no point of either shape has an image")
     return np.asarray(fitted, dtype=np.float64)

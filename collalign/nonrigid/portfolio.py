@@ -379,8 +379,8 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
     """
     scores = np.array([one.score for one in found])
     same = _same_places(target, found, number)
-    rivals = scores[same.mean(axis=1) < SAME_SHARE]
-    lead = float(rivals.min() - scores[number]) if len(rivals) else MOST_LEAD
+    others = scores[same.mean(axis=1) < SAME_SHARE]
+    lead = float(others.min() - scores[number]) if len(others) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
     commutativity = max(found[number].evidence.commutativity, FLOOR)
     return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), -np.log(commutativity)])

@@ -41,7 +41,7 @@ class Pair:
         median distance of any two; NaN where it is not known, empty where it is not for any.
     log_odds : ndarray, shape (m,)
         How plausible each candidate is by all evidence, up to a constant of the pair; minus infinity for those that
-        another one stands for (rigid poses, where maps were asked). Empty where energies alone decide.
+        another one stands for (rigid poses, where maps were made). Empty where energies alone decide.
     evidence : ndarray, shape (m, e)
         Each kind of evidence of each candidate, columns as ``confidence.candidate_model.EVIDENCE``, NaN where
         unknown. Empty where energies alone decide.
@@ -126,7 +126,7 @@ def median_mismatch(pairs: Sequence[Pair]) -> float:
 
 
 def are_weighed(pairs: Iterable[Pair]) -> bool:
-    """Return whether maps were asked: pairs then have log-odds."""
+    """Return whether maps were made: pairs then have log-odds."""
     return any(len(pair.log_odds) for pair in pairs)
 
 

@@ -61,11 +61,11 @@ class ArapSolver:
         num, (vertices, places) = len(self._rest), goals
         count = np.maximum(np.bincount(vertices, minlength=num), 1)
         share = self.mass[vertices] * trust / (count[vertices] * length**2)
-        asked = np.zeros((num, 3))
-        np.add.at(asked, vertices, share[:, None] * places)
+        right_side = np.zeros((num, 3))
+        np.add.at(right_side, vertices, share[:, None] * places)
         total = np.bincount(vertices, weights=share, minlength=num)
         solve = splu(csc_array(self._stiffness + diags_array(total))).solve
-        return lambda edges: np.asarray(solve(edges + asked))
+        return lambda edges: np.asarray(solve(edges + right_side))
 
     def rotated_edges(self, moved: FloatArray) -> FloatArray:
         """Return the weighted sum of each vertex's edges at rest, rotated like those of the moved surface (v, 3)."""
@@ -89,7 +89,7 @@ class ArapSolver:
         return rest, now, 0.5 * (rotations[self._at] + rotations[self._to])
 
 
-#: Times that the map is asked where it can be trusted, and for each that places and rotations are found in turn.
+#: Times that the map is evaluated where it can be trusted, and for each that places and rotations are found in turn.
 _NUM_TRUSTS, _NUM_ROUNDS = 3, 5
 
 
@@ -165,7 +165,7 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
 #: Correspondences beyond the cutoff, or so many radii where that is more, do not count, nor do those whose normals
 #: differ by more than the cosine says.
 _LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
-#: Times that closest points are asked, and for each that places and rotations are found in turn.
+#: Times that closest points are found, and for each that places and rotations are found in turn.
 _NUM_FITS, _NUM_SWEEPS = 6, 2
 
 

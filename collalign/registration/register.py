@@ -353,11 +353,13 @@ class _FieldSolver:
         at, offsets, weights = pulls
         rows = self._basis[at]
         weighted = rows * weights[:, None]
-        asked = weighted.T @ ((moved - self._source)[at] + offsets)
+        right_side = weighted.T @ ((moved - self._source)[at] + offsets)
         data, per_point = rows.T @ weighted, len(rows) / TUNED.num_independent
         while stiffness <= _MAX_STIFFNESS:
             system = data + (stiffness * noise) ** 2 * per_point * self._prior
-            field = replace(self.still, weights=cho_solve(cho_factor(system, lower=True), asked))
+            field = replace(
+                self.still, weights=cho_solve(cho_factor(system, lower=True), right_side)
+            )
             if (
                 np.linalg.det(field.jacobian(self._checked, self._slopes)).min()
                 >= MIN_VOLUME_CHANGE

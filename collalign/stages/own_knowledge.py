@@ -224,17 +224,17 @@ def with_own(
     """
     weights, own = constraints.weights, constraints.candidates
     pairs = [replace(pair, weight=weights.get((pair.target, pair.source), 1.0)) for pair in pairs]
-    asked = [
+    candidates = [
         (e, pose)
         for e, pair in enumerate(pairs)
         for pose in own.get((pair.target, pair.source), ())
     ]
-    if not asked:
+    if not candidates:
         return pairs
-    starts = np.stack([pose for _, pose in asked])
+    starts = np.stack([pose for _, pose in candidates])
     with table_of_values(shapes.samples) as table:
-        found = solve_again(session, [pairs[e] for e, _ in asked], starts, table, resolve_pair)
-    for (e, _), pose in zip(asked, found, strict=True):
+        found = solve_again(session, [pairs[e] for e, _ in candidates], starts, table, resolve_pair)
+    for (e, _), pose in zip(candidates, found, strict=True):
         pair = pairs[e]
         if rotation_angles(pair.rotations, pose["rotations"][0]).min() > SAME_POSE_RAD:
             order = np.argsort(np.append(pair.energies, pose["energies"]), kind="stable")

@@ -136,6 +136,6 @@ def _pose(run: Run, known: tuple[Run, Matched] | None = None) -> _Answer:
 
 
 def _with_confidences(decided: Run, matched: Matched, posed: Posed) -> Posed:
-    """State confidences, settle doubts, and map all vertices, once it is known which shapes are posed together."""
-    posed = steps.settle(decided, matched, steps.state_trust(decided, posed))
+    """State confidences, reconsider doubtful shapes, and map all vertices, once posed together."""
+    posed = steps.reconsider_doubtful(decided, matched, steps.state_trust(decided, posed))
     return steps.with_vertices(decided, posed)

@@ -1,4 +1,4 @@
-"""Proofs for the pairs that matter: those with rival poses, and those that synchronization rejects.
+"""Proofs for the pairs that matter: those with competing poses, and those that synchronization rejects.
 
 Branch and bound over the rotations (:mod:`pairwise.branch_and_bound.prove`) either proves the best pose of a pair,
 or the pose that was overlooked comes to light, or the time ends and the bound says how far the proof came. What a
@@ -99,7 +99,7 @@ def prove_pair(
     gap_tol: float,
     time_limit_s: float,
 ) -> PairProof:
-    """Prove the best pose of one pair and list its rivals, from rotations (m, 3, 3); runs inside a worker."""
+    """Prove the best pose of one pair and list its alternatives, from rotations (m, 3, 3); runs inside a worker."""
     problem = pair_problem(target, source, group)
     poses = list_poses(
         problem,
@@ -208,14 +208,14 @@ def worth_proving(pairs: Sequence[Pair], inlier: BoolArray) -> list[int]:
         Whether synchronization trusts each pair.
     """
     tiny = np.finfo(float).tiny
-    rivals = np.array(
+    ratios = np.array(
         [
             pair.energies[1] / max(pair.energies[0], tiny) if len(pair.energies) > 1 else np.inf
             for pair in pairs
         ]
     )
-    order = np.lexsort((rivals, inlier))
-    return [int(e) for e in order if not inlier[e] or rivals[e] <= RIVAL_FACTOR]
+    order = np.lexsort((ratios, inlier))
+    return [int(e) for e in order if not inlier[e] or ratios[e] <= RIVAL_FACTOR]
 
 
 def with_proof(pair: Pair, proof: PairProof) -> Pair:

@@ -49,14 +49,16 @@ def prepare_shapes(
     StoreError
         If a record is damaged.
     """
-    asked = session.options.sampling.num_points
+    wanted = session.options.sampling.num_points
     own = own or {}
     shapes = _prepare(session, listing, session.options, own)
-    num = common_num_points([len(item.vertex_indices) for item in shapes.samples], asked)
-    if num < asked:
+    num = common_num_points([len(item.vertex_indices) for item in shapes.samples], wanted)
+    if num < wanted:
         fewer = replace(session.options.sampling, num_points=num)
         shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own)
-        shapes = replace(shapes, notes=(Note("fewer-points", values={"num": num, "asked": asked}),))
+        shapes = replace(
+            shapes, notes=(Note("fewer-points", values={"num": num, "asked": wanted}),)
+        )
     shapes = _with_enough(shapes, num, strict=session.options.strict)
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
@@ -71,7 +73,7 @@ def prepare_shapes(
     return shapes
 
 
-def common_num_points(counts: Sequence[int], asked: int) -> int:
+def common_num_points(counts: Sequence[int], wanted: int) -> int:
     """Return at how many points all shapes are matched.
 
     As many as asked for, unless most shapes have fewer: then as many as the smallest of them has. Shapes of less than
@@ -81,11 +83,11 @@ def common_num_points(counts: Sequence[int], asked: int) -> int:
     ----------
     counts : sequence of int
         Points of each shape.
-    asked : int
+    wanted : int
     """
-    few = np.sort(np.minimum(counts, asked))
-    median = int(few[(len(few) - 1) // 2]) if len(few) else asked
-    return int(few[few >= SMALLEST_SHARE * median][0]) if median < asked else asked
+    few = np.sort(np.minimum(counts, wanted))
+    median = int(few[(len(few) - 1) // 2]) if len(few) else wanted
+    return int(few[few >= SMALLEST_SHARE * median][0]) if median < wanted else wanted
 
 
 def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:

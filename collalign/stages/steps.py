@@ -23,7 +23,7 @@ from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
-from collalign.stages.evidence.rivals import settle_doubtful
+from collalign.stages.evidence.rivals import weigh_doubtful_pairs
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, grow_pairs, match_chosen
 from collalign.stages.pairs.descriptor import describe_shapes
@@ -229,12 +229,12 @@ def state_trust(run: Run, posed: Posed) -> Posed:
     return replace(posed, notes=(*posed.notes, *notes, *helps))
 
 
-def settle(run: Run, matched: Matched, posed: Posed) -> Posed:
-    """Weigh and pose doubtful shapes anew, where maps were asked and have not searched all pairs."""
+def reconsider_doubtful(run: Run, matched: Matched, posed: Posed) -> Posed:
+    """Weigh and pose doubtful shapes anew, where maps were made and have not searched all pairs."""
     if not are_weighed(matched.pairs) or len(run.shapes.names) <= MOST_SEARCHED:
         return posed
     with run.stage("maps"):
-        pairs = settle_doubtful(
+        pairs = weigh_doubtful_pairs(
             run.session, run.shapes, matched.pairs, posed.rotations, posed.solution.confidence
         )
     if all(pair is before for pair, before in zip(pairs, matched.pairs, strict=True)):

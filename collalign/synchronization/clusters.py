@@ -166,12 +166,12 @@ def part_rotations(
         across = done[i] & inside[j]
         if across.any() and part not in stay:
             placed = corrections[i[across]] @ rotations[i[across]]
-            asked = placed @ measured[across] @ transposed(rotations[j[across]])
-            flat = asked.reshape(len(asked), -1)
+            proposed = placed @ measured[across] @ transposed(rotations[j[across]])
+            flat = proposed.reshape(len(proposed), -1)
             close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(
                 axis=2
             ) <= CLOSED
             mode = int(np.argmax(close.sum(axis=0)))
-            corrections[inside] = graph.pattern.project(asked[close[:, mode]].sum(axis=0))
+            corrections[inside] = graph.pattern.project(proposed[close[:, mode]].sum(axis=0))
         done |= inside
     return corrections

@@ -220,8 +220,8 @@ def candidate_features(graph: PairGraph) -> FloatArray:
     floor = max(1e-12 * float(np.nanmax(energies, initial=0.0)), np.finfo(float).tiny)
     lowest = np.nanmin(energies, axis=1, keepdims=True)
     above = np.log(np.maximum(energies, floor) / np.maximum(lowest, floor))
-    rivals = graph.present & (features[..., 0] > 0)
-    typical = float(np.median(above[rivals])) if rivals.any() else 0.0
+    others = graph.present & (features[..., 0] > 0)
+    typical = float(np.median(above[others])) if others.any() else 0.0
     if typical > 0.0:
         features[..., 1] = np.where(graph.present, above / typical, 0.0)
     return features

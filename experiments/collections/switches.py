@@ -160,7 +160,7 @@ SWITCHES: dict[str, Switch] = {
         patches={f"{_STEPS}.MOST_SEARCHED": 0}, where=BENT, since=PAIRS
     ),
     "settling doubts by maps": Switch(
-        patches={f"{_STEPS}.settle": _given(2)}, where=BENT, since=PAIRS
+        patches={f"{_STEPS}.reconsider_doubtful": _given(2)}, where=BENT, since=PAIRS
     ),
     "averaging over seven ways": Switch(
         patches={

@@ -154,9 +154,9 @@ def table_of_stored(store: Store, tasks: Iterable[Mapping[str, Any]]) -> SharedT
     """Return a table of the stored records that tasks share, without the fields that nobody reads; None for none."""
     wanted: dict[tuple[str, str], frozenset[str] | None] = {}
     for one in _shared_by(tasks):
-        place, asked = (one.kind, one.key), fields_of(one.reader)
+        place, fields = (one.kind, one.key), fields_of(one.reader)
         former = wanted.get(place, frozenset())
-        wanted[place] = None if asked is None or former is None else asked | former
+        wanted[place] = None if fields is None or former is None else fields | former
 
     def read(kind: str, key: str, names: frozenset[str] | None) -> dict[str, Any]:
         record = store.require(kind, key)

@@ -86,13 +86,13 @@ def map_vertices(
     )
     trust = dict(zip(map(_ends, chosen), 1.0 / np.maximum(residuals, _SMALLEST), strict=True))
     size = min(FIRST_SIZE, bases.shape[-1])
-    asked = {
+    requests = {
         _ends(pair): {
             "start": np.ascontiguousarray((bases[source] @ bases[target].T)[:size, :size])
         }
         for pair, (target, source) in zip(chosen, _edges(members, chosen).tolist(), strict=True)
     }
-    refined = _of_pairs(REFINING, session, shapes, surfaces, asked)
+    refined = _of_pairs(REFINING, session, shapes, surfaces, requests)
     members, chosen = _linked([pair for pair in chosen if _ends(pair) in refined])
     if not chosen:
         return None

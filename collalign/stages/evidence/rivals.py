@@ -28,7 +28,7 @@ SAME_RIVAL_DEG, NUM_RIVALS = 25.0, 3
 Votes: TypeAlias = tuple[FloatArray, FloatArray]
 
 
-def settle_doubtful(
+def weigh_doubtful_pairs(
     session: AlignSession,
     shapes: Shapes,
     pairs: Sequence[Pair],

@@ -1,4 +1,4 @@
-"""Two shapes that overlap in part, by themselves: the best pose of one on the other, its rivals, and the overlap."""
+"""Two shapes that overlap in part: the best pose of one on the other, its alternatives, and the overlap."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class PartialMatch:
 
     @property
     def transforms(self) -> FloatArray:
-        """The answer and its rivals, shape (m, 4, 4): coordinates of the source to those of the target."""
+        """The answer and its alternatives, shape (m, 4, 4): coordinates of the source to those of the target."""
         return np.stack([found.pose.transform for found in self.poses])
 
     @property

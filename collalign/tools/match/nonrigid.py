@@ -77,13 +77,13 @@ def match_shapes(
     True
     >>> figure = found.plot(body, body)
     """
-    asked = as_options("options", options, NonrigidOptions, keywords)
+    wanted = as_options("options", options, NonrigidOptions, keywords)
     surface = as_options("surface_options", surface_options, SurfaceOptions)
     to, of = (
         prepare_file(as_origin(file, role), surface)
         for file, role in ((target, "target"), (source, "source"))
     )
-    return match_prepared(to, of, asked)
+    return match_prepared(to, of, wanted)
 
 
 def prepare_file(file: Origin | str, options: SurfaceOptions | None = None) -> SpectralShape:

@@ -173,9 +173,11 @@ def check_stability(
     """
     collection = load(result)
     listing = FolderListing(files=collection.source_files(), names=collection.names)
-    asked = collection.options
+    aligned_with = collection.options
     wanted = as_options("options", options, StabilityOptions)
-    plan = list(repetitions(replace(asked, reference="", certify=False), len(collection), wanted))
+    plan = list(
+        repetitions(replace(aligned_with, reference="", certify=False), len(collection), wanted)
+    )
     if not plan:
         raise OptionsError(
             "num_points, num_seeds, num_subsets: no repetition is left that differs from the result"
@@ -186,11 +188,11 @@ def check_stability(
     )
     rows = []
     with Session.open(
-        asked, as_options("run", run, RunOptions), progress_display(progress)
+        aligned_with, as_options("run", run, RunOptions), progress_display(progress)
     ) as session:
-        for number, (words, again_asked, members) in enumerate(plan, 1):
+        for number, (words, again_with, members) in enumerate(plan, 1):
             shown = _titled(session.progress, f"{words} ({number} of {len(plan)})")
-            repeated = replace(session, options=again_asked, progress=shown)
+            repeated = replace(session, options=again_with, progress=shown)
             again = align_listing(repeated, listing.some(members), fixed={})
             rows.append(_compared(collection, again))
     present, changes, same = (read_only(np.stack(column)) for column in zip(*rows, strict=True))
@@ -207,13 +209,13 @@ def check_stability(
 
 
 def repetitions(
-    asked: AlignOptions, num_shapes: int, wanted: StabilityOptions
+    aligned_with: AlignOptions, num_shapes: int, wanted: StabilityOptions
 ) -> Iterator[Repetition]:
     """Yield what is repeated, those first that have the most in common with the result.
 
     Parameters
     ----------
-    asked : AlignOptions
+    aligned_with : AlignOptions
         Of the result.
     num_shapes : int
     wanted : StabilityOptions
@@ -223,15 +225,15 @@ def repetitions(
     Repetition
     """
     every, size = np.arange(num_shapes), max(2, round(SUBSET_SHARE * num_shapes))
-    rng = np.random.default_rng(asked.seed)
+    rng = np.random.default_rng(aligned_with.seed)
     for number in range(1, wanted.num_subsets + 1 if size < num_shapes else 1):
         members = np.sort(rng.permutation(num_shapes)[:size])
-        yield f"{size} shapes, choice {number}", asked, members
-    for seed in islice((seed for seed in count() if seed != asked.seed), wanted.num_seeds):
-        yield f"seed {seed}", replace(asked, seed=seed), every
-    for num in sorted({*wanted.num_points} - {asked.sampling.num_points}):
-        sampling = replace(asked.sampling, num_points=num)
-        yield f"{num} points", replace(asked, sampling=sampling), every
+        yield f"{size} shapes, choice {number}", aligned_with, members
+    for seed in islice((seed for seed in count() if seed != aligned_with.seed), wanted.num_seeds):
+        yield f"seed {seed}", replace(aligned_with, seed=seed), every
+    for num in sorted({*wanted.num_points} - {aligned_with.sampling.num_points}):
+        sampling = replace(aligned_with.sampling, num_points=num)
+        yield f"{num} points", replace(aligned_with, sampling=sampling), every
 
 
 def _compared(collection: Collection, again: Collection) -> tuple[BoolArray, FloatArray, BoolArray]:

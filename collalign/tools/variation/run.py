@@ -123,7 +123,10 @@ def write_surface_variation(
     >>> found.components.scores.shape
     (3, 2)
     """
-    collection, asked = load(result, sources=sources), as_options("tests", tests, ShapeTestOptions)
+    collection, test_options = (
+        load(result, sources=sources),
+        as_options("tests", tests, ShapeTestOptions),
+    )
     labelled, dropped = _labelled(collection, labels)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
@@ -141,7 +144,7 @@ def write_surface_variation(
         posture = [Note("posture-taken-out", values={"parts": ", ".join(kinds)})]
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
-    tested = shape_tests(found, columns, asked)
+    tested = shape_tests(found, columns, test_options)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
     before = [
         note for note in collection.notes if note.code != "copies"
@@ -166,8 +169,8 @@ def write_surface_variation(
             counterparts,
             mirrored=collection.reflected[rows],
             individuals=None if individuals is None else [individuals[at] for at in rows],
-            permutations=asked.permutations,
-            seed=asked.seed,
+            permutations=test_options.permutations,
+            seed=test_options.seed,
         )
         doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
         found = replace(found, notes=(*doubts, *found.notes))
@@ -184,7 +187,7 @@ def write_surface_variation(
         who=who,
         record={
             "result": str(collection.folder or ""),
-            "tests": asdict(asked),
+            "tests": asdict(test_options),
             "symmetry": None if symmetry is None else str(symmetry),
             "templates": sorted(map(str, landmarks)),
             "exclude": exclude,

@@ -199,7 +199,7 @@ def shape_tests(
                 for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True)
             ]
     if options.model:
-        anova += tester.asked(parse_model(options.model, columns))
+        anova += tester.of_model(parse_model(options.model, columns))
     notes = [note for column in read.values() for note in column.notes]
     if odd:
         times = tuple(map(float, odd.values()))
@@ -254,7 +254,7 @@ class _Tester:
             return []
         return self._rows(terms, self._shapes[chosen])
 
-    def asked(self, model: Sequence[tuple[str, ...]]) -> Rows:
+    def of_model(self, model: Sequence[tuple[str, ...]]) -> Rows:
         """Return the rows of the model that was asked for, whose absent shapes are named."""
         what = " + ".join(":".join(term) for term in model)
         if not self._with_size and any(SIZE_TERM in term for term in model):

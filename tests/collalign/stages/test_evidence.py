@@ -22,7 +22,7 @@ from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
-from collalign.stages.evidence.rivals import settle_doubtful, voted_poses, votes_of
+from collalign.stages.evidence.rivals import voted_poses, votes_of, weigh_doubtful_pairs
 from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
@@ -223,7 +223,7 @@ def test_the_strongest_votes_are_rivals_and_tried_against_sure_partners(monkeypa
     found, laid = {2: from_record(PairEvidence, a_record(2), "0 - 3")}, {}
     weigh = "collalign.stages.evidence.rivals.weigh_starts"
     monkeypatch.setattr(weigh, lambda *given, **_: laid.update(given[3]) or found)
-    settled = settle_doubtful(None, None, pairs, poses, np.array([0.95, 0.95, 0.95, 0.5]))
+    settled = weigh_doubtful_pairs(None, None, pairs, poses, np.array([0.95, 0.95, 0.95, 0.5]))
     assert [e for e, pair in enumerate(pairs) if pair.source == 3] == list(laid)
     assert [len(pair.energies) for pair in settled] == [1, 1, 3, 1, 1, 1]
     np.testing.assert_allclose(
