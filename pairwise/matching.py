@@ -71,7 +71,7 @@ def match(
     source : array_like, shape (k, d)
         k <= n.
     translation : bool
-        Poses turn about the origin; this shifts both sets to their centroids first, which is the best shift where
+        Poses rotate about the origin; this shifts both sets to their centroids first, which is the best shift where
         all points are matched and weigh the same. Energies, bounds and certificates are then of the shifted points.
         A warning says where a shift is most of what a pose about the origin leaves. With ``unmatched_cost`` the
         centroids are those of the matched points, found in turns with the pose.

@@ -74,7 +74,7 @@ SAME_ROTATION = 8.0 * np.sin(np.deg2rad(APART_DEG / 2.0)) ** 2
 #: Rotations per shape, L, at most, the identity and those of the whole collection among them; the latter, at most.
 MAX_HYPOTHESES, MAX_GLOBAL = 6, 3
 
-#: Cost of a turn that is not offered.
+#: Cost of a rotation that is not offered.
 FORBIDDEN = 1e4
 
 #: Bandwidths of the kernel in which rotations are counted, of one shape and of all, and the squared distance within
@@ -109,7 +109,7 @@ class Hypotheses:
     common : ndarray, shape (G, d, d)
         Rotations that many pairs propose, the same for all shapes; they follow the identity in ``rotations``.
     rates : ndarray, shape (G,)
-        Share of the pairs whose best candidate is wrong by that turn and that have no right one.
+        Share of the pairs whose best candidate is wrong by that rotation and that have no right one.
     explained : ndarray, shape (E,)
         Probability that each pair has a right candidate or is wrong by a common rotation.
     """

@@ -154,7 +154,7 @@ def match_overlapping(
 
     Examples
     --------
-    A hilly landscape, of which both surfaces see two thirds, the second one after a quarter turn about z:
+    A hilly landscape, of which both surfaces see two thirds, the second one after a quarter rotation about z:
 
     >>> import numpy as np
     >>> import pairwise
