@@ -102,7 +102,7 @@ class Cells(Rows):
         return rotations, radii_of(reach)
 
     def reach(self) -> tuple[FloatArray, FloatArray]:
-        """Return rotations R (m, d, d), and those of the corners against them: v = sin(theta / 2) a, (m, c, 3)."""
+        """Return rotations R (m, d, d), and those of the corners against them: v = sin(theta / 2) a, (m, c, 3).
 
         A corner is R exp(theta [a]); one of d = 2 rotates about the third axis.
         """
