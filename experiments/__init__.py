@@ -26,7 +26,6 @@ _FOLDERS = {
     "capod": "peers",
     "scans": "peers",
     "landmarks": "peers",
-    "radii": "collections",
     "templates": "collections",
     "synchronization": "peers",
     "teeth_jobs": "collections",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -54,9 +54,9 @@ class RadiusEvidence:
         Root mean square radius, in the unit of all of these.
     variation : float
         Root mean square distance of corresponding points of all shapes from their mean.
-    template_residual, relief : ndarray, shape (l,)
-        The residual on the templates themselves, and how far their surface around each landmark is from flat
-        (:func:`collalign.landmarks.carry.reliefs`); means over the templates.
+    tilt, relief : ndarray, shape (l,)
+        Of the surface around each landmark, see
+        :meth:`collalign.landmarks.carry.Neighbourhoods.compare`, where there are one to three templates.
     """
 
     spread: FloatArray
@@ -64,8 +64,8 @@ class RadiusEvidence:
     residual: FloatArray
     unit: float
     variation: float
-    template_residual: FloatArray
-    relief: FloatArray
+    tilt: FloatArray = field(default_factory=lambda: np.empty(0))
+    relief: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def expected(self, landmark_error: FloatArray) -> FloatArray:
         """Return a number in proportion to the error to expect, given each landmark's error elsewhere, shape (l,)."""
@@ -77,22 +77,14 @@ class RadiusEvidence:
     def of_few(self, num_templates: int) -> FloatArray:
         """Return the radii of the landmarks of one to three templates, shape (l,)."""
         factor, *powers = OF_FEW[num_templates - 1]
-        return np.asarray(
-            factor * self.least_variation() * np.prod(self.shown() ** np.array(powers), axis=1)
-        )
-
-    def shown(self) -> FloatArray:
-        """Return what radii of few templates follow, shape (l, 4).
-
-        Columns are relief, residual, residual on the templates, and spread, in radii.
-        """
-        lengths = (self.residual, self.template_residual, self.spread)
-        numbers = np.column_stack([self.relief, *(one / self.unit for one in lengths)])
-        return np.maximum(numbers, _LEAST_DISTANCE)
-
-    def least_variation(self) -> float:
-        """Return the variation, at least the least that radii of few templates were fitted to."""
-        return max(self.variation, _LEAST_RANGE * self.unit)
+        tilt = np.maximum(self.tilt, _LEAST_RANGE)
+        numbers = (tilt, self.relief, self.residual / self.unit, self.spread / self.unit)
+        known = [
+            np.maximum(one, _LEAST_DISTANCE) ** power
+            for one, power in zip(numbers, powers, strict=True)
+        ]
+        variation = max(self.variation, _LEAST_RANGE * self.unit)
+        return np.asarray(factor * variation * np.prod(known, axis=0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

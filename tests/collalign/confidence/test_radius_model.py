@@ -14,10 +14,10 @@ from collalign.confidence.radius_model import (
     spread,
 )
 from collalign.landmarks.carry import (
+    Neighbourhoods,
     carried,
     fuse,
     on_surface,
-    reliefs,
     template,
     template_distance,
     template_weights,
@@ -27,7 +27,7 @@ from data_tools.surface.closest import SurfaceLocator
 
 
 def shown(
-    num=30, distance=1.0, residual=1.0, own=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0
+    num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0
 ):
     """Return evidence of templates that agree."""
     return RadiusEvidence(
@@ -36,7 +36,7 @@ def shown(
         residual=np.full(num, residual),
         unit=unit,
         variation=variation,
-        template_residual=np.full(num, own),
+        tilt=np.full(num, tilt),
         relief=np.full(num, relief),
     )
 
@@ -77,30 +77,38 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
 def test_radii_of_few_templates_follow_the_surface_and_the_spread_and_have_a_unit(num):
     calibration = calibrate(simulated(np.random.default_rng(3), num), [shown()] * num)
     plain = radii(calibration, shown())
-    for worse in (shown(own=0.4), shown(relief=0.02), shown(residual=2.0), shown(variation=2.0)):
+    for worse in (shown(tilt=0.4), shown(relief=0.02), shown(residual=2.0), shown(variation=2.0)):
         assert (radii(calibration, worse) > plain).all()
     assert ((radii(calibration, shown(spread=0.3)) > plain) == (num > 1)).all()
     np.testing.assert_allclose(
-        radii(calibration, shown(residual=10.0, own=2.0, unit=10.0, variation=10.0)), 10 * plain
+        radii(calibration, shown(residual=10.0, spread=0.0, unit=10.0, variation=10.0)), 10 * plain
     )
-    assert (radii(calibration, shown(own=0.0, residual=0.0, variation=0.0)) > 0).all()
+    assert (radii(calibration, shown(tilt=0.0, residual=0.0, variation=0.0)) > 0).all()
 
 
 def test_without_templates_there_are_no_radii():
     assert np.isnan(radii(calibrate(np.empty((0, 30)), []), shown())).all()
 
 
-def test_flat_places_have_no_relief_whatever_the_pose():
+def test_surroundings_that_are_turned_are_alike_and_flat_ones_have_no_relief():
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 31)], indexing="ij"), axis=-1).reshape(
         -1, 2
     )
-    bump = 0.4 * np.exp(-((grid - [0.5, 0.0]) ** 2).sum(axis=1) / 0.05)
-    mean, rotation = np.column_stack([grid, bump]), Rotation.from_euler("xyz", [0.5, 0.2, 2.0])
+    faces = Delaunay(grid).simplices
+
+    def surface(height, width):
+        bump = height * np.exp(-((grid - [0.5, 0.0]) ** 2).sum(axis=1) / width)
+        return np.column_stack([grid, bump])
+
+    mean, turn = surface(0.4, 0.05), Rotation.from_euler("xyz", [0.5, 0.2, 2.0]).as_matrix()
+    copies = np.stack([mean, mean @ turn.T + 3.0, surface(0.4, 0.2)])
     marks = mean[[np.abs(grid - place).sum(axis=1).argmin() for place in ([0.5, 0.0], [-0.6, 0.0])]]
-    one = template(0, marks, mean, Delaunay(grid).simplices, 1.0)
-    found = reliefs(one, mean, mean, 1.0)
-    assert found[0] > 0.05 > 10 * found[1]
-    np.testing.assert_allclose(reliefs(one, mean, rotation.apply(mean) + 3.0, 1.0), found)
+    one = template(0, marks, copies[0], faces, 1.0)
+    around = Neighbourhoods(mean, copies, faces, 1.0)
+    (same, relief), (other, _) = (around.compare([one], specimen) for specimen in (1, 2))
+    np.testing.assert_allclose(same, 0.0, atol=1e-6)
+    assert other[0] > 0.1 > other[1]
+    assert relief[0] > 0.05 > 10 * relief[1]
 
 
 def test_missing_landmarks_count_for_nothing():
