@@ -404,7 +404,8 @@ def _finish(collection: Collection, written: Sequence[Path]) -> int:
             f"Doubtful poses, look at them first: {', '.join(shown[:10])}{', ...' if shown[10:] else ''}"
         )
     for note in collection.notes:
-        say(f"Note: {note_text(note)}")
+        if note.code != "doubtful":  # named in the line before
+            say(f"Note: {note_text(note)}")
     lost = [
         f"{name}: {note_text(note)}"
         for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)

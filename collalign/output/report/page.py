@@ -284,7 +284,8 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
         (len(collection.pairs), f"pairs compared, {against} against the common poses"),
     ]
     items = "".join(f"<li><strong>{value}</strong>{said}</li>" for value, said in facts)
-    listed = "".join(f"<li>{html.escape(note_text(note))}</li>" for note in notes)
+    rest = [note_text(note) for note in notes if note.code != "doubtful"]  # named above
+    listed = "".join(f"<li>{html.escape(text)}</li>" for text in rest)
     noted = f'<ul class="notes">{listed}</ul>' if listed else ""
     return f'<p class="verdict {kind}">{" ".join(words)}</p><ul class="facts">{items}</ul>{noted}'
 

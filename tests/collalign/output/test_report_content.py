@@ -22,6 +22,7 @@ from collalign.output.report.sections import offered_poses, shape_map
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
+from collalign.wording import note_text
 from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
@@ -211,10 +212,16 @@ def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
     assert "Permission is hereby granted" in page
 
 
+def test_doubtful_shapes_are_named_once_above_the_notes():
+    head = rendered(view_of(5)).partition("<nav")[0]
+    assert "Look at: " in head
+    assert note_text(Note("doubtful", ("shape_001",))) not in head
+
+
 def test_names_cannot_become_markup():
     bad = "</script><img src=x onerror=alert(1)>"
     view = dataclasses.replace(
-        view_of(3), names=(bad, "a & b", "<!--"), notes=(Note("doubtful", (bad,)),)
+        view_of(3), names=(bad, "a & b", "<!--"), notes=(Note("contradicted-by-hand", (bad,)),)
     )
     page = rendered(view, title=bad)
     assert bad not in page

@@ -137,7 +137,7 @@ export class Collection {
   use(pair) {
     const { inlier, choice } = this.pairs;
     if (!inlier[pair]) return "left out";
-    return choice[pair] > 0 ? `used by its alternative ${choice[pair]}` : "used";
+    return choice[pair] > 0 ? `used with its alternative ${choice[pair]}` : "used";
   }
 
   // Label on shape i of each sample of shape j by the pair's own matching; equal labels where it kept none.

@@ -102,12 +102,12 @@ function chancesInWords(shape) {
   if (shape.byHand) {
     const { evidence } = shape.byHand;
     const said = evidence === null ? "" : `; the evidence alone gives it ${percent(evidence)}`;
-    return `This pose was set by hand${said}. Grey and clear: a certain shape to compare with.`;
+    return `This pose was set by hand${said}. Grey and transparent: a certain shape to compare with.`;
   }
   const others = chances(shape).reduce((sum, chance) => sum + (chance || 0), 0);
   const none = 1 - shape.confidence - others;
   const rest = none >= 0.01 ? `. There is a ${percent(none)} chance that none of the poses shown is right` : "";
-  return `This pose is right with a chance of ${percent(shape.confidence)}${rest}. Grey and clear: a certain shape to compare with.`;
+  return `This pose is right with a chance of ${percent(shape.confidence)}${rest}. Grey and transparent: a certain shape to compare with.`;
 }
 
 export function shapeDialog(app) {
@@ -162,9 +162,9 @@ export function shapeDialog(app) {
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
       others.length > 1 ? select("Compare with", others, (other) => open(index, Number(other)), String(compare)) : "",
-      el("p", { class: "muted" }, `${chancesInWords(shape)} Which pose lies like it? Choose it, or ${collection.isPlaced(index) ? "place" : "turn"} the shape by hand until it does, then ${location.protocol.startsWith("http") ? "apply the decision at the top of the window" : "download the decisions at the bottom of the page"}. Certain shapes will stay as they are, doubtful ones may follow.`),
+      el("p", { class: "muted" }, `${chancesInWords(shape)} Choose the pose that matches it, or ${collection.isPlaced(index) ? "place" : "rotate"} the shape by hand. Then ${location.protocol.startsWith("http") ? "apply the decision at the top of the window" : "download the decisions at the bottom of the page"}. Certain shapes will stay as they are; doubtful ones may follow.`),
       row,
-      rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "For the common poses"], rows) : "");
+      rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "In the result"], rows) : "");
     box.show(shape.name);
   };
   return (index) => open(index);

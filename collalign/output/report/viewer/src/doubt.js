@@ -1,7 +1,8 @@
 // How far each shape's pose can be trusted, most doubtful first.
 
-import { button, degrees, el, number, table } from "./dom.js";
+import { button, degrees, el, table } from "./dom.js";
 import { meter, tags } from "./gallery.js";
+import { percent } from "./layers.js";
 
 function evidence(app, index) {
   const { pairs, shapes } = app.collection;
@@ -27,14 +28,14 @@ export function doubtSection(app) {
     const marks = el("span", { class: "tags" }, ...tags(app, index));
     app.corrections.onchange((changed) => changed === index && marks.replaceChildren(...tags(app, index)));
     const open = button(shapes[index].name, () => app.openShape(index), { class: "link" });
-    const share = count ? `${left} of ${count}` : "–";
+    const share = count ? `${left}\u00a0of\u00a0${count}` : "–";
     return [open, meter(app, shapes[index]), degrees(median), share, String(shapes[index].alternatives.length), marks];
   });
   const words = doubtful === 0
     ? "No pose is doubtful."
-    : `${doubtful} of ${shapes.length} shapes are below the threshold of ${number(doubtThreshold)}. Open them, compare them with the reference, and choose the right pose.`;
+    : `${doubtful} of ${shapes.length} shapes have a confidence below ${percent(doubtThreshold)}. Open them, compare them with the reference, and choose the right pose.`;
   const head = ["Shape", "Confidence", "Median disagreement of its pairs", "Pairs left out", "Other poses", "Marks"];
   const stability = el("p", null, "Run ", el("code", null, "collalign stability FOLDER"),
-    " to write stability.html next to this report; FOLDER is the folder of this page. It says how often each pose and mirror image stays the same with other points, other seeds and fewer shapes.");
+    " to write stability.html next to this report; FOLDER is the folder of this page. It says how often each pose stays the same with other points, other seeds and fewer shapes.");
   return [el("p", null, words), stability, table("Shapes by confidence", head, cells, { class: "doubt" })];
 }

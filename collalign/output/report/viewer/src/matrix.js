@@ -129,7 +129,7 @@ function worstPairs(app) {
     const open = button(`${shapes[a].name} – ${shapes[b].name}`, () => app.openPair(a, b), { class: "link" });
     return [open, app.collection.disagreement(pair), number(pairs.energy[pair]), app.collection.use(pair)];
   });
-  return table(`The ${rows.length} pairs that disagree most`, ["Pair", "Disagreement", "Energy", "For the common poses"], rows);
+  return table(`The ${rows.length} pairs that disagree most`, ["Pair", "Disagreement", "Energy", "In the result"], rows);
 }
 
 export function pairsSection(app) {
