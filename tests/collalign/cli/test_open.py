@@ -219,6 +219,7 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
         frame("align").locator(".tile").nth(1).click()
         frame("align").get_by_label("Compare with").select_option(index=1)
         frame("align").get_by_role("button", name="This pose is right").click()
+        assert "at the top of the window" in frame("align").locator(".decisions").inner_text()
         press(page, "Apply 1 decision and run again", "--corrections")
         assert '"confirmed"' in (out / "given" / "decisions.json").read_text()
         frame("align").locator(".decisions .chips button").click()

@@ -6,7 +6,7 @@ import { BONE } from "./colors.js";
 import { commandBox, wholeCommand } from "./command.js";
 import { angleDeg, matrixOf, poseMatrix, rotationMatrix, rowsOf, sizeOf, turnOf } from "./data.js";
 import { button, degrees, el, number } from "./dom.js";
-import { tell } from "./downloads.js";
+import { isShownByOpen, tell } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 
 // What a decision says: the present pose is right, or this pose of those offered, or one turned by hand.
@@ -183,9 +183,8 @@ export function correctionBar(corrections, collection) {
   const where = el("span", { class: "muted" });
   const command = commandBox(collection);
   const advice = el("span", { class: "muted" }, "Then run ", el("code", null, "collalign align … --corrections corrections.json"));
-  // Where `collalign open` serves the page, the page around it has a button that runs the command, and shows it.
-  const again = location.protocol.startsWith("http") ? null : collection.again;
-  advice.hidden = Boolean(again) || location.protocol.startsWith("http");
+  const again = isShownByOpen ? null : collection.again;
+  advice.hidden = Boolean(again) || isShownByOpen;
   const save = button("Download decisions", () => corrections.download(), { class: "primary", id: "download-decisions" });
   const bar = el("section", { class: "decisions", "aria-label": "Corrections", hidden: true }, count, list, save, advice, where, command.box);
   const show = () => {
@@ -194,8 +193,10 @@ export function correctionBar(corrections, collection) {
     bar.hidden = made.length === 0 && changes === 0;
     const all = made.length + corrections.leftOut.size;
     count.textContent = all ? `${all} ${all === 1 ? "decision" : "decisions"}` : "All decisions taken back";
-    save.hidden = !made.length && !collection.byHand.length;
-    where.textContent = corrections.remembered === false ? "This browser keeps nothing for files: download before you close the page." : "Kept in this browser when the page is closed.";
+    const text = made.length || collection.byHand.length ? corrections.text() : "";
+    save.hidden = !text || isShownByOpen;
+    if (isShownByOpen) where.textContent = changes ? "The first button at the top of the window applies them." : "They are applied. × takes one back.";
+    else where.textContent = corrections.remembered === false ? "This browser keeps nothing for files: download before you close the page." : "Kept in this browser when the page is closed.";
     const chips = made.map((index) => {
       const { name } = collection.shapes[index];
       const undo = button("×", () => corrections.decide(index, null), { "aria-label": `Take back the decision on ${name}` });
@@ -206,8 +207,8 @@ export function correctionBar(corrections, collection) {
       return el("li", { class: "chip" }, `${name}: left out `, undo);
     });
     list.replaceChildren(...chips, ...others);
-    command.show(again && changes ? wholeCommand(collection, save.hidden ? "" : corrections.text(), [...corrections.leftOut]) : "");
-    tell("decisions.json", save.hidden ? "" : corrections.text());
+    command.show(again && changes ? wholeCommand(collection, text, [...corrections.leftOut]) : "");
+    tell("decisions.json", text);
     tell("exclude.json", JSON.stringify([...corrections.leftOut]));
   };
   corrections.onchange(show);

@@ -4,6 +4,7 @@ import { degrees, el, modal, number, select, table, button } from "./dom.js";
 import { angleDeg, rotationMatrix } from "./data.js";
 import { CONFIRMED } from "./corrections.js";
 import { GREY, categorical } from "./colors.js";
+import { isShownByOpen } from "./downloads.js";
 import { after, before, percent, posed } from "./layers.js";
 import { overlapInWords } from "./incomplete.js";
 import { poseByHand } from "./by_hand.js";
@@ -162,7 +163,7 @@ export function shapeDialog(app) {
     box.body.replaceChildren(
       el("p", null, facts.filter(Boolean).join(" · ")),
       others.length > 1 ? select("Compare with", others, (other) => open(index, Number(other)), String(compare)) : "",
-      el("p", { class: "muted" }, `${chancesInWords(shape)} Choose the pose that matches it, or ${collection.isPlaced(index) ? "place" : "rotate"} the shape by hand. Then ${location.protocol.startsWith("http") ? "apply the decision at the top of the window" : "download the decisions at the bottom of the page"}. Certain shapes will stay as they are; doubtful ones may follow.`),
+      el("p", { class: "muted" }, `${chancesInWords(shape)} Choose the pose that matches it, or ${collection.isPlaced(index) ? "place" : "rotate"} the shape by hand. Then ${isShownByOpen ? "apply the decision at the top of the window" : "download the decisions at the bottom of the page"}. Certain shapes will stay as they are; doubtful ones may follow.`),
       row,
       rows.length ? table("Its pairs that disagree most", ["With", "Disagreement", "Energy", "In the result"], rows) : "");
     box.show(shape.name);

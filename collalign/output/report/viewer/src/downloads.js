@@ -11,9 +11,12 @@ function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+// Whether `collalign open` shows this page within its own, whose buttons apply what is decided here.
+export const isShownByOpen = parent !== window && location.protocol.startsWith("http");
+
 // Tells the page around this one, where `collalign open` shows it, what a download would hold now.
 export function tell(name, text) {
-  if (parent !== window) parent.postMessage({ name, text }, "*");
+  if (isShownByOpen) parent.postMessage({ name, text }, "*");
 }
 
 export function saveText(name, text) {

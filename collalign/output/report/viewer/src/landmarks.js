@@ -5,7 +5,7 @@ import { Group, Mesh, MeshLambertMaterial, SphereGeometry, Vector3 } from "three
 import { categorical } from "./colors.js";
 import { rotationMatrix, poseMatrix } from "./data.js";
 import { button, el, modal, number, select, table } from "./dom.js";
-import { saveText, tell } from "./downloads.js";
+import { isShownByOpen, saveText, tell } from "./downloads.js";
 import { keep, kept } from "./kept.js";
 import { csvText, fcsvText, slicerText, tpsText } from "./landmark_files.js";
 import { pixelOf, pointOnSurface } from "./surface_point.js";
@@ -278,7 +278,10 @@ function templateBar(app) {
   const { command } = marks;
   const copy = button("Copy", () => navigator.clipboard.writeText(command));
   const save = button("Download templates (CSV)", () => { saveText("templates.csv", csvText(marks.templates())); marks.saved = true; }, { class: "primary", id: "download-templates" });
-  const bar = el("section", { class: "decisions", "aria-label": "Templates" }, count, save, el("span", { class: "muted" }, "Then, where the file is: ", el("code", null, command)), copy);
+  const next = isShownByOpen
+    ? [el("span", { class: "muted" }, "“Transfer landmarks” at the top of the window takes them.")]
+    : [save, el("span", { class: "muted" }, "Then, where the file is: ", el("code", null, command)), copy];
+  const bar = el("section", { class: "decisions", "aria-label": "Templates" }, count, ...next);
   const show = () => {
     const templates = marks.templates();
     bar.hidden = marks.decisions.size === 0;
