@@ -72,9 +72,9 @@ def match(
         k <= n.
     translation : bool
         Poses rotate about the origin; this shifts both sets to their centroids first, which is the best shift where
-        all points are matched and weigh the same. Energies, bounds and certificates are then of the shifted points.
-        A warning says where a shift is most of what a pose about the origin leaves. With ``unmatched_cost`` the
-        centroids are those of the matched points, found in turns with the pose.
+        all points of both sets are matched and weigh the same. Energies, bounds and certificates are then of the
+        shifted points. A warning says where a shift is most of what a pose about the origin leaves. With
+        ``unmatched_cost`` the centroids are those of the matched points, found in turns with the pose.
     unmatched_cost : float, optional
         What an unmatched source point costs, in squared units of the points; all are matched by default. A point
         whose match would be further away than its root stays unmatched: take three to four times the noise, squared.
@@ -132,7 +132,7 @@ def match(
         )
     else:
         result = match_problem(problem, options, starts=poses)
-    if not translation and unmatched_cost is None:
+    if unmatched_cost is None:
         _warn_of_shift(problem, result.candidates[0])
     if not translation:
         return result
@@ -152,9 +152,16 @@ def _warn_of_shift(problem: Problem, best: Candidate) -> None:
         float(np.sqrt(matched.var(axis=0).sum())),
     )
     if shift > SHIFTED * spread > 0 and shift**2 > 0.5 * (rest**2).sum(axis=1).mean():
+        centroids = problem.target.mean(axis=0), problem.source.mean(axis=0)
+        is_centred = max(map(np.linalg.norm, centroids)) < SHIFTED * shift
+        reason = (
+            "both sets are at their centroids, and some target points have no partner. Use translation=True with a "
+            "large unmatched_cost, which shifts to the centroids of the matched points"
+            if is_centred
+            else "poses rotate about the origin. Use translation=True to shift both sets to their centroids first"
+        )
         warnings.warn(
-            f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, because poses "
-            "rotate about the origin. Use translation=True to shift both sets to their centroids first",
+            f"the matched points are {shift:.3g} apart on average, {shift / spread:.2g} spreads, because {reason}",
             stacklevel=4,
         )
 

@@ -298,3 +298,7 @@ def test_centroids_that_a_pose_about_the_origin_cannot_bring_together_are_said(r
         match(target, target[:9])
         match(target[:1], 3.0 * target[:1])
         match(target, target + 0.05 * rng.standard_normal(target.shape))
+    beyond = np.concatenate([target, target[:4] + np.array([2.0, 0.0, 0.0])])
+    with pytest.warns(UserWarning, match="no partner. Use translation=True with a large unmatched"):
+        match(beyond, target, translation=True)
+    assert match(beyond, target, translation=True, unmatched_cost=100.0).energy < 1e-9
