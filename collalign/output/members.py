@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,11 @@ class Members:
             return ()
         names, reasons = zip(*self.left_out, strict=True)
         return (Note("left-out-of-statistics", names, {"reasons": reasons}),)
+
+    def not_said_by(self, notes: Iterable[Note]) -> list[Note]:
+        """Return the notes of an alignment without that of doubtful shapes, where all of these are left out."""
+        names = {name for name, _ in self.left_out}
+        return [note for note in notes if note.code != "doubtful" or not {*note.shapes} <= names]
 
     @property
     def table(self) -> bytes:

@@ -172,7 +172,7 @@ def export_notes(
     notes = [coordinates_note(collection, space)] if format in STATISTICS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
-        notes += who.notes
+        return (*notes, *who.notes, *who.not_said_by(collection.notes))
     return (*notes, *collection.notes)
 
 

@@ -147,7 +147,7 @@ def write_surface_variation(
     tested = shape_tests(found, columns, test_options)
     marked, notes = _marked(collection, dense, found.mean, landmarks)
     before = [
-        note for note in collection.notes if note.code != "copies"
+        note for note in who.not_said_by(collection.notes) if note.code != "copies"
     ]  # of all shapes, not of those that count
     said = [
         *posture,

@@ -156,7 +156,7 @@ def shape_tests(
     columns: Columns,
     options: ShapeTestOptions = ShapeTestOptions(),  # noqa: B008
 ) -> ShapeTests:
-    """Test shape against size, every column of labels, and the model asked for.
+    """Test shape by the model asked for, which comes first, and against size and every column of labels.
 
     A column whose values are all numbers is a covariate, unless ``options.factors`` names it. Shapes without a value,
     or alone in their group, do not count in the tests of a column. Where the files of some shapes are probably in
@@ -182,7 +182,8 @@ def shape_tests(
     }
     odd = odd_ratios(dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True)))
     tester = _Tester(shapes, sizes, variation.names, read, options, with_size=not odd)
-    anova: Rows = [_ANOVA_TABLE, *tester.anova([(SIZE_TERM,)])]
+    asked_for = tester.of_model(parse_model(options.model, columns)) if options.model else []
+    anova: Rows = [_ANOVA_TABLE, *asked_for, *tester.anova([(SIZE_TERM,)])]
     groups: Rows = [["column", "group", "shapes", "disparity"]]
     pairs: Rows = [_PAIRS_TABLE]
     for name, column in read.items():
@@ -198,8 +199,6 @@ def shape_tests(
                 [name, kind or "(none)", count, disparities.get(kind, "not tested")]
                 for kind, count in zip(kinds.tolist(), counts.tolist(), strict=True)
             ]
-    if options.model:
-        anova += tester.of_model(parse_model(options.model, columns))
     notes = [note for column in read.values() for note in column.notes]
     if odd:
         times = tuple(map(float, odd.values()))

@@ -126,6 +126,10 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     assert (note.shapes, note.values["reasons"]) == (tuple(reasons), tuple(reasons.values()))
     assert [line.split(",", 1)[0] for line in who.table.decode().splitlines()] == ["name", *reasons]
     assert statistics_members(view, include_doubtful=True).chosen.tolist() == [0, 1, 2, 3, 5, 6, 7]
+    doubt, other = view.notes[0], Note("not-reflected-few", values={"num": 8})
+    assert who.not_said_by([doubt, other]) == [other]
+    with_doubtful = statistics_members(view, include_doubtful=True)
+    assert with_doubtful.not_said_by([doubt, other]) == [doubt, other]
     everyone = statistics_members(
         view, include_doubtful=True, include_incomplete=True, one_part=False
     )

@@ -194,6 +194,7 @@ def test_numbers_are_covariates_unless_named_as_factors(variation):
     assert [
         rows[model, "age"][4] for model in ("age", f"{SIZE} + age", f"{SIZE} + form + age")
     ] == [1, 1, 1]
+    assert tests.tables["anova"][1][0] == f"{SIZE} + form + age", "what was asked for comes first"
     assert rows["age", "total"][2] == 7  # the shape without an age does not count
     assert tests.factors == ("form",)
     assert not [row for row in tests.tables["pairs"][1:] if row[0] == "age"]

@@ -9,14 +9,14 @@ const AHEAD = { start: 0, middle: 0.5, end: 1 };
 const meet = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
 
 // For each of `places` the attributes of its text, and whether it is `crowded` out of a chart of this size.
-export function namesBeside(places, names, [width, height]) {
+export function namesBeside(places, names, [width, height, start = 0]) {
   const taken = places.map(([x, y]) => [x - DOT, y - DOT, x + DOT, y + DOT]);
   return places.map(([x, y], at) => {
     const boxOf = ([dx, dy, anchor]) => {
       const left = x + dx - AHEAD[anchor] * WIDE * names[at].length;
       return [left, y + dy - ABOVE, left + WIDE * names[at].length, y + dy + BELOW];
     };
-    const inside = (box) => box[0] >= 0 && box[1] >= 0 && box[2] <= width && box[3] <= height;
+    const inside = (box) => box[0] >= start && box[1] >= 0 && box[2] <= width && box[3] <= height;
     const within = SIDES.filter((side) => inside(boxOf(side)));
     const free = within.find((side) => !taken.some((other, of) => of !== at && meet(boxOf(side), other)));
     if (free) taken.push(boxOf(free));

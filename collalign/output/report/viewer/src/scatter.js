@@ -130,7 +130,7 @@ export function scatter({ points, names, values, outline = "none", line = [], na
   const areas = outlines.map((corners, at) => corners.length && svg("polygon", { class: "around", points: corners.map((point) => text(point).join(",")).join(" "), fill: categorical(at), "fill-opacity": 0.12, stroke: categorical(at) }));
   const [ends, [legend, whole]] = [line.map(scale.place), legendOf(kinds, size, narrow)];
   const fitted = line.length ? [svg("line", { class: "fitted", x1: ends[0][0], y1: ends[0][1], x2: ends[1][0], y2: ends[1][1] })] : [];
-  const beside = namesBeside(points.map(scale.place), names, size);
+  const beside = namesBeside(points.map(scale.place), names, [...size, ROOM.left]);
   const dots = points.map((point, at) => {
     const name = [names[at], values[at]].filter(Boolean).join(", ");
     const keys = (event) => (event.key === "Enter" || event.key === " ") && (event.preventDefault(), open(at));

@@ -17,6 +17,14 @@ function explains([model, , num, effect, , , , share, , , p]) {
   return model === effect ? `${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape of ${num} specimens (p = ${number(p)}).` : "";
 }
 
+// What the terms of the first model explain, in words, where it has several: it is the one that was asked for.
+function ofModel([first, ...others]) {
+  const rows = first ? [first, ...others].filter(([model, , , , , , , , , , p]) => model === first[0] && p !== "" && p != null) : [];
+  if (rows.length < 2) return [];
+  const terms = rows.map(([, , , effect, , , , share, , , p], at) => `${effect} ${at ? "" : "explains "}${(100 * share).toFixed(1)} % ${at ? "" : "of the variation of shape "}(p = ${number(p)})`);
+  return [`In the model ${first[0]} (${first[2]} specimens), ${terms.slice(0, -1).join(", ")} and ${terms.at(-1)}.`];
+}
+
 function allometry(app) {
   const [head, ...rows] = app.variation.tables.allometry;
   const columns = Object.keys(app.variation.columns);
@@ -53,7 +61,7 @@ function method({ sumsOfSquares, permutations, seed }) {
 
 export function statisticsSection(app) {
   const { anova, groups, pairs } = app.variation.tables;
-  const said = anova.slice(1).map(explains).filter(Boolean);
+  const said = [...new Set([...ofModel(anova.slice(1)), ...anova.slice(1).map(explains)])].filter(Boolean);
   return [
     el("p", null, said.join(" ") || "There are too few specimens for tests."),
     el("p", { class: "muted" }, method(app.variation.tests)),
