@@ -11,7 +11,7 @@ from collalign.confidence import pose_model as model
 from collalign.products.trust import DOUBT
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.landmarked import COLLECTIONS
-from experiments.confidence.draws import measure_collection
+from experiments.confidence.draws import measure_run, measure_runs
 from experiments.confidence.families import FAMILIES
 from experiments.confidence.fit import fit_weights, left_out, training_rows
 from experiments.experiment import Cell
@@ -23,11 +23,14 @@ NUM_RUNS, NUM_QUICK, SEED = 8, 1, 29
 
 def measure_weights(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Fit the logistic model to evidence and truth of the shapes of random sub-collections."""
-    shared = {"seed": SEED, "runs": NUM_QUICK if quick else NUM_RUNS}
-    records = {
-        kind: measure_collection(Cell(data=data, settings={"kind": kind, **shared}))
-        for kind in collections
-    }
+    records = measure_runs(
+        lambda cells: {
+            label: measure_run(Cell(data=data, settings=settings))
+            for label, settings in cells.items()
+        },
+        dict.fromkeys(collections, NUM_QUICK if quick else NUM_RUNS),
+        SEED,
+    )
     seen, right, kind = training_rows(records)
     weights, constant = fit_weights(seen, right, kind)
     code = [getattr(model, name) for name in NAMES[:-1]], model.CONSTANT

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ from collalign.engine.store.records import Record
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
 from data_tools.io.shapes import write_mesh
-from experiments.collections.landmarked import COLLECTIONS, RIGHT_DEG, read_dataset
+from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.confidence.families import FAMILIES, noise_cloud, pose_family
 from experiments.experiment import Cell
 
-#: Shapes of a run, drawn uniformly in the logarithm; of a collection at most the larger are posed.
-FEWEST, MOST = 2, 40
+#: Shapes of a run, drawn uniformly in the logarithm.
+FEWEST, MOST = 2, 12
 #: Of the runs this part has one shape replaced by an intruder, where there are more than so few shapes.
 INTRUDED, FEWEST_INTRUDED = 0.25, 4
 INTRUDER = "intruder"
@@ -28,39 +28,54 @@ INTRUDER = "intruder"
 GROSS_DEG = 30.0
 
 
-def measure_collection(cell: Cell) -> Record:
-    """Align random sub-collections of one collection, or generated collections of one kind.
+def measure_run(cell: Cell) -> Record:
+    """Align one random sub-collection of a collection, or one generated collection.
 
-    Settings: ``kind`` (a real collection or a generated family), ``seed``, ``runs``.
+    Settings: ``kind`` (a real collection or a generated family), ``seed``, ``run`` (its number).
 
     Returns
     -------
     dict
-        One array per fact, over the shapes of all runs: ``run``, ``stated`` confidence, ``error_deg``, ``right``,
+        One array per fact, over the shapes of the run: ``run``, ``stated`` confidence, ``error_deg``, ``right``,
         ``intruder``, ``named`` (in doubt, or named by a note); and ``evidence``, one row per shape.
     """
-    settings = cell.settings
-    rng = np.random.default_rng(settings["seed"])
-    facts: list[dict[str, Any]] = []
+    kind, run = cell.settings["kind"], cell.settings["run"]
+    rng = np.random.default_rng([cell.settings["seed"], run, *kind.encode()])
     with tempfile.TemporaryDirectory() as name:
-        root = Path(name)
-        whole = None if settings["kind"] in FAMILIES else _posed(settings["kind"], cell.data, root)
-        for run in range(settings["runs"]):
-            folder = root / f"run{run}"
-            folder.mkdir()
-            posed = (
-                _generated(settings["kind"], folder, rng)
-                if whole is None
-                else _subset(whole, folder, rng)
-            )
-            aligned = align_collection(
-                folder, options=AlignOptions(), run=RunOptions(jobs=1, store=root / "store.sqlite")
-            )
-            facts += [
-                {"run": run, **fact} for fact in shape_facts(aligned, posed, settings["kind"])
-            ]
-            shutil.rmtree(folder)
+        posed = _drawn(kind, cell.data, Path(name), rng)
+        aligned = align_collection(name, options=AlignOptions(), run=RunOptions(jobs=1))
+    facts = [{"run": run, **fact} for fact in shape_facts(aligned, posed, kind)]
     return {key: np.array([fact[key] for fact in facts]) for key in facts[0]}
+
+
+def measure_runs(
+    measure: Callable[[dict[str, dict[str, Any]]], Mapping[str, Record]],
+    num_runs: Mapping[str, int],
+    seed: int,
+) -> dict[str, Record]:
+    """Measure so many runs of each kind, and return one record for each kind.
+
+    Parameters
+    ----------
+    measure : callable
+        From the settings of :func:`measure_run`, by label, to its records.
+    num_runs : mapping of str to int
+    seed : int
+    """
+    cells = {
+        f"{kind}, run {run}": {"kind": kind, "seed": seed, "run": run}
+        for kind, num in num_runs.items()
+        for run in range(num)
+    }
+    found = measure(cells)
+    of_kinds = {
+        kind: [found[label] for label, settings in cells.items() if settings["kind"] == kind]
+        for kind in num_runs
+    }
+    return {
+        kind: {key: np.concatenate([run[key] for run in runs]) for key in runs[0]}
+        for kind, runs in of_kinds.items()
+    }
 
 
 def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[dict[str, Any]]:
@@ -95,38 +110,18 @@ def _parts(aligned: Collection, known: list[int]) -> list[list[int]]:
     return [[i for i in known if aligned.names[i].startswith(stem)] for stem in sorted(stems)]
 
 
-def _size(rng: np.random.Generator) -> int:
-    return int(np.round(np.exp(rng.uniform(np.log(FEWEST), np.log(MOST)))))
-
-
-def _generated(kind: str, folder: Path, rng: np.random.Generator) -> PosedCollection:
-    """Write a generated collection, of at most half as many shapes: nothing of it can be matched twice."""
-    num = min(_size(rng), MOST // 2)
-    if FAMILIES[kind].related and num >= FEWEST_INTRUDED and rng.random() < INTRUDED:
+def _drawn(kind: str, data: Path, folder: Path, rng: np.random.Generator) -> PosedCollection:
+    """Write the shapes of a run in random poses, one of them perhaps replaced by an intruder."""
+    dataset = None if kind in FAMILIES else read_dataset(kind, data)
+    num = int(np.round(np.exp(rng.uniform(np.log(FEWEST), np.log(MOST)))))
+    num = num if dataset is None else min(num, len(dataset))
+    is_related = dataset is not None or FAMILIES[kind].related
+    if is_related and num >= FEWEST_INTRUDED and rng.random() < INTRUDED:
         _write_intruder(folder, rng)
         num -= 1
-    return pose_family(FAMILIES[kind], num, folder, rng)
-
-
-def _subset(whole: PosedCollection, folder: Path, rng: np.random.Generator) -> PosedCollection:
-    """Copy some shapes of a posed collection, one of them perhaps replaced by an intruder."""
-    chosen = np.sort(rng.choice(len(whole.names), min(_size(rng), len(whole.names)), replace=False))
-    if len(chosen) >= FEWEST_INTRUDED and rng.random() < INTRUDED:
-        _write_intruder(folder, rng)
-        chosen = chosen[1:]
-    for index in chosen:
-        shutil.copy(whole.folder / f"{whole.names[index]}.ply", folder)
-    return whole
-
-
-def _posed(kind: str, data: Path, root: Path) -> PosedCollection:
-    """Pose up to :data:`MOST` shapes of a real collection, the same for every run: their pairs are matched once."""
-    dataset = read_dataset(kind, data)
-    rng = np.random.default_rng(COLLECTIONS.index(kind))
-    chosen = rng.permutation(len(dataset))[:MOST]
-    folder = root / "posed"
-    folder.mkdir()
-    return pose_collection(dataset, chosen, folder, rng)
+    if dataset is None:
+        return pose_family(FAMILIES[kind], num, folder, rng)
+    return pose_collection(dataset, rng.choice(len(dataset), num, replace=False), folder, rng)
 
 
 def _write_intruder(folder: Path, rng: np.random.Generator) -> None:

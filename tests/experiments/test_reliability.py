@@ -5,8 +5,10 @@ import numpy as np
 from collalign.products.trust import KINDS
 from experiments.collections.posed import MIRRORED_DEG
 from experiments.confidence.confidence import by_size, stated_by_held_out_weights
+from experiments.confidence.draws import measure_run, measure_runs
 from experiments.confidence.fit import training_rows
 from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
+from experiments.experiment import Cell
 
 RNG = np.random.default_rng(0)
 STATED = RNG.random(20000)
@@ -101,3 +103,29 @@ def test_sizes_tell_what_few_shapes_state_and_how_they_are_wrong():
         1,
     )
     assert more["right"] == more["usable"] == 100.0
+
+
+def test_runs_are_measured_one_by_one_and_joined_by_kind():
+    asked = {}
+
+    def measure(cells):
+        asked.update(cells)
+        return {label: {"run": np.full(2, one["run"])} for label, one in cells.items()}
+
+    found = measure_runs(measure, {"ant": 2, "noise": 1}, seed=7)
+    assert {kind: record["run"].tolist() for kind, record in found.items()} == {
+        "ant": [0, 0, 1, 1],
+        "noise": [0, 0],
+    }
+    assert asked["ant, run 1"] == {"kind": "ant", "seed": 7, "run": 1}
+
+
+def test_a_run_is_drawn_by_its_number_and_says_what_was_stated_and_is_true(tmp_path):
+    first, again, other = (
+        measure_run(Cell(data=tmp_path, settings={"kind": "cylinders", "seed": 11, "run": run}))
+        for run in (4, 4, 0)
+    )
+    np.testing.assert_array_equal(first["stated"], again["stated"])
+    assert len(first["stated"]) != len(other["stated"])
+    assert not first["intruder"].any()
+    assert first["named"].all()
