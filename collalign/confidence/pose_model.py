@@ -14,13 +14,13 @@ import numpy as np
 
 from collalign.products.trust import (
     COLLECTION_VOTES,
+    CYCLES,
     LEAD,
     LOCAL_MARGIN,
     LOCAL_MISFIT,
     MARGIN,
     MISFIT,
     MISMATCH,
-    PARTNERS,
     UNCERTAIN,
     VOTES,
     Trust,
@@ -33,8 +33,8 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: those whose mirror image was asked for left out. Runs had up to 40 shapes; ``python -m experiments calibrate
 #: confidence`` fits them again on runs of up to 12. Judged by weights fitted without each collection, 97 % of the
 #: shapes at .95 or more were right (crowns of both sides 84, strongly deformed ones 72 %), the calibration error was
-#: .03. Neither votes of the strongest rival, nor probabilities instead of votes, nor the number of shapes, nor whether
-#: maps were asked for, nor margins of inner and outer points help, nor what points and maps ask for by themselves.
+#: .03. Neither votes of the strongest rival, nor probabilities instead of votes, nor the number of shapes, nor
+#: whether maps were asked for, nor margins of inner and outer points help, nor what points and maps ask for alone.
 #: Fitted anew with planes and birds they are no better, nor on 440 shapes in twos to sixes of 30 generated families,
 #: each left out in turn: log-loss .426 against .424, as many wrong at .95 or more (7), half as many right ones at .9.
 #:
@@ -44,14 +44,13 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: left out in turn the log-loss is .018 with both, .031 with dense points, .031 with neighbourhoods alone.
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
 WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
-#: Shapes with so few partners may all agree on a wrong pose: in threes and sixes of figures, each in a posture of its
-#: own, some were front to back at .958 to .995. No more than the second is then stated, unless one of the last is
-#: exceeded: by the sum of both margins, by the local margin, or by the collection votes, as where all pairs of four
-#: or five shapes agree, and all but one of six. Wrong shapes that the weights alone put at .95 or more had up to .70,
-#: .36 and .77: 5 of 250 shapes in twos to sixes, of 37 generated families and 9 classes of SHREC07, CAPOD and teeth.
-#: Of the right ones 53 % reach .95 so, 29 % by the sum alone. Nine rules were compared on all of them. Only 54
-#: shapes of nine families, drawn afterwards, are independent: 36 of them reach .95, none wrong.
-FEW_PARTNERS, FEW_LIMIT, CLEAR = 5, 0.94, (0.75, 0.38, 0.79)
+#: No more is stated than a logistic model of two things allows: of :func:`cycle_log_odds`, and of the local margin.
+#: Its constant and weights. Few shapes may all agree on a wrong pose, and those of more whose pairs contradict each
+#: other as if they chose at random are wrong in 3 of 10 cases, whatever their margins: in threes and sixes of
+#: generated families figures were front to back at .95 or more, and ellipsoids of which half taper the other way.
+#: Chosen among 192 on threes and sixes of 33 such families, each drawn up to three times: 0 of 244 shapes at .95 or
+#: more were wrong (3 of 246 with what was before, five constants for shapes with at most five partners).
+LIMIT_WEIGHTS = np.array([2.5, 0.3, 1.5])
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
 #: undecided, those whose pairs lead by more are right in 97 %.
@@ -71,9 +70,11 @@ ALIKE_MISMATCH = 0.41
 #: build has .96, others less, clouds of uneven density 1.0 with no misfit. No intruder stands out among armadillos,
 #: which mismatch each other by .85.
 #: Confidence in the pose of such a shape is the fourth at most: there is nothing that it could be aligned with. It is
-#: the same for shapes with few partners of which dense points and neighbourhoods both prefer another pose: 7 of 10
-#: that were stated at .5 or more were wrong, all four at .8 or more, in the sets of :data:`CLEAR`.
+#: the same for shapes of which dense points and neighbourhoods both prefer another pose: 7 of 10 that were stated at
+#: .5 or more were wrong, in twos to sixes of 37 generated families and 9 classes.
 STRANGE, MISFIT_SHARE, LEAST_MISFIT, STRANGE_LIMIT = 1.0, 0.15, 0.4, 0.5
+#: Chances of a pair to be right, evenly spaced, over which the odds of :func:`cycle_log_odds` are averaged.
+NUM_CHANCES = 500
 #: No confidence is stated beyond this: the model itself may be wrong.
 MOST_CONFIDENT = 0.995
 
@@ -96,6 +97,32 @@ def terms(evidence: FloatArray) -> FloatArray:
     return np.clip(seen, LIMITS[:, 0], LIMITS[:, 1])
 
 
+def cycle_log_odds(
+    num_shapes: int, num_pairs: int, num_contradicted: float, *, num_poses: float = 2.0
+) -> float:
+    """Return the log-odds that pairs know the poses of shapes, by how many of them the best poses contradict.
+
+    Pairs that know nothing choose one of m poses at random, so each agrees with a chance of 1/m. But there are
+    m^(n-1) ways to pose n shapes, and where n is small the best of them agrees with many pairs: of three shapes and
+    two poses with all pairs in every second case. Pairs that know the poses are right with a chance that is not
+    known, between 1/m and one, and else choose another pose at random. Both are equally likely before.
+
+    Parameters
+    ----------
+    num_shapes, num_pairs : int
+    num_contradicted : float
+        Of the pairs, by the reported poses.
+    num_poses : float
+        Poses that pairs choose among, m.
+    """
+    right = (1.0 + (num_poses - 1.0) * (np.arange(NUM_CHANCES) + 0.5) / NUM_CHANCES) / num_poses
+    wrong = (1.0 - right) / (num_poses - 1.0)
+    agreed = num_pairs - num_contradicted
+    over_random = agreed * np.log(num_poses * right) + num_contradicted * np.log(num_poses * wrong)
+    mean = np.logaddexp.reduce(over_random) - np.log(NUM_CHANCES)
+    return float(mean - (num_shapes - 1) * np.log(num_poses))
+
+
 def resembles_none(evidence: FloatArray) -> BoolArray:
     """Return which shapes match no other one much better than chance, shape (N,), compared with the median shape.
 
@@ -110,26 +137,19 @@ def resembles_none(evidence: FloatArray) -> BoolArray:
 def ceiling(evidence: FloatArray) -> FloatArray:
     """Return the most that is stated of poses with this evidence (N, len(KINDS)), shape (N,).
 
-    No more than :data:`STRANGE_LIMIT` of shapes that resemble no other, and than :data:`FEW_LIMIT` where there are
-    few partners, some of them disagree, and no margin is clear. No more than one half as well where there are few
-    partners and both margins are negative. No more than :data:`UNCERTAIN` where the misfit
+    No more than :data:`STRANGE_LIMIT` of shapes that resemble no other, and of those that points and neighbourhoods
+    would both rather have in another pose. No more than :data:`LIMIT_WEIGHTS` say, which see how few shapes there
+    are, and whether their pairs contradict each other. No more than :data:`UNCERTAIN` where the misfit
     exceeds twice the margin: how badly the shape fits outweighs what tells its poses apart. Its pairs may all say the
     same, but they compare what hardly compares. Of 1491 shapes of 184 runs over 22 collections at .95 or more by the
     weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen among seven rules on 12 of these
     collections, where the wrong ones were two shapes, drawn often.
     """
-    margin, misfit, local, partners, collection = evidence[
-        :, [MARGIN, MISFIT, LOCAL_MARGIN, PARTNERS, COLLECTION_VOTES]
-    ].T
-    limit = np.where(misfit > 2.0 * np.maximum(margin, TIED), UNCERTAIN, MOST_CONFIDENT)
-    is_clear = (
-        np.column_stack([margin + np.where(np.isnan(local), margin, local), local, collection])
-        > CLEAR
-    )
-    limit = np.where(
-        (partners > FEW_PARTNERS) | is_clear.any(axis=1), limit, np.minimum(limit, FEW_LIMIT)
-    )
-    is_contradicted = (partners <= FEW_PARTNERS) & (np.maximum(margin, local) < 0.0)
+    margin, misfit, local, cycles = evidence[:, [MARGIN, MISFIT, LOCAL_MARGIN, CYCLES]].T
+    of_cycles = LIMIT_WEIGHTS @ [np.ones(len(cycles)), cycles, terms(evidence)[:, 2]]
+    limit = np.minimum(MOST_CONFIDENT, 1.0 / (1.0 + np.exp(-of_cycles)))
+    limit = np.where(misfit > 2.0 * np.maximum(margin, TIED), np.minimum(limit, UNCERTAIN), limit)
+    is_contradicted = np.maximum(margin, local) < 0.0
     return np.where(resembles_none(evidence) | is_contradicted, STRANGE_LIMIT, limit)
 
 

@@ -14,11 +14,11 @@ UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = (
     *("votes", "margin", "collection votes", "lead", "misfit"),
-    *("local margin", "mismatch", "local misfit", "partners"),
+    *("local margin", "mismatch", "local misfit", "cycles"),
 )
 #: The positions of these columns.
 VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
-LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, PARTNERS = range(MISFIT + 1, len(KINDS))
+LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, CYCLES = range(MISFIT + 1, len(KINDS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +41,8 @@ class Trust:
         * local margin: as the margin, of the mismatch of neighbourhoods in place of dense points, .05 added to each;
         * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
         * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with;
-        * partners: the number of its pairs.
+        * cycles: log-odds that the pairs of all shapes that it can be compared with, as first matched, know the poses
+          and do not choose between two at random (:func:`collalign.confidence.pose_model.cycle_log_odds`).
 
         Pairs with a shape that resembles no other one count for that shape alone. What is said of neighbourhoods is
         NaN where surfaces have too few points for neighbourhoods.

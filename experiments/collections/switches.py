@@ -192,7 +192,7 @@ SWITCHES: dict[str, Switch] = {
     ),
     "ties": Switch(patches={f"{_TRUST}.pose_confidence": _without_ties}),
     "cap of misfits": Switch(patches={f"{_MODEL}.UNCERTAIN": pose_model.MOST_CONFIDENT}),
-    "cap of few partners": Switch(patches={f"{_MODEL}.FEW_PARTNERS": -1}),
+    "limit by cycles": Switch(patches={f"{_MODEL}.LIMIT_WEIGHTS": np.array([50.0, 0.0, 0.0])}),
     "shapes that resemble no other": Switch(patches={f"{_MODEL}.STRANGE": np.inf}),
     "dense margin beside the local one": Switch(patches={f"{_MODEL}.WEIGHTS": _ONE_WAY}),
     # incomplete shapes

@@ -8,13 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_COST, LEAST_MISMATCH, candidate_costs
-from collalign.confidence.pose_model import is_as_good, pose_confidence, resembles_none
+from collalign.confidence.pose_model import (
+    cycle_log_odds,
+    is_as_good,
+    pose_confidence,
+    resembles_none,
+)
 from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import (
     COLLECTION_VOTES,
+    CYCLES,
     KINDS,
     LEAD,
     LOCAL_MARGIN,
@@ -22,7 +28,6 @@ from collalign.products.trust import (
     MARGIN,
     MISFIT,
     MISMATCH,
-    PARTNERS,
     VOTES,
     Trust,
 )
@@ -35,6 +40,7 @@ from collalign.stages.trust.rival_poses import (
     pose_costs,
     rival_poses,
 )
+from collalign.stages.trust.trust_notes import CONTRADICTED_VOTES
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -42,8 +48,9 @@ from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, pose_angle_deg
 
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
-#: Added to the votes on either side: few pairs settle little (Laplace's rule of succession).
-PRIOR_VOTES = 1.0
+#: Added to the votes on either side: few pairs settle little (Laplace's rule of succession). And how many pairs that
+#: contradict a pose are taken to ask for the same other one before any is seen.
+PRIOR_VOTES, PRIOR_SAME = 1.0, 10.0
 #: Differences below this, in squared radii, say nothing.
 RESOLUTION = 0.01
 #: Odds of a rival against the others fall by this power of what it costs.
@@ -169,6 +176,7 @@ def _evidence(
 ) -> FloatArray:
     """Return the evidence about every pose, one row per shape, where poses that turns (t, 3, 3) part count as one."""
     evidence = _fits(costs, components)
+    agreeing = [_agreeing(alike[i] @ rotations[i], own) for i, own in enumerate(partners)]
     for i, own in enumerate(partners):
         poses = alike[i] @ rotations[i]
         if own:
@@ -178,13 +186,15 @@ def _evidence(
                 for least in (trust.excess, trust.leads, trust.local_excess)
             )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
-            evidence[i, VOTES], evidence[i, PARTNERS] = _votes(poses, own), len(own)
+            evidence[i, VOTES] = (agreeing[i].sum() + PRIOR_VOTES) / (len(own) + 2.0 * PRIOR_VOTES)
     strange = resembles_none(evidence)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         if len(known):
             related = known[~strange[known]] if not strange[known].all() else known
             evidence[known, COLLECTION_VOTES] = evidence[related, VOTES].mean()
+            heard = related[evidence[related, VOTES] >= CONTRADICTED_VOTES]
+            evidence[known, CYCLES] = _cycles(heard.tolist(), partners, agreeing)
     return read_only(evidence)
 
 
@@ -270,11 +280,46 @@ def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partn
     return [sorted(own, key=lambda partner: (partner.energy, partner.shape)) for own in partners]
 
 
-def _votes(poses: FloatArray, partners: Sequence[Partner]) -> float:
-    """Return the share of the pairs whose likeliest candidate asks for one of the poses, few pairs near one half."""
+def _agreeing(poses: FloatArray, partners: Sequence[Partner]) -> BoolArray:
+    """Return of which pairs the likeliest candidate asks for one of the poses (t, 3, 3), shape (p,)."""
+    if not partners:
+        return np.zeros(0, dtype=np.bool_)
     asked = np.stack([partner.poses[0] for partner in partners])
-    angles = pose_angle_deg(asked, poses[:, None]).min(axis=0)
-    return float(((angles <= AGREE_DEG).sum() + PRIOR_VOTES) / (len(partners) + 2.0 * PRIOR_VOTES))
+    return np.asarray(pose_angle_deg(asked, poses[:, None]).min(axis=0) <= AGREE_DEG)
+
+
+def _cycles(
+    members: Sequence[int], partners: Sequence[Sequence[Partner]], agreeing: Sequence[BoolArray]
+) -> float:
+    """Return the log-odds that pairs of some shapes know the poses. Copies of one another count as one shape.
+
+    Pairs choose among as many poses as fit how often two of a shape that both ask for another pose ask for the same.
+    Shapes that nearly all of their own pairs contradict, as those set by hand may be, are no ``members``.
+    """
+    original = {i: min([i, *(p.shape for p in partners[i] if p.energy == 0.0)]) for i in members}
+    agreed: dict[tuple[int, int], list[bool]] = {}
+    num_same, num_compared = PRIOR_SAME, PRIOR_SAME
+    for i in members:
+        others = []
+        for partner, agrees in zip(partners[i], agreeing[i].tolist(), strict=True):
+            if original.get(partner.shape, original[i]) == original[i]:
+                continue
+            both = sorted([original[i], original[partner.shape]])
+            agreed.setdefault((both[0], both[1]), []).append(agrees)
+            if not agrees:
+                others.append(partner.poses[0])
+        if len(others) > 1:
+            first, second = np.triu_indices(len(others), 1)
+            asked = np.stack(others)
+            num_same += (pose_angle_deg(asked[first], asked[second]) <= AGREE_DEG).sum()
+            num_compared += len(first)
+    num_agreed = sum(float(np.mean(of_pair)) for of_pair in agreed.values())
+    return cycle_log_odds(
+        len({*original.values()}),
+        len(agreed),
+        len(agreed) - num_agreed,
+        num_poses=1.0 + num_compared / num_same,
+    )
 
 
 def _costs(

@@ -15,7 +15,7 @@ from data_tools.notes import Note
 
 #: Collections whose pairs agree this little, on average, say too little.
 FEWEST_VOTES = 0.5
-#: A pose set by hand that fewer of its pairs than this agree with is contradicted.
+#: A pose that fewer of its pairs than this agree with is contradicted.
 CONTRADICTED_VOTES = 0.3
 
 

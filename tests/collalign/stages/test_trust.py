@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.confidence.pose_model import (
-    FEW_LIMIT,
     MOST_CONFIDENT,
     STRANGE_LIMIT,
+    cycle_log_odds,
     is_as_good,
     pose_confidence,
     probability,
@@ -173,7 +173,7 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
 def test_evidence_for_a_pose_never_lowers_its_probability():
     middle = np.array([0.5, 0.2, 0.6, 0.4, 0.0, 0.2, 0.4, 0.0, 20.0])
     for at, kind in enumerate(KINDS):
-        if "mis" in kind or kind == "partners":
+        if "mis" in kind or kind == "cycles":
             continue  # what only limits
         step = 0.2 * np.eye(len(KINDS))[at]
         assert probability((middle - step)[None]) < probability((middle + step)[None])
@@ -237,7 +237,7 @@ def test_rivals_that_fit_as_well_share_the_confidence():
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.0, 0.5, 0.3, 0.0, 20.0])
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.5, 0.3, 0.0, 20.0])
     plain = trust_in(
         [sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2
     )
@@ -504,40 +504,83 @@ def test_turns_are_told_by_their_axes():
 def seen_of(**kinds):
     """Return the evidence about one shape whose pose all of it speaks for, but for what is given."""
     usual = {"votes": 0.9, "margin": 0.5, "collection votes": 0.9, "lead": 4.0, "misfit": 0.0}
-    local = {"local margin": 0.5, "mismatch": 0.4, "local misfit": 0.0, "partners": 20.0}
+    local = {"local margin": 0.5, "mismatch": 0.4, "local misfit": 0.0, "cycles": 20.0}
     known = usual | local | {name.replace("_", " "): value for name, value in kinds.items()}
     return np.array([[known[kind] for kind in KINDS]])
 
 
-def test_few_partners_without_a_clear_margin_are_not_enough():
-    unclear = {"margin": 0.34, "local_margin": 0.22, "collection_votes": 0.75}
-    assert probability(seen_of(**unclear)) > DOUBT
-    assert probability(seen_of(**unclear, partners=5.0)) == FEW_LIMIT
-    for clear in ({"margin": 0.5, "local_margin": 0.3}, {"margin": 0.1, "local_margin": 0.4}):
-        assert probability(seen_of(**unclear | clear, partners=5.0)) > DOUBT
+def best_of_two_poses(same, num):
+    """Return how few pairs (i < j) the best choice of one of two poses for each shape contradicts."""
+    pairs = np.stack(np.triu_indices(num, 1))
+    states = np.array([*itertools.product([0, 1], repeat=num - 1)])
+    states = np.column_stack([np.zeros(len(states), dtype=int), states])
+    return ((states[:, pairs[0]] == states[:, pairs[1]]) != same).sum(axis=1).min()
+
+
+@pytest.mark.parametrize("num", [3, 5, 8])
+def test_pairs_that_choose_between_two_poses_at_random_are_rarely_taken_to_know_them(num, rng):
+    num_pairs = num * (num - 1) // 2
+    same = rng.random((100, num_pairs)) < 0.5
+    odds = [cycle_log_odds(num, num_pairs, best_of_two_poses(one, num)) for one in same]
+    assert np.mean(np.array(odds) > 2.0) < 0.1
+
+
+def test_two_or_three_shapes_never_know_and_many_that_agree_do():
+    assert cycle_log_odds(1, 0, 0) == pytest.approx(0.0)
+    assert cycle_log_odds(2, 1, 0) < cycle_log_odds(3, 3, 0) < 0.0
+    agreeing = [cycle_log_odds(num, num * (num - 1) // 2, 0) for num in range(3, 9)]
+    assert (np.diff(agreeing) > 0.5).all()
+    contradicted = [cycle_log_odds(6, 15, num) for num in range(6)]
+    assert (np.diff(contradicted) < -0.5).all()
+    assert contradicted[0] > 4.0 > -3.0 > contradicted[-1]
+
+
+def test_contradictions_that_scatter_say_less_against_pairs_than_those_that_agree():
+    alike, scattered = (cycle_log_odds(40, 200, 70, num_poses=num) for num in (2.0, 8.0))
+    assert alike < 0.0 < 50.0 < scattered
+
+
+def test_cycles_are_those_of_distinct_shapes_and_pairs(crowns, right):
+    samples, truth = crowns
+    assert (column(right, "cycles") == cycle_log_odds(NUM, NUM * (NUM - 1) // 2, 0)).all()
+    pairs = [
+        replace(pair, energies=np.array([0.0, 0.1])) if pair.source < 5 else pair
+        for pair in pairs_at(truth)
+    ]
+    copies = trusted(samples, pairs, truth)  # the first five shapes are one
+    assert (column(copies, "cycles") == cycle_log_odds(4, 6, 0)).all()
+    both = zip(pairs_at(truth), pairs_at(truth, wrong={0, 1, 2, 3}), strict=True)
+    mixed = [other if (one.target + one.source) % 2 == 0 else one for one, other in both]
+    known = cycle_log_odds(NUM, 28, 8)  # eight pairs ask for the half turn
+    assert (column(trusted(samples, mixed, truth), "cycles") == known).all()
+
+
+def test_a_shape_that_its_own_pairs_contradict_says_nothing_of_the_others(flipped):
+    assert (column(flipped[1], "cycles") == cycle_log_odds(NUM - 1, 21, 0)).all()
 
 
 @pytest.mark.parametrize(
-    ("partners", "votes", "is_enough"), [(5, 6 / 7, True), (5, 0.75, False), (2, 0.75, False)]
+    ("num", "num_contradicted", "local_margin", "is_enough"),
+    [(3, 0, 0.2, False), (3, 0, 0.4, True), (5, 0, 0.2, True), (6, 4, 0.6, False)],
 )
-def test_few_partners_that_all_agree_are_enough(partners, votes, is_enough):
-    seen = seen_of(
-        margin=0.2, local_margin=0.2, votes=votes, collection_votes=votes, partners=float(partners)
-    )
-    assert (probability(seen) > DOUBT) == is_enough
-    assert probability(seen) >= FEW_LIMIT
+def test_few_shapes_or_contradictory_pairs_need_a_clear_local_margin(
+    num, num_contradicted, local_margin, is_enough
+):
+    cycles = cycle_log_odds(num, num * (num - 1) // 2, num_contradicted)
+    seen = seen_of(cycles=cycles, local_margin=local_margin)
+    assert probability(seen_of(local_margin=local_margin)) > DOUBT
+    assert (probability(seen) >= DOUBT) == is_enough
 
 
-def test_few_shapes_that_fit_better_in_another_pose_are_even_odds():
+def test_a_shape_that_fits_better_in_another_pose_is_even_odds():
     against = {"margin": -0.02, "local_margin": -0.02}
-    assert probability(seen_of(**against, partners=5.0)) == STRANGE_LIMIT
-    assert probability(seen_of(**against, partners=6.0)) > STRANGE_LIMIT
+    assert probability(seen_of(**against)) == STRANGE_LIMIT
     for known in ({"margin": 0.02}, {"local_margin": 0.02}, {"local_margin": np.nan}):
-        assert probability(seen_of(**against | known, partners=5.0)) > STRANGE_LIMIT
+        assert probability(seen_of(**against | known)) > STRANGE_LIMIT
 
 
 def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():
-    for margin in (-0.1, 0.2, 0.5):
+    for margin in (0.1, 0.2, 0.5):
         same = seen_of(margin=margin, local_margin=margin)
         assert probability(
             seen_of(margin=margin, local_margin=np.nan, mismatch=np.nan)
@@ -563,9 +606,7 @@ def test_neighbourhoods_tell_what_is_of_another_kind(crowns):
     samples = [*samples[:3], brick(np.array([1.0, 0.8, 0.6])), *samples[4:]]
     trust = trusted(samples, pairs_at(truth), truth)
     assert np.flatnonzero(resembles_none(trust.evidence)).tolist() == [3]
-    assert column(trust, "partners").tolist() == [
-        NUM - 1 if i == 3 else NUM - 2 for i in range(NUM)
-    ]
+    assert (column(trust, "cycles") == cycle_log_odds(NUM - 1, 21, 0)).all()
     others = np.delete(column(trust, "local margin"), 3)
     assert others.min() > max(column(trust, "local margin")[3], 0.05)
 
@@ -580,7 +621,7 @@ def test_a_stranger_costs_the_others_no_confidence(crowns):
     ]
     with_stranger = trusted(samples, kept + to_stranger, truth)
     assert np.flatnonzero(resembles_none(with_stranger.evidence)).tolist() == [4]
-    assert column(with_stranger, "partners").tolist() == [3, 3, 3, 3, 4]
+    assert (column(with_stranger, "cycles") == cycle_log_odds(4, 6, 0)).all()
     assert np.allclose(pose_confidence(with_stranger)[:4], alone, atol=1e-3)
 
 
