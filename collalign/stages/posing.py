@@ -91,8 +91,8 @@ def _without_found(
 ) -> tuple[dict[int, str], _Answer]:
     """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
 
-    Incomplete shapes among complete ones may spoil poses, and so hide others. Shapes that bend so much that maps were
-    asked tell nothing.
+    Incomplete shapes among complete ones may spoil poses, and so hide others. Where too few would be left, they stay,
+    in doubt. Shapes that bend so much that maps were asked tell nothing.
     """
     missing = dict(missing)
     for _ in range(0 if are_weighed(answer[1].pairs) else MAX_ROUNDS):
@@ -105,7 +105,11 @@ def _without_found(
         fresh = {
             kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed
         }
-        if not fresh or len(kept) - len(fresh) < MIN_SHAPES:
+        if not fresh:
+            break
+        if len(kept) - len(fresh) < MIN_SHAPES:
+            suspects = frozenset(kept.index(i) for i in fresh)
+            answer = (*answer[:2], replace(posed, suspects=suspects))
             break
         missing |= fresh
         answer = _pose_others(run, missing)

@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from collalign.confidence.pose_model import resembles_none
+from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
 from collalign.confidence.side_model import MIN_SHAPES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
@@ -151,6 +151,7 @@ class Posed:
     ``matched`` are the pairs within parts as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
+    ``suspects`` are shapes that seem to be incomplete, of too few to be posed without them.
     """
 
     pairs: list[AlignedPair]
@@ -162,6 +163,7 @@ class Posed:
     consensus: FloatArray
     notes: tuple[Note, ...]
     side_limits: Mapping[int, float]
+    suspects: frozenset[int] = frozenset()
     trust: Trust | None = None
     vertices: VertexMaps | None = None
     incomplete: tuple[Incomplete, ...] = ()
@@ -219,7 +221,9 @@ def state_trust(run: Run, posed: Posed) -> Posed:
         trust = gather_trust(
             session, samples, posed.matched, posed.rotations, posed.solution.components
         )
-        solution = with_trust(posed.solution, trust, run.constraints, posed.side_limits)
+        limits = dict.fromkeys(sorted(posed.suspects), STRANGE_LIMIT)
+        limits |= {i: min(most, limits.get(i, most)) for i, most in posed.side_limits.items()}
+        solution = with_trust(posed.solution, trust, run.constraints, limits)
         notes = trust_notes(run.shapes.names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, trust=trust)
         strange = resembles_none(trust.evidence)

@@ -200,6 +200,16 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
     assert judged == [6]  # confidences of poses that are thrown away are not computed
 
 
+def test_a_shape_that_seems_incomplete_among_too_few_is_in_doubt(planted, store, monkeypatch):
+    monkeypatch.setattr(
+        "collalign.stages.posing.find_incomplete", lambda *_: {2: "cut-off", 4: "cut-off"}
+    )
+    aligned = align(planted[0], store=store)
+    assert not aligned.incomplete
+    assert aligned.confidence[[2, 4]].max() <= 0.5 < aligned.confidence[[0, 1, 3]].min()
+    assert "tooth2" in only(aligned.notes, "open-borders").shapes
+
+
 def test_nothing_is_missing_among_whole_teeth(without):
     assert not without.incomplete
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
