@@ -30,13 +30,14 @@ from data_tools.arrays import BoolArray, FloatArray
 #: Limits of agreement, margin, local margin and lead: beyond them nothing was seen when the weights were fitted.
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: Their weights, and the constant: fitted on 1643 shapes of 151 runs over eleven real and nine generated collections,
-#: those whose mirror image was asked for left out. Runs had up to 40 shapes; ``python -m experiments calibrate
-#: confidence`` fits them again on runs of up to 12. Judged by weights fitted without each collection, 97 % of the
-#: shapes at .95 or more were right (crowns of both sides 84, strongly deformed ones 72 %), the calibration error was
-#: .03. Neither votes of the strongest rival, nor probabilities instead of votes, nor the number of shapes, nor
-#: whether maps were asked for, nor margins of inner and outer points help, nor what points and maps ask for alone.
-#: Fitted anew with planes and birds they are no better, nor on 440 shapes in twos to sixes of 30 generated families,
-#: each left out in turn: log-loss .426 against .424, as many wrong at .95 or more (7), half as many right ones at .9.
+#: those whose mirror image was asked for left out. Runs had up to 40 shapes, and votes one vote added on either side;
+#: ``python -m experiments calibrate confidence`` fits them again on runs of up to 12, and with half a vote. Judged by
+#: weights fitted without each collection, 97 % of the shapes at .95 or more were right (crowns of both sides 84,
+#: strongly deformed ones 72 %), the calibration error was .03. Neither votes of the strongest rival, nor
+#: probabilities instead of votes, nor the number of shapes, nor whether maps were asked for, nor margins of inner and
+#: outer points help, nor what points and maps ask for by themselves. Fitted anew with planes and birds they are no
+#: better, nor on 440 shapes in twos to sixes of 30 generated families, each left out in turn: log-loss .426 against
+#: .424, as many wrong at .95 or more (7), half as many right ones at .9.
 #:
 #: That fit knew no neighbourhoods, and gave the margin 3. Local margin and margin share these 3: a logistic model of
 #: which of two poses is right, truth or rival, gives a margin alone 19.1, and both 10.0 and 8.8 (shapes in fours: 33

@@ -30,8 +30,8 @@ class Trust:
     evidence : ndarray, shape (N, len(KINDS))
         One row per shape, NaN where nothing is known (a shape without a pair).
 
-        * votes: share of its pairs, as first matched, whose most plausible candidate asks for the pose, with one vote
-          added on either side;
+        * votes: share of its pairs, as first matched, whose most plausible candidate asks for the pose, with half a
+          vote added on either side;
         * margin: log of what the cheapest other pose costs on dense points over what the pose costs, mean over the
           partners that match best;
         * collection votes: mean of the votes over the shapes that it can be compared with;

@@ -116,11 +116,11 @@ def column(trust, kind):
 
 
 def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(right, flipped):
-    assert (column(right, "votes") == NUM / (NUM + 1)).all()
+    assert (column(right, "votes") == (NUM - 0.5) / NUM).all()
     assert (column(right, "margin") > 0.05).all()
     assert (pose_confidence(right) >= DOUBT).all()
     trust = flipped[1]
-    assert column(trust, "votes")[2] == 1 / (NUM + 1)
+    assert column(trust, "votes")[2] == 0.5 / NUM
     np.testing.assert_allclose(column(trust, "collection votes"), column(trust, "votes").mean())
     assert column(trust, "margin")[2] < 0
     assert np.argmax(column(trust, "misfit")) == 2
@@ -133,7 +133,7 @@ def test_an_answer_that_pairs_were_solved_again_for_does_not_vote(crowns):
     samples, truth = crowns
     first = pairs_at(truth, wrong={0})
     trust = trusted(samples, first, truth)
-    assert column(trust, "votes")[0] == 1 / (NUM + 1)
+    assert column(trust, "votes")[0] == 0.5 / NUM
     assert column(trust, "lead").tolist() == [leads.min() for leads in trust.leads]
     assert trust.leads[0].min() < trust.leads[0].max()
 
