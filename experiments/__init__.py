@@ -26,6 +26,7 @@ _FOLDERS = {
     "capod": "peers",
     "scans": "peers",
     "landmarks": "peers",
+    "radii": "collections",
     "templates": "collections",
     "synchronization": "peers",
     "teeth_jobs": "collections",

@@ -9,14 +9,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.confidence.radius_model import spread
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
-from data_tools.embedding.surface_points import NUM_NEIGHBOURS, plane_normals
-from data_tools.rotations import nearest_orthogonal
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.embedding.surface_points import NUM_NEIGHBOURS
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
-from data_tools.surface.normals import vertex_normals
 
-#: Landmarks farther than this from their specimen's surface, in parts of the root mean square radius, are inside it
-#: or outside it: they keep their offset instead of being put onto the surface.
+#: Landmarks farther than this from their specimen's surface and from its copy of the mean, in parts of the root mean
+#: square radius, are inside it or outside it: they keep their offset instead of being put onto the surface.
 OFF_SURFACE = 0.05
 
 
@@ -32,11 +30,14 @@ class Template:
         Where its landmarks are on the mean; row for row those of ``landmarks``, anything where there is none.
     offsets : ndarray, shape (l, 3)
         From the registered mean to each landmark, zero for landmarks on the surface; NaN where there is none.
+    gaps : ndarray, shape (l,)
+        How far landmarks on the surface are from the registered mean, which then does not reach them; else zero.
     """
 
     shape: int
     places: SurfacePoints
     offsets: FloatArray
+    gaps: FloatArray
 
     def only(self, rows: Sequence[int]) -> Template:
         """Return the template with some of its landmarks."""
@@ -44,11 +45,18 @@ class Template:
         places = SurfacePoints(
             corners=self.places.corners[chosen], weights=self.places.weights[chosen]
         )
-        return Template(shape=self.shape, places=places, offsets=self.offsets[chosen])
+        return Template(
+            shape=self.shape, places=places, offsets=self.offsets[chosen], gaps=self.gaps[chosen]
+        )
 
 
 def template(
-    shape: int, landmarks: FloatArray, vertices: FloatArray, faces: IntArray, radius: float
+    shape: int,
+    landmarks: FloatArray,
+    vertices: FloatArray,
+    faces: IntArray,
+    radius: float,
+    surface: SurfaceLocator,
 ) -> Template:
     """Find the places of a specimen's landmarks on its copy of the mean.
 
@@ -61,14 +69,21 @@ def template(
         The copy.
     radius : float
         Root mean square radius of the mean.
+    surface : SurfaceLocator
+        Of the specimen itself.
     """
     known = np.asarray(np.isfinite(landmarks).all(axis=1))
     points = np.where(known[:, None], landmarks, vertices[0])
     places = SurfaceLocator(vertices, faces).closest(points)
     offsets = points - places.on(vertices)
-    offsets[np.linalg.norm(offsets, axis=1) <= OFF_SURFACE * radius] = 0.0
+    gaps = np.linalg.norm(offsets, axis=1)
+    heights = np.linalg.norm(points - surface.closest(points).on(surface.vertices), axis=1)
+    is_on = np.minimum(gaps, heights) <= OFF_SURFACE * radius
+    offsets[is_on] = 0.0
     offsets[~known] = np.nan
-    return Template(shape=shape, places=places, offsets=offsets)
+    return Template(
+        shape=shape, places=places, offsets=offsets, gaps=np.where(is_on & known, gaps, 0.0)
+    )
 
 
 def carried(templates: Sequence[Template], vertices: FloatArray) -> FloatArray:
@@ -175,78 +190,29 @@ def fuse(
     return points, spread(said, weights)
 
 
-#: Radius of the neighbourhoods in which normals are compared, in root mean square radii; relief is that of half.
-_WIDE = 0.5
+#: Radius of the neighbourhood whose relief counts, in root mean square radii.
+_AROUND = 0.25
 
 
-class Neighbourhoods:
-    """Neighbourhoods of landmarks on all shapes, by a dense correspondence.
+def reliefs(item: Template, mean: FloatArray, copy: FloatArray, unit: float) -> FloatArray:
+    """Return how far a template's surface is from flat around each landmark, in radii, shape (l,).
+
+    It is the standard deviation from the plane that fits best. On a flat place nothing holds a landmark.
 
     Parameters
     ----------
-    mean : ndarray, shape (v, 3)
-    copies : ndarray, shape (N, v, 3)
-        The mean's vertices on each shape, none missing.
-    faces : ndarray of int, shape (f, 3)
+    item : Template
+    mean, copy : ndarray, shape (v, 3)
+        The mean surface, and its copy on the template, none missing.
     unit : float
         Root mean square radius of the mean.
     """
-
-    def __init__(self, mean: FloatArray, copies: FloatArray, faces: IntArray, unit: float) -> None:
-        self._mean, self._copies, self._faces, self._unit = mean, copies, faces, unit
-        self._tree, self._normals = cKDTree(mean), dict[int, FloatArray]()
-
-    def compare(
-        self, templates: Sequence[Template], specimen: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return what the surroundings of landmarks show, on average over templates, shapes (l,) and (l,).
-
-        Returns
-        -------
-        tilt : ndarray, shape (l,)
-            Root mean square difference of normals, template and specimen laid onto each other there.
-        relief : ndarray, shape (l,)
-            How far the template's surface reaches from its plane there (standard deviation), in radii. On a flat
-            place nothing holds a landmark.
-        """
-        found = np.array([self._of_template(one, specimen) for one in templates])
-        known = np.stack([np.isfinite(one.offsets).all(axis=1) for one in templates])[:, None]
-        total = np.where(known, found, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-        tilt, relief = np.where(known.any(axis=0), total, np.nan)
-        return read_only(tilt), read_only(relief)
-
-    def _of_template(self, item: Template, specimen: int) -> FloatArray:
-        """Tilts and reliefs of one template's landmarks, shape (2, l)."""
-        places = item.places.on(self._mean)
-        source, target = self._copies[item.shape], self._copies[specimen]
-        normals = [self._normals_of(shape) for shape in (item.shape, specimen)]
-        around = zip(self._around(places, _WIDE), self._around(places, _WIDE / 2.0), strict=True)
-        tilts, reliefs = [], []
-        for wide, narrow in around:
-            here, there = (points[wide] - points[wide].mean(axis=0) for points in (source, target))
-            rotated = normals[1][wide] @ nearest_orthogonal(here.T @ there, determinant=1.0).T
-            cosines = np.abs((normals[0][wide] * rotated).sum(axis=1))
-            tilts.append(np.sqrt(np.mean(2.0 - 2.0 * np.minimum(cosines, 1.0))))
-            patch = source[narrow] - source[narrow].mean(axis=0)
-            thickness = np.linalg.svd(patch, compute_uv=False)[-1]
-            reliefs.append(thickness / (np.sqrt(len(narrow)) * self._unit))
-        return np.array([tilts, reliefs])
-
-    def _around(self, places: FloatArray, radius: float) -> list[IntArray]:
-        """Vertices of the mean around each place, at least the nearest few."""
-        nearest = self._tree.query(places, k=min(NUM_NEIGHBOURS, len(self._mean)))[1]
-        near = self._tree.query_ball_point(places, radius * self._unit)
-        return [
-            np.union1d(few, many).astype(np.int64) for few, many in zip(nearest, near, strict=True)
-        ]
-
-    def _normals_of(self, shape: int) -> FloatArray:
-        if shape not in self._normals:
-            points = self._copies[shape]
-            normals = (
-                vertex_normals(points, self._faces)
-                if len(self._faces)
-                else plane_normals(points, points)
-            )
-            self._normals[shape] = normals
-        return self._normals[shape]
+    tree, places = cKDTree(mean), item.places.on(mean)
+    nearest = tree.query(places, k=min(NUM_NEIGHBOURS, len(mean)))[1]
+    near = tree.query_ball_point(places, _AROUND * unit)
+    found = []
+    for few, many in zip(nearest, near, strict=True):
+        patch = copy[np.union1d(few, many).astype(np.int64)]
+        thickness = np.linalg.svd(patch - patch.mean(axis=0), compute_uv=False)[-1]
+        found.append(thickness / (np.sqrt(len(patch)) * unit))
+    return np.array(found)

@@ -14,6 +14,7 @@ from data_tools.errors import OptionsError
 from experiments.calibration import (
     confidence,
     evidence,
+    few_radii,
     fragments,
     incomplete,
     maps,
@@ -29,6 +30,7 @@ from experiments.tables import Column, Table
 CALIBRATIONS = {
     "confidence": confidence.CALIBRATION,
     "evidence": evidence.CALIBRATION,
+    "few_radii": few_radii.CALIBRATION,
     "fragments": fragments.CALIBRATION,
     "incomplete": incomplete.CALIBRATION,
     "maps": maps.CALIBRATION,

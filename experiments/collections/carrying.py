@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 
 import collalign
+from collalign.confidence.radius_model import MIN_TEMPLATES
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store.file import STORE_FILE
 from collalign.engine.store.records import Record
+from collalign.landmarks.table import landmark_table
+from collalign.products.trust import DOUBT
+from collalign.tools.transfer.run import LandmarkCarrier
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
@@ -173,3 +177,53 @@ def moved(transform: FloatArray, points: FloatArray) -> FloatArray:
 def scale_of(transform: FloatArray) -> float:
     """Return the factor of a similarity (4, 4), mirrored or not."""
     return float(np.cbrt(abs(np.linalg.det(transform[:3, :3]))))
+
+
+def measure_few(cell: Cell) -> Record:
+    """Return what one, two and three templates show at each landmark that they carry, and its error.
+
+    Settings: ``dataset``, ``num`` shapes, ``seed``, and ``sets`` of templates of each size.
+
+    Returns
+    -------
+    dict
+        By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, and ``errors k`` (m,) in
+        root mean square radii; ``variation`` of the shapes likewise. Shapes in doubt get no landmarks, as in a
+        transfer. ``processor_s``.
+    """
+    settings = cell.settings
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as scratch, stopwatch() as elapsed:
+        (folder := Path(scratch) / "shapes").mkdir()
+        posed, out = write_posed(cell, folder), Path(scratch) / "out"
+        run = RunOptions(jobs=1, store=Path(scratch) / STORE_FILE)
+        collalign.align_collection(folder, run=run, progress=False).save(out, report=False)
+        dense = collalign.dense_correspondence(out, run=run, progress=False)
+        collection = collalign.load(out)
+        labels = tuple(str(number) for number in range(posed.landmarks.shape[1]))
+        given = {
+            name: Landmarks(labels=labels, points=points)
+            for name, points in zip(posed.names, posed.landmarks, strict=True)
+        }
+        transforms = {name: collection[name].transform for name in given}
+        carrier = LandmarkCarrier(collection, dense, landmark_table(given, transforms))
+        templates = {
+            dense.names[item.shape]: item
+            for item in carrier.templates
+            if collection[dense.names[item.shape]].confidence >= DOUBT
+        }
+        rng = np.random.default_rng([settings["seed"], 1])
+        for k in range(1, MIN_TEMPLATES):
+            rows = [np.empty((0, 5))]
+            for _ in range(settings["sets"]):
+                chosen = [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
+                for name in (name for name in templates if name not in chosen):
+                    points, evidence, nothing = carrier.predict(
+                        name, [templates[one] for one in chosen]
+                    )
+                    errors = carrier.errors(name, points) / evidence.unit
+                    found["variation"] = evidence.variation / evidence.unit
+                    rows.append(np.column_stack([errors, evidence.shown()])[~nothing])
+            every = np.concatenate(rows)
+            found[f"errors {k}"], found[f"shown {k}"] = every[:, 0], every[:, 1:]
+    return {**found, "processor_s": elapsed.processor_s}

@@ -10,7 +10,6 @@ from typing import Any, Unpack
 import numpy as np
 
 from collalign.confidence.radius_model import (
-    MIN_TEMPLATES,
     Calibration,
     RadiusEvidence,
     beyond_range,
@@ -20,12 +19,12 @@ from collalign.confidence.radius_model import (
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import (
-    Neighbourhoods,
     Template,
     at_places,
     fuse,
     off_surface,
     on_surface,
+    reliefs,
     template,
     template_distance,
 )
@@ -91,8 +90,8 @@ class TransferredLandmarks:
         keeps its own.
     radii : ndarray, shape (N, l)
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
-        0 for a template's own. With fewer than four templates, as on molars and mouse skulls whose surface around a
-        landmark looks like that.
+        0 for a template's own. With fewer than four templates, as on six other kinds of shapes where the surfaces
+        around a landmark look like that.
     status : tuple of tuple of str
         What became of each landmark of each shape.
     templates : tuple of str
@@ -203,12 +202,21 @@ def transfer_landmarks(
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(collection, run=run, progress=progress)
-    found = _Transfer(collection, dense, table).run(wanted.surface_points)
+    found = LandmarkCarrier(collection, dense, table).run(wanted.surface_points)
     return replace(found, notes=(*notes, *table.notes), system=system)
 
 
-class _Transfer:
-    """One transfer: the collection, its dense correspondence, and the templates on it."""
+class LandmarkCarrier:
+    """Carries landmarks from templates to the other specimens of a collection.
+
+    Parameters
+    ----------
+    collection : Collection
+    dense : DenseCorrespondence
+        Of its shapes.
+    table : LandmarkTable
+        Landmarks of the templates, at least one of which is registered.
+    """
 
     def __init__(
         self, collection: Collection, dense: DenseCorrespondence, table: LandmarkTable
@@ -223,21 +231,28 @@ class _Transfer:
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
-        self._templates = [
+        self.templates = [
             template(
                 self._rows[name],
                 self._posed(name, points),
                 dense.completed[self._rows[name]],
                 dense.faces,
                 radius,
+                self._surface(name).locator,
             )
             for name, points in table.points.items()
             if name in self._rows
         ]
-        if not self._templates:
+        if not self.templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        self._shown = {
+            item.shape: (
+                reliefs(item, dense.mean, dense.completed[item.shape], radius),
+                np.fmax(at_places([item], dense.residual[item.shape])[0], item.gaps),
+            )
+            for item in self.templates
+        }
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
-        self._around = Neighbourhoods(dense.mean, dense.completed, dense.faces, radius)
         self._scale = {
             name: float(scale)
             for name, scale in zip(collection.names, collection.scales, strict=True)
@@ -248,7 +263,7 @@ class _Transfer:
         errors, evidence = self._leave_one_out()
         calibration = calibrate(errors, evidence)
         found = [self._specimen(name, calibration) for name in self._collection.names]
-        names = tuple(self._dense.names[item.shape] for item in self._templates)
+        names = tuple(self._dense.names[item.shape] for item in self.templates)
         unit = np.array([self._scale[name] for name in names])[:, None]
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
         without = [calibrate(np.delete(errors, at, 0), others) for at, others in enumerate(rest)]
@@ -268,19 +283,25 @@ class _Transfer:
 
     def _leave_one_out(self) -> tuple[FloatArray, list[RadiusEvidence]]:
         """Return errors (t, l) of templates predicted from the others, in the common frame, and their evidence."""
-        shape = (len(self._templates), len(self._labels))
-        if len(self._templates) < 2:
+        shape = (len(self.templates), len(self._labels))
+        if len(self.templates) < 2:
             nothing = np.full(shape[1], np.nan)
             return np.full(shape, np.nan), [
                 RadiusEvidence(
-                    spread=nothing, distance=0.0, residual=nothing, unit=1.0, variation=0.0
+                    spread=nothing,
+                    distance=0.0,
+                    residual=nothing,
+                    unit=1.0,
+                    variation=0.0,
+                    template_residual=nothing,
+                    relief=nothing,
                 )
             ]
         errors, evidence = [], []
-        for at, item in enumerate(self._templates):
+        for at, item in enumerate(self.templates):
             name = self._dense.names[item.shape]
-            points, shown, _ = self._predict(name, self._templates[:at] + self._templates[at + 1 :])
-            errors.append(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
+            points, shown, _ = self.predict(name, self.templates[:at] + self.templates[at + 1 :])
+            errors.append(self.errors(name, points))
             evidence.append(shown)
         return np.array(errors), evidence
 
@@ -293,13 +314,11 @@ class _Transfer:
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
         reason = self._abstention(name)
         known = (
-            np.isfinite(np.stack([item.offsets for item in self._templates]))
-            .all(axis=2)
-            .any(axis=0)
+            np.isfinite(np.stack([item.offsets for item in self.templates])).all(axis=2).any(axis=0)
         )
         reasons = np.where(known, MISSING_PLACE, UNKNOWN)
         if reason is None and not placed.all():
-            predicted, evidence, nothing = self._predict(name, self._templates)
+            predicted, evidence, nothing = self.predict(name, self.templates)
             vague = beyond_range(calibration, evidence)
             predicted[nothing | vague] = np.nan
             reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
@@ -317,25 +336,30 @@ class _Transfer:
         doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
         return DOUBTFUL_POSE if doubtful else None
 
-    def _predict(
+    def predict(
         self, name: str, templates: list[Template]
     ) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
-        """Return a specimen's landmarks in the common frame, evidence of errors, and where surface is missing."""
+        """Predict the landmarks of a specimen from some templates.
+
+        Returns
+        -------
+        points : ndarray, shape (l, 3)
+            In the common frame.
+        evidence : RadiusEvidence
+        nothing : ndarray of bool, shape (l,)
+            Where the specimen's surface is missing.
+        """
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        tilt, relief = (
-            self._around.compare(templates, row)
-            if len(templates) < MIN_TEMPLATES
-            else 2 * (np.empty(0),)
-        )
+        relief, template_residual = self._shown_by(templates)
         evidence = RadiusEvidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
             variation=self._variation,
-            tilt=tilt,
             relief=relief,
+            template_residual=template_residual,
         )
         surface = self._surface(name)
         nothing = _without_counterpart(surface, points) & ~off_surface(templates)
@@ -348,6 +372,16 @@ class _Transfer:
                     spaced, [item.only(rows) for item in templates], surface.locator
                 )
         return placed, evidence, nothing
+
+    def errors(self, name: str, points: FloatArray) -> FloatArray:
+        """Return how far predicted landmarks are from a template's own, in the common frame, shape (l,)."""
+        return np.asarray(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
+
+    def _shown_by(self, templates: list[Template]) -> FloatArray:
+        """Return relief and residual at each landmark of templates, means of those that have it, shape (2, l)."""
+        known = np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
+        shown = np.stack([self._shown[item.shape] for item in templates], axis=1)
+        return np.where(known, shown, 0.0).sum(axis=1) / np.maximum(known.sum(axis=0), 1)
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""

@@ -13,7 +13,6 @@ from collalign.analysis.label_table import read_labels
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.carry import template
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
@@ -43,7 +42,7 @@ from data_tools.io.source import refuse_overlap
 from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.notes import Note
 from data_tools.poses import moved_by
-from data_tools.surface.closest import SurfacePoints
+from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -270,8 +269,9 @@ def _on_mean(
     for name, points in known.items():
         if name in dense.names:
             row = dense.names.index(name)
-            found = template(row, points, dense.completed[row], dense.faces, np.inf)
-            places.append(np.where(np.isfinite(found.offsets), found.places.on(mean), np.nan))
+            copy, has = dense.completed[row], np.isfinite(points).all(axis=1)[:, None]
+            found = SurfaceLocator(copy, dense.faces).closest(np.where(has, points, copy[0]))
+            places.append(np.where(has, found.on(mean), np.nan))
     stacked = np.array(places).reshape(len(places), -1, 3)
     there = np.isfinite(stacked)
     total = np.where(there, stacked, 0.0).sum(axis=0)

@@ -14,10 +14,10 @@ from collalign.confidence.radius_model import (
     spread,
 )
 from collalign.landmarks.carry import (
-    Neighbourhoods,
     carried,
     fuse,
     on_surface,
+    reliefs,
     template,
     template_distance,
     template_weights,
@@ -27,7 +27,7 @@ from data_tools.surface.closest import SurfaceLocator
 
 
 def shown(
-    num=30, distance=1.0, residual=1.0, tilt=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0
+    num=30, distance=1.0, residual=1.0, own=0.2, relief=0.05, spread=0.0, unit=1.0, variation=1.0
 ):
     """Return evidence of templates that agree."""
     return RadiusEvidence(
@@ -36,7 +36,7 @@ def shown(
         residual=np.full(num, residual),
         unit=unit,
         variation=variation,
-        tilt=np.full(num, tilt),
+        template_residual=np.full(num, own),
         relief=np.full(num, relief),
     )
 
@@ -77,38 +77,31 @@ def test_specimens_unlike_the_templates_and_bad_fits_get_larger_radii():
 def test_radii_of_few_templates_follow_the_surface_and_the_spread_and_have_a_unit(num):
     calibration = calibrate(simulated(np.random.default_rng(3), num), [shown()] * num)
     plain = radii(calibration, shown())
-    for worse in (shown(tilt=0.4), shown(relief=0.02), shown(residual=2.0), shown(variation=2.0)):
+    for worse in (shown(own=0.4), shown(relief=0.02), shown(residual=2.0), shown(variation=2.0)):
         assert (radii(calibration, worse) > plain).all()
     assert ((radii(calibration, shown(spread=0.3)) > plain) == (num > 1)).all()
     np.testing.assert_allclose(
-        radii(calibration, shown(residual=10.0, spread=0.0, unit=10.0, variation=10.0)), 10 * plain
+        radii(calibration, shown(residual=10.0, own=2.0, unit=10.0, variation=10.0)), 10 * plain
     )
-    assert (radii(calibration, shown(tilt=0.0, residual=0.0, variation=0.0)) > 0).all()
+    assert (radii(calibration, shown(own=0.0, residual=0.0, variation=0.0)) > 0).all()
 
 
 def test_without_templates_there_are_no_radii():
     assert np.isnan(radii(calibrate(np.empty((0, 30)), []), shown())).all()
 
 
-def test_surroundings_that_are_turned_are_alike_and_flat_ones_have_no_relief():
+def test_flat_places_have_no_relief_whatever_the_pose():
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 31)], indexing="ij"), axis=-1).reshape(
         -1, 2
     )
-    faces = Delaunay(grid).simplices
-
-    def surface(height, width):
-        bump = height * np.exp(-((grid - [0.5, 0.0]) ** 2).sum(axis=1) / width)
-        return np.column_stack([grid, bump])
-
-    mean, turn = surface(0.4, 0.05), Rotation.from_euler("xyz", [0.5, 0.2, 2.0]).as_matrix()
-    copies = np.stack([mean, mean @ turn.T + 3.0, surface(0.4, 0.2)])
+    bump = 0.4 * np.exp(-((grid - [0.5, 0.0]) ** 2).sum(axis=1) / 0.05)
+    mean, rotation = np.column_stack([grid, bump]), Rotation.from_euler("xyz", [0.5, 0.2, 2.0])
     marks = mean[[np.abs(grid - place).sum(axis=1).argmin() for place in ([0.5, 0.0], [-0.6, 0.0])]]
-    one = template(0, marks, copies[0], faces, 1.0)
-    around = Neighbourhoods(mean, copies, faces, 1.0)
-    (same, relief), (other, _) = (around.compare([one], specimen) for specimen in (1, 2))
-    np.testing.assert_allclose(same, 0.0, atol=1e-6)
-    assert other[0] > 0.1 > other[1]
-    assert relief[0] > 0.05 > 10 * relief[1]
+    faces = Delaunay(grid).simplices
+    one = template(0, marks, mean, faces, 1.0, SurfaceLocator(mean, faces))
+    found = reliefs(one, mean, mean, 1.0)
+    assert found[0] > 0.05 > 10 * found[1]
+    np.testing.assert_allclose(reliefs(one, mean, rotation.apply(mean) + 3.0, 1.0), found)
 
 
 def test_missing_landmarks_count_for_nothing():
@@ -131,8 +124,8 @@ def test_templates_nearer_to_the_specimen_count_more():
     vertices = np.stack([mean, 1.1 * mean, 1.5 * mean])
     marks = mean[[3, 50]]
     templates = [
-        template(0, marks, vertices[0], faces, 1.0),
-        template(2, 1.5 * marks, vertices[2], faces, 1.0),
+        template(0, marks, vertices[0], faces, 1.0, SurfaceLocator(vertices[0], faces)),
+        template(2, 1.5 * marks, vertices[2], faces, 1.0, SurfaceLocator(vertices[2], faces)),
     ]
     weights = template_weights(templates, 1, vertices, np.ones((3, 200)))
     assert (weights[0] > weights[1]).all()
@@ -147,10 +140,21 @@ def test_templates_nearer_to_the_specimen_count_more():
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
 
 
+def test_a_landmark_that_the_mean_does_not_reach_is_on_the_surface_all_the_same():
+    mean, faces = sphere_mesh(200)
+    moved = mean + np.where(mean[:, :1] > 0.5, [0.6, 0.0, 0.0], 0.0)  # as a limb, without its copy
+    tip = int(mean[:, 0].argmax())
+    found = template(0, moved[[tip]], mean, faces, 1.0, SurfaceLocator(moved, faces))
+    np.testing.assert_allclose(found.gaps, 0.6, atol=0.01)
+    other = SurfaceLocator(1.1 * mean, faces)
+    placed = on_surface(carried([found], 1.1 * mean)[0], [found], other)
+    np.testing.assert_allclose(np.linalg.norm(placed, axis=1), 1.1, atol=0.02)
+
+
 def test_a_landmark_inside_keeps_its_offset_and_one_on_the_surface_is_put_there():
     mean, faces = sphere_mesh(200)
     marks = np.stack([0.5 * mean[7], 1.01 * mean[9], [np.nan] * 3])
-    found = template(0, marks, mean, faces, 1.0)
+    found = template(0, marks, mean, faces, 1.0, SurfaceLocator(mean, faces))
     on_sphere = on_surface(carried([found], mean)[0], [found], SurfaceLocator(mean, faces))
     np.testing.assert_allclose(on_sphere[0], marks[0], atol=1e-9)
     np.testing.assert_allclose(on_sphere[1], mean[9], atol=1e-6)
