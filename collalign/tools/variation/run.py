@@ -269,7 +269,8 @@ def _on_mean(
     for name, points in known.items():
         if name in dense.names:
             row = dense.names.index(name)
-            copy, has = dense.completed[row], np.isfinite(points).all(axis=1)[:, None]
+            copy = dense.completed[row]
+            has = np.asarray(np.isfinite(points).all(axis=1))[:, None]
             found = SurfaceLocator(copy, dense.faces).closest(np.where(has, points, copy[0]))
             places.append(np.where(has, found.on(mean), np.nan))
     stacked = np.array(places).reshape(len(places), -1, 3)
