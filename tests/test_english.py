@@ -24,6 +24,7 @@ AVOIDED = {
     r"outvoted": "rejected",
     r"stands? right": "is correct",
     r"mirrored": "reflected",
+    r"rivals?\b": "competing pose",
 }
 OTHERS = (
     README,
