@@ -14,7 +14,7 @@ export function shownTable(caption, [head, ...rows]) {
 
 // What a model's only term explains, in words.
 function explains([model, , num, effect, , , , share, , , p]) {
-  return model === effect ? `${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape of ${num} specimens (p = ${number(p)}).` : "";
+  return model === effect ? `By itself, ${effect} explains ${(100 * share).toFixed(1)} % of the variation of shape of ${num} specimens (p = ${number(p)}).` : "";
 }
 
 // What the terms of the first model explain, in words, where it has several: it is the one that was asked for.
