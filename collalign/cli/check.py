@@ -103,7 +103,8 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     for one in facts:
         triangles = f", {one['triangles']} triangles" if one["triangles"] else ""
         size = " x ".join(f"{side:.4g}" for side in one["size"])
-        texts = [note["text"] for note in one["notes"]]
+        merged = "duplicates-merged"  # every STL file repeats its vertices
+        texts = [note["text"] for note in one["notes"] if note["code"] != merged]
         say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *texts]))
     num = common_num_points([one["points"] for one in facts], options.sampling.num_points)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]

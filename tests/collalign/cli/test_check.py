@@ -38,6 +38,17 @@ def folder(tmp_path):
     return tmp_path / "in"
 
 
+def test_that_stl_files_repeat_their_vertices_is_no_news(tmp_path, capsys):
+    for name in ("a", "b"):
+        write_mesh(tmp_path / f"{name}.stl", chair(np.random.default_rng(0), resolution=1))
+    command = ["align", str(tmp_path), *FLAGS, "--check"]
+    assert main(command) == 0
+    assert "duplicate vertices" not in capsys.readouterr().out
+    assert main([*command, "--json"]) == 0
+    (note,) = json.loads(capsys.readouterr().out)["shapes"][0]["notes"]
+    assert note["code"] == "duplicates-merged"
+
+
 def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
     out = folder.parent / "out"
     assert (
