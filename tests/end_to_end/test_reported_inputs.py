@@ -172,9 +172,9 @@ def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
     turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
     given = []
     for number, turn in enumerate(turns):
-        points, faces = bumpy(number, 4)
+        points, faces = bumpy(number, 3)
         given.append(((5.0 * points @ turn.T + PLACE).astype(np.float32), faces))
-    found = align_collection(given, run=RunOptions(jobs=1), progress=False)
+    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
     assert worst_deg(found, turns) < 5.0
     assert "coarse-coordinates" in codes(found.notes)
 
@@ -187,6 +187,6 @@ def test_left_and_right_are_told_and_lie_within_few_degrees():
     for number, (turn, left) in enumerate(zip(turns, is_left, strict=True)):
         points, faces = bumpy(number, 3)
         given.append((points @ turn.T, faces[:, :: -1 if left else 1]))
-    found = align_collection(given, run=RunOptions(jobs=1), progress=False)
+    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
     assert found.reflected.tolist() in (is_left.tolist(), (~is_left).tolist())
     assert worst_deg(found, turns) < 5.0

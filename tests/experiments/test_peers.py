@@ -3,13 +3,14 @@
 import itertools
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from collalign.engine.store.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.datasets.synthetic_shapes import crown
+from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -206,7 +207,9 @@ def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):
     assert row["gross"] == pytest.approx(200 / 3)
 
 
-def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path):
+def test_the_quick_run_of_deformations_is_the_same_twice(tmp_path, monkeypatch):
+    monkeypatch.setattr(deformations, "PEERS", ("axes",))
+    monkeypatch.setattr(deformations, "chair", partial(chair, resolution=1))
     bench = Bench(data=tmp_path, store=Store.memory(), quick=True, quiet=True)
     main, families = deformations.EXPERIMENT.measure(bench).tables
     ours = main.rows[0]

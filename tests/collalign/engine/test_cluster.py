@@ -100,7 +100,7 @@ def folder(tmp_path_factory):
 
 
 def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 4.0)
+    monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 2.0)
     with own_cluster(tmp_path) as cluster:
         for number in (signal.SIGSTOP, signal.SIGKILL):
             results = run_jobs(

@@ -141,20 +141,17 @@ def test_no_arrangement_costs_less_than_the_bound(group):
     assert found.bound > pair_sum
 
 
-@pytest.mark.parametrize("group", ["SO", "O"])
-def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(
-    group, monkeypatch
-):
-    rounds = planted(4, 8, 0.25, group=group)
+def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(monkeypatch):
+    rounds = planted(3, 7, 0.25)
     monkeypatch.setattr("collalign.tools.certify.rounds._MOST_ROUNDS", 1)
     whole = certified(rounds)
     assert certified(rounds, budget_s=1e-9).bound == 0.0
     monkeypatch.setattr(
-        "collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5)
+        "collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 2)
     )
     some = certified(rounds)
     assert 0.0 < some.bound < whole.bound
-    assert (some.proof["num_cells"].max(axis=1) > 4).sum() == 5
+    assert (some.proof["num_cells"].max(axis=1) > 4).sum() == 2
 
 
 def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_raises_it():
@@ -173,7 +170,7 @@ def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_rai
 
 
 def test_copies_without_noise_cost_nothing_in_any_gauge():
-    rounds = planted(4, 8, 0.0, seed=8)
+    rounds = planted(3, 7, 0.0, seed=8)
     energies, found = rounds.energies, certified(rounds)
     assert (found.energy, found.bound) == (
         pytest.approx(0.0, abs=1e-9),
