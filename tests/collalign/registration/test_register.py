@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.registration import register as module
 from collalign.registration.register import MIN_VOLUME_CHANGE, SmoothField, register
 from collalign.registration.surface import RegistrationSurface
-from collalign.registration.tuning import TUNED
 from collalign.tools.correspond import medoid
 from data_tools.datasets.synthetic import bumped, shuffled
 from data_tools.datasets.synthetic_shapes import crown, figure
@@ -15,12 +13,7 @@ from data_tools.errors import InputError
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
 
-
-@pytest.fixture(autouse=True, scope="module")
-def few_centres():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "TUNED", TUNED._replace(num_centres=200))
-        yield
+pytestmark = pytest.mark.usefixtures("quick_search")
 
 
 def surface(shape):

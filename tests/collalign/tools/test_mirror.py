@@ -3,18 +3,13 @@
 import numpy as np
 import pytest
 
-from collalign.registration import register
-from collalign.registration.tuning import TUNED
 from collalign.tools.variation.mirror import mirror_map
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
-
-@pytest.fixture(autouse=True)
-def few_centres(monkeypatch):
-    monkeypatch.setattr(register, "TUNED", TUNED._replace(num_centres=150))
+pytestmark = pytest.mark.usefixtures("quick_search")
 
 
 def horned(sides=(-1, 1), extra=0.0):
