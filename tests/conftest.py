@@ -74,18 +74,20 @@ def two_cores(monkeypatch):
 
 @pytest.fixture(scope="module")
 def quick_search():
-    """Maps and poses from fewer starts, and registrations of fewer Gaussians, in a third of the time."""
+    """Maps and poses from fewer starts, registrations of fewer Gaussians, and no worker for one core."""
+    from collalign import RunOptions
     from collalign.nonrigid import portfolio
     from collalign.registration import register
     from collalign.stages import steps
     from pairwise.partial import match
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunOptions, "is_alone", property(lambda run: run.scheduler is None))
         patch.setattr(steps, "MOST_SEARCHED", 0)  # the golden of bodies searches
         patch.setattr(register, "TUNED", register.TUNED._replace(num_centres=150))
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
         patch.setattr(
-            match, "TUNED", match.TUNED._replace(num_rotations=500, num_starts=80, num_refined=15)
+            match, "TUNED", match.TUNED._replace(num_rotations=300, num_starts=40, num_refined=10)
         )
         yield
 
