@@ -265,6 +265,7 @@ def _unscaled(dual: DualPoint, scale: float) -> DualPoint:
         g=dual.g * scale,
         Y=dual.Y * scale,
         factor=dual.factor * np.sqrt(scale),
+        root=dual.root / np.sqrt(scale),
         inverse=dual.inverse / scale,
         w=dual.w * scale,
         mean=dual.mean,

@@ -17,19 +17,21 @@ def gram(rows: FloatArray) -> FloatArray:
     return product
 
 
-def cauchy_factor(values: FloatArray) -> FloatArray:
-    """Return a narrow F (s, r) with F F^T = ``1 / (values_a + values_b)`` to rounding, for positive values (s,).
+def cauchy_factors(values: FloatArray) -> list[FloatArray]:
+    """Return narrow F_j (s, r) with F_j F_j^T = ``1 / (values_ja + values_jb)`` to rounding, for values (K, s) > 0.
 
     Cholesky's factorization with pivots of that matrix, scaled to a unit diagonal. It ends early: singular values of
     Cauchy's matrices decay geometrically (Beckermann and Townsend 2017).
     """
-    root = np.sqrt(2.0 * values)
-    lower, pivots, rank, _ = lapack.dpstrf(
-        np.outer(root, root) / np.add.outer(values, values), lower=1
-    )
-    factor = np.empty((len(values), rank))
-    factor[pivots - 1] = np.tril(lower)[:, :rank]
-    return factor / root[:, None]
+    roots = np.sqrt(2.0 * values)[..., None]
+    scaled = roots * np.swapaxes(roots, 1, 2) / (values[..., None] + values[:, None])
+    factors = []
+    for matrix, root in zip(np.triu(scaled), roots, strict=True):
+        lower, pivots, rank, _ = lapack.dpstrf(matrix.T, lower=1)
+        factor = np.empty((len(root), rank))
+        factor[pivots - 1] = lower[:, :rank]
+        factors.append(factor / root)
+    return factors
 
 
 class MomentBasis:
@@ -126,9 +128,8 @@ class MomentBasis:
             Positive lambda_1, ..., lambda_s.
         """
         combined = [
-            cauchy_factor(values).T
-            @ (rows.take(self._all_rows, axis=1) * rows.take(self._all_cols, axis=1))
-            for values, rows in zip(eigenvalues, T[:, 1:], strict=True)
+            factor.T @ (rows.take(self._all_rows, axis=1) * rows.take(self._all_cols, axis=1))
+            for factor, rows in zip(cauchy_factors(eigenvalues), T[:, 1:], strict=True)
         ]
         operator = gram(np.concatenate(combined))
         first_row = (T[:, 0, 0] ** 2) @ (np.swapaxes(T[:, 1:], 1, 2) @ T[:, 1:]).reshape(len(T), -1)

@@ -24,7 +24,7 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.moment_basis import MomentBasis, gram
-from pairwise.pm_sdp.variables import DualPoint, PrimalPoint
+from pairwise.pm_sdp.variables import DualPoint, PrimalPoint, inverse_factors
 
 #: Floor of eigenvalues that are positive but for rounding errors.
 TINY = float(np.finfo(np.float64).tiny) ** 0.5
@@ -94,7 +94,7 @@ class LocalBlocks:
         response = self.features @ np.swapaxes(self.features, 1, 2)
         diagonal = np.arange(response.shape[1])
         response[:, diagonal, diagonal] += 1.0 / np.where(self.data.valid, conductance, 1.0)
-        self.root = np.linalg.inv(np.linalg.cholesky(response))
+        self.root = inverse_factors(np.linalg.cholesky(response))
 
     def condense(self, deadline: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the blocks' share of the moments' operator, of its coupling to the rows, and of the rows' matrix.

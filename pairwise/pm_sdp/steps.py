@@ -15,8 +15,8 @@ from pairwise.pm_sdp.variables import (
     DualPoint,
     PrimalPoint,
     are_positive,
-    conditional_moments,
     dual_point,
+    inverse_factors,
     primal_point,
 )
 
@@ -76,7 +76,7 @@ def _row_means(data: RelaxationData, x: FloatArray) -> FloatArray:
 #: A step shorter than this is no progress.
 SHORTEST_STEP = 1e-4
 #: Bisection ends when the interval is this share of its upper end.
-_PRECISION = 1.0 / 256.0
+_PRECISION = 1.0 / 64.0
 
 
 def longest_primal(
@@ -91,23 +91,19 @@ def longest_primal(
     least : float
         In [0, 1).
     """
-    size = min(_longest_linear(point.x[data.valid], step.x[data.valid], least), 1.0)
-    size = min(
-        _longest_linear(point.slack[~data.equality], step.slack[~data.equality], least), size
+    x, bent, change = _along(data, point, step)
+    transposed, least_G = np.swapaxes(bent, 1, 2), (1.0 - least) * point.G
+    rates = (
+        (step.x / x).min(),
+        (step.slack / np.where(data.equality, 1.0, point.slack)).min(),
+        _lowest_rate(point.Y, data.lifted.quaternion_change(step.R)),
     )
-    rotated = data.lifted.quaternion_change(step.R)
 
     def keeps(trial: float) -> bool:
-        if not are_positive((1.0 - least) * point.Y + trial * rotated):
-            return False
-        moved = (
-            one + trial * change
-            for one, change in zip((point.x, point.B, point.C), steps, strict=True)
-        )
-        return are_positive(conditional_moments(data, *moved)[1] - least * point.G)
+        curved = transposed @ (bent * (trial**2 / (x + trial * step.x))[..., None])
+        return are_positive(least_G + trial * change - curved)
 
-    steps = step.x, step.B, step.C
-    return _longest(keeps, size)
+    return _longest(keeps, rates, least)
 
 
 def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least: float) -> float:
@@ -118,27 +114,30 @@ def longest_dual(data: RelaxationData, point: DualPoint, step: Direction, least:
     data, point, step, least
         See :func:`longest_primal`.
     """
-    size = min(_longest_linear(point.beta[~data.equality], step.beta[~data.equality], least), 1.0)
-
-    root = np.linalg.inv(point.factor)
     # (F + t dF)^-1 = root^T V diag(1 / (1 + t rates)) V^T root, V the eigenvectors
+    root = point.root
     rates, eigenvectors = np.linalg.eigh(root @ step.F @ np.swapaxes(root, 1, 2))
     bends = (step.bend @ (np.swapaxes(root, 1, 2) @ eigenvectors)) ** 2
+    least_s, free = (1.0 - least) * point.s, ~data.equality
+    lowest = (
+        rates.min(),
+        (step.beta[free] / point.beta[free]).min(initial=0.0),
+        _lowest_rate(point.Y, step.Y),
+    )
 
     def keeps(trial: float) -> bool:
-        if (1.0 - least + trial * rates).min() <= 0.0 or not are_positive(
-            (1.0 - least) * point.Y + trial * step.Y
-        ):
-            return False
         change = step.ds - trial * (bends @ (1.0 / (1.0 + trial * rates))[..., None])[..., 0]
-        return bool(((1.0 - least) * point.s + trial * change >= 0.0)[data.valid].all())
+        return bool((least_s + trial * change >= 0.0)[data.valid].all())
 
-    return _longest(keeps, size)
+    return _longest(keeps, lowest, least)
 
 
-def _longest(keeps: Callable[[float], bool], size: float) -> float:
-    """Return the longest of the sizes up to the given one at which a cone is kept, by bisection."""
-    low, high, trial = 0.0, size, size
+def _longest(
+    keeps: Callable[[float], bool], rates: tuple[float, float, float], least: float
+) -> float:
+    """Return the longest size up to one at which a cone is kept, by bisection, and ``1 + size rate`` is ``least``."""
+    low = 0.0
+    high = trial = (1.0 - least) / max(1.0 - least, -min(rates))
     while True:
         low, high = (trial, high) if keeps(trial) else (low, trial)
         if high - low <= _PRECISION * high:
@@ -146,10 +145,11 @@ def _longest(keeps: Callable[[float], bool], size: float) -> float:
         trial = 0.5 * (low + high)
 
 
-def _longest_linear(values: FloatArray, changes: FloatArray, least: float) -> float:
-    """Return the size after which the first value has the share ``least`` of itself left."""
-    slowest = float((changes / values).min(initial=np.inf))
-    return (least - 1.0) / slowest if slowest < 0.0 else np.inf
+def _lowest_rate(blocks: FloatArray, changes: FloatArray) -> float:
+    """Return the smallest eigenvalue of the changes (q, a, a) relative to positive definite blocks; zero of none."""
+    root = inverse_factors(np.linalg.cholesky(blocks))
+    rates = np.linalg.eigvalsh(root @ changes @ np.swapaxes(root, 1, 2))
+    return float(rates.min(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,18 +223,28 @@ def _second_order_terms(
     data: RelaxationData, primal: PrimalPoint, dual: DualPoint, step: Direction
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what a step leaves of ratio, products and Gram matrices."""
-    x, dx = np.where(data.valid, primal.x, 1.0), step.x[..., None]
+    x, bent, change = _along(data, primal, step)
     curved = ((step.bend @ dual.inverse) * step.bend).sum(axis=2)
-    bent = step.B - primal.mean * dx
-    change = step.C - _symmetric(np.swapaxes(bent + step.B, 1, 2) @ primal.mean)
     gram = np.swapaxes(bent / x[..., None], 1, 2) @ bent - _symmetric(
         dual.inverse @ step.F @ change
     )
     return (
-        step.B @ step.F + dx * (step.u[:, None] + step.g[data.index]),
+        step.B @ step.F + step.x[..., None] * (step.u[:, None] + step.g[data.index]),
         x * curved - step.x * step.ds,
         gram,
     )
+
+
+def _along(
+    data: RelaxationData, point: PrimalPoint, step: Direction
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return x (k, c), bent (k, c, s) and change (k, s, s), which say how G changes along a step.
+
+    After a share t of it, it is ``G + t change - t^2 sum_i bent_i bent_i^T / (x_i + t dx_i)``; x is one where padded.
+    """
+    bent = step.B - point.mean * step.x[..., None]
+    change = step.C - _symmetric(np.swapaxes(bent + step.B, 1, 2) @ point.mean)
+    return np.where(data.valid, point.x, 1.0), bent, change
 
 
 def _symmetric(matrices: FloatArray) -> FloatArray:

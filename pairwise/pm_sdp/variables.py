@@ -8,8 +8,11 @@ The cone of one source point couples its matches' probabilities ``x``, the vecto
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from data_tools.arrays import FloatArray
 from pairwise.pm_sdp.data import RelaxationData
@@ -64,8 +67,8 @@ class DualPoint:
         Multipliers of the tied rows, zero in the others.
     Y : ndarray, shape (q, 4, 4)
         Multipliers of conv SO(3).
-    factor, inverse : ndarray, shape (k, s, s)
-        Lower Cholesky factor of F, inverse of F.
+    factor, root, inverse : ndarray, shape (k, s, s)
+        Lower Cholesky factor of F, its inverse, inverse of F.
     w : ndarray, shape (k, c, s)
         v - u - g.
     mean : ndarray, shape (k, c, s)
@@ -83,6 +86,7 @@ class DualPoint:
     g: FloatArray
     Y: FloatArray
     factor: FloatArray
+    root: FloatArray
     inverse: FloatArray
     w: FloatArray
     mean: FloatArray
@@ -144,6 +148,14 @@ def conditional_moments(
     return mean, C - 0.5 * (scatter + np.swapaxes(scatter, 1, 2))
 
 
+def inverse_factors(factors: NDArray[np.floating[Any]]) -> FloatArray:
+    """Return the inverses of lower triangular matrices (q, a, a): LAPACK's, twice as fast as the general ones."""
+    inverses = np.empty(factors.shape)
+    for inverse, factor in zip(inverses, factors, strict=True):
+        inverse[:] = lapack.dtrtri(factor.T)[0].T
+    return inverses
+
+
 def are_positive(blocks: FloatArray) -> bool:
     """Return whether all blocks (q, a, a) are positive definite."""
     try:
@@ -169,9 +181,8 @@ def dual_point(
         factor: FloatArray = np.linalg.cholesky(F).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         return None
-    root, Y_inverse = (
-        np.linalg.inv(blocks).astype(np.float64, copy=False) for blocks in (factor, Y)
-    )
+    root = inverse_factors(factor)
+    Y_inverse: FloatArray = np.linalg.inv(Y).astype(np.float64, copy=False)
     w = np.where(data.valid[..., None], data.vectors - u[:, None] - g[data.index], 0.0)
     whitened = w @ np.swapaxes(root, 1, 2)
     linear = data.cost - alpha[:, None] - beta[data.index]
@@ -179,7 +190,9 @@ def dual_point(
     if not (s > 0.0).all():
         return None
     inverse = np.swapaxes(root, 1, 2) @ root
-    return DualPoint(alpha, beta, F, u, g, Y, factor, inverse, w, whitened @ root, s, Y_inverse)
+    return DualPoint(
+        alpha, beta, F, u, g, Y, factor, root, inverse, w, whitened @ root, s, Y_inverse
+    )
 
 
 def move_primal(

@@ -8,7 +8,7 @@ import pytest
 from pairwise.pm_sdp import newton_blocks
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import _InteriorPoint
-from pairwise.pm_sdp.moment_basis import cauchy_factor
+from pairwise.pm_sdp.moment_basis import cauchy_factors
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.steps import aim, longest_dual, longest_primal
 from pairwise.pm_sdp.variables import Direction, move_dual, move_primal
@@ -112,7 +112,7 @@ def test_longest_steps_keep_the_share_and_no_longer_ones_do(point, stretch):
     sizes = longest_primal(data, primal, step, least), longest_dual(data, dual, step, least)
     for size, share_of in zip(sizes, (share_of_primal, share_of_dual), strict=True):
         assert share_of(point, step, size) >= least - 1e-9
-        assert size == 1.0 or share_of(point, step, 1.01 * size) < least
+        assert size == 1.0 or share_of(point, step, 1.02 * size) < least
     assert stretch != 30.0 or max(sizes) < 1.0
     assert stretch != 0.01 or min(sizes) == 1.0
 
@@ -236,7 +236,7 @@ def test_how_many_numbers_are_formed_at_a_time_does_not_matter(point, monkeypatc
 
 def test_factors_of_cauchy_matrices_are_exact_and_short():
     values = np.logspace(-3.0, 0.0, 79)
-    sizes, factor = np.sqrt(2.0 * values)[:, None], cauchy_factor(values)
+    sizes, factor = np.sqrt(2.0 * values)[:, None], cauchy_factors(values[None])[0]
     expected = sizes * sizes.T / np.add.outer(values, values)
     np.testing.assert_allclose(sizes * (factor @ factor.T) * sizes.T, expected, atol=1e-13)
     assert factor.shape[1] < 40
