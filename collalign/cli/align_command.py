@@ -31,6 +31,7 @@ from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.loading import load
+from collalign.output.moved_files import is_there
 from collalign.output.write import (
     ALIGNMENT_FILE,
     REPORT_FILE,
@@ -45,7 +46,7 @@ from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.listing import FolderListing, parts_of, read_folder
+from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of, location, refuse_overlap
@@ -281,7 +282,7 @@ def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
     dropped = [
         name
         for name, file in zip(former.names, former.files, strict=True)
-        if name not in listing.names and file not in files and _is_there(file)
+        if name not in listing.names and file not in files and is_there(file)
     ]
     if dropped:
         shown = ", ".join(dropped[:10]) + (", ..." if dropped[10:] else "")
@@ -289,13 +290,6 @@ def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
             f"{out}: the result there has {len(dropped)} more shapes, which would be lost: {shown}. Name their files "
             "too, or another --out; with --drop they are left out"
         )
-
-
-def _is_there(file: str) -> bool:
-    try:
-        return bool(parts_of(Path(file))) or Path(file).is_file()
-    except InputError:
-        return False
 
 
 def _say_known(collection: Collection) -> None:
