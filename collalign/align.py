@@ -26,6 +26,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
+from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
 from collalign.stages.own_knowledge import (
     given_constraints,
@@ -36,7 +37,7 @@ from collalign.stages.own_knowledge import (
 )
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
-from collalign.stages.posing import looks_for_incomplete, pose_all
+from collalign.stages.posing import looks_for_incomplete
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
@@ -50,6 +51,7 @@ from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
 from data_tools.notes import Note
 from data_tools.poses import each_moved_by
+from data_tools.surface.extra import ExtraSurface
 from data_tools.threads import one_blas_thread
 
 _LIBRARIES = ("collalign", "numpy", "scipy", "trimesh", "potpourri3d", "robust-laplacian", "joblib")
@@ -189,7 +191,9 @@ def align_listing(
         }
         found_open = open_among_closed(shapes)
         missing = {i: why for i, why in found_open.items() if i not in stay}
-    matched, posed = pose_all(run, missing)
+    run, matched, posed = pose_without_extra(
+        run, missing, lambda extra: prepare_shapes(session, listing, given, extra)
+    )
     session.enter(FINISHED)
     matched = replace(
         matched, notes=(*own_notes(own, given, constraints, posed.rotations), *matched.notes)
@@ -199,9 +203,16 @@ def align_listing(
     return replace(found, own=own.kinds)
 
 
-def matched_samples(session: AlignSession, listing: FolderListing) -> Shapes:
-    """Return the samples of listed files as an alignment with the session's options matches them."""
-    return prepare_shapes(session, listing)
+def matched_samples(
+    session: AlignSession,
+    listing: FolderListing,
+    extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
+) -> Shapes:
+    """Return the samples of listed files as an alignment with the session's options matches them.
+
+    It may have left out the ``extra`` material of some, by name.
+    """
+    return prepare_shapes(session, listing, extra=extra)
 
 
 def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:
@@ -238,6 +249,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         ),
         copies=copies,
         incomplete=posed.incomplete,
+        extra=posed.extra,
         by_hand=_by_hand(run, posed),
         options=wanted,
         group=matched.group,

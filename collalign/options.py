@@ -104,6 +104,9 @@ class AlignOptions:
         auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of
         another kind goes on elsewhere too). They are posed on the complete ones, or where there is none on each
         other, by what has a counterpart there.
+    ignore_extra : bool
+        Leave material that no other shape has, such as a stand, plaster or a neighbouring bone, out of
+        correspondences and statistics. Poses ignore it in any case, and a note says where it is.
     refine : bool
         Refine the poses on dense samples (``sampling.num_dense_points``) after synchronization.
     deformable : bool
@@ -158,6 +161,7 @@ class AlignOptions:
     synchronization: Synchronizer = "robust"
     maps: Maps = "auto"
     incomplete: str = AUTO
+    ignore_extra: bool = False
     refine: bool = True
     deformable: bool = False
     reference: str = ""
@@ -236,6 +240,7 @@ class AlignKeywords(TypedDict, total=False):
     synchronization: Synchronizer
     maps: Maps
     incomplete: str
+    ignore_extra: bool
     refine: bool
     deformable: bool
     reference: str

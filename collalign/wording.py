@@ -61,6 +61,7 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
     "shapes, try --cleaning.no-largest-component.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",
+    "extra-material": lambda of: _extra(of),
     "few-for-sides": lambda of: (
         "So few shapes do not tell left from right surely: confidences are at most "
         f"{percent(of.values['most'])}. Check one shape of each side."
@@ -309,6 +310,20 @@ def _covered(note: Note) -> str:
         f"{name} ({reason_text(why)}; {word})"
         for name, why, word in zip(note.shapes, reasons, words, strict=True)
     )
+
+
+def _extra(note: Note) -> str:
+    found = zip(note.shapes, _tuple(note, "shares"), _tuple(note, "sides"), strict=True)
+    each = "; ".join(
+        f"{name} ({percent(share)} of its surface, towards {side} of the common frame)"
+        for name, share, side in found
+    )
+    left_out = (
+        "and correspondences leave it out."
+        if note.values["ignored"]
+        else "but correspondences do not. To leave it out of these and of statistics, use --ignore-extra."
+    )
+    return f"Extra material, such as a stand, that no other shape has: {each}. Poses ignore it, {left_out}"
 
 
 def _copies(note: Note, kind: str) -> str:

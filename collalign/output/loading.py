@@ -136,3 +136,4 @@ def _check(collection: Collection) -> None:
             raise InputError("pairs: a shape with itself, or poses that are not of space")
     for one in collection.incomplete:
         as_indices([one.shape, *one.partners], "incomplete shapes", upper=num)
+    as_indices([one.shape for one in collection.extra], "shapes with extra material", upper=num)

@@ -225,6 +225,22 @@ def _incomplete(collection: CollectionData) -> dict[str, Any]:
     }
 
 
+def _extra(collection: CollectionData) -> dict[str, Any]:
+    """Return where the extra material of shapes is; nothing where there is none."""
+    if not collection.extra:
+        return {}
+    return {
+        "extra": [
+            {
+                "name": collection.names[one.shape],
+                "share": one.share,
+                "direction": one.direction(collection.transforms[one.shape]).tolist(),
+            }
+            for one in collection.extra
+        ]
+    }
+
+
 def alignment_record(collection: CollectionData) -> dict[str, Any]:
     """Return the contents of ``alignment.json``: what the result is, without anything that differs between runs."""
     shapes = zip(
@@ -272,6 +288,7 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
         "copies": [asdict(one) for one in collection.copies],
         "notes": note_records(collection.notes),
         **_incomplete(collection),
+        **_extra(collection),
         "shape_notes": {
             name: note_records(notes)
             for name, notes in zip(collection.names, collection.made.shape_notes, strict=True)

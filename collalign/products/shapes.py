@@ -14,6 +14,8 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
+from data_tools.poses import moved_by
+from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.shape import Shape
 
 
@@ -92,6 +94,45 @@ class Incomplete:
         return replace(
             self, shape=position[self.shape], partners=there, overlaps=self.overlaps[kept]
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Extra:
+    """Material of a shape that no other shape has, such as a stand, plaster or a neighbour; poses ignore it.
+
+    Attributes
+    ----------
+    shape : int
+        Its position in the collection.
+    surface : ExtraSurface
+        Points of the shape, and which of them are extra.
+    """
+
+    shape: int
+    surface: ExtraSurface
+
+    @property
+    def share(self) -> float:
+        """The share of the shape's surface that is extra."""
+        return float(self.surface.is_extra.mean())
+
+    def direction(self, transform: FloatArray) -> FloatArray:
+        """Return where it lies in the common frame, seen from the rest: a unit vector (3,).
+
+        Parameters
+        ----------
+        transform : ndarray, shape (4, 4)
+            File coordinates to the common frame.
+        """
+        points, extra = moved_by(transform, self.surface.points), self.surface.is_extra
+        arm = points[extra].mean(axis=0) - points[~extra].mean(axis=0)
+        return np.asarray(arm / max(float(np.linalg.norm(arm)), np.finfo(float).tiny))
+
+    def side(self, transform: FloatArray) -> str:
+        """Return the axis of the common frame that this direction is nearest to, such as ``-z``."""
+        direction = self.direction(transform)
+        axis = int(np.abs(direction).argmax())
+        return ("-" if direction[axis] < 0 else "") + "xyz"[axis]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
+from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.outliers import odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
@@ -29,7 +31,10 @@ SAMPLING = Job(kind="shapes", version="shape-14", run=sample_file, reader=Sample
 
 
 def prepare_shapes(
-    session: AlignSession, listing: FolderListing, own: Mapping[str, OwnPoints] | None = None
+    session: AlignSession,
+    listing: FolderListing,
+    own: Mapping[str, OwnPoints] | None = None,
+    extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
 ) -> Shapes:
     """Read, clean, sample and embed every file whose result the store does not hold yet.
 
@@ -39,6 +44,8 @@ def prepare_shapes(
     listing : FolderListing
     own : mapping of str to OwnPoints, optional
         Samples and invariants that are given, by name.
+    extra : mapping of str to ExtraSurface, optional
+        Material of some shapes that is left out, by name.
 
     Raises
     ------
@@ -51,11 +58,11 @@ def prepare_shapes(
     """
     wanted = session.options.sampling.num_points
     own = own or {}
-    shapes = _prepare(session, listing, session.options, own)
+    shapes = _prepare(session, listing, session.options, own, extra)
     num = common_num_points([len(item.vertex_indices) for item in shapes.samples], wanted)
     if num < wanted:
         fewer = replace(session.options.sampling, num_points=num)
-        shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own)
+        shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own, extra)
         shapes = replace(
             shapes, notes=(Note("fewer-points", values={"num": num, "asked": wanted}),)
         )
@@ -128,9 +135,10 @@ def _prepare(
     listing: FolderListing,
     options: AlignOptions,
     own: Mapping[str, OwnPoints],
+    extra: Mapping[str, ExtraSurface],
 ) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
-    wanted, excluded = wanted_shapes(listing, options, own)
+    wanted, excluded = wanted_shapes(listing, options, own, extra)
     session.store.set_note(NUM_FILES, str(len(wanted)))
     found = session.compute(
         SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict
@@ -162,7 +170,10 @@ def excluded_file(file: Origin, name: str, reason: str) -> Excluded:
 
 
 def wanted_shapes(
-    listing: FolderListing, options: AlignOptions, own: Mapping[str, OwnPoints]
+    listing: FolderListing,
+    options: AlignOptions,
+    own: Mapping[str, OwnPoints],
+    extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
 ) -> tuple[dict[str, Wanted], list[Excluded]]:
     """Return what is wanted of the file of every name, and the files that cannot even be opened."""
     wanted, excluded = {}, []
@@ -180,11 +191,12 @@ def wanted_shapes(
             excluded.append(excluded_file(file, name, str(error)))
             continue
         # The reader depends on the suffix as well as on the content.
-        given = (own[name].digest,) if name in own else ()
+        given = [points[name].digest for points in (own, extra) if name in points]
         wanted[name] = Wanted(
             key=SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given),
             label=file.name,
             arguments=settings
-            | {"file": file.absolute(), "name": name, "digest": digest, "own": own.get(name)},
+            | {"file": file.absolute(), "name": name, "digest": digest}
+            | {"own": own.get(name), "extra": extra.get(name)},
         )
     return wanted, excluded

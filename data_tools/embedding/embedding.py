@@ -20,6 +20,7 @@ from data_tools.io.source import Origin
 from data_tools.local_surface import LocalSurface
 from data_tools.notes import Note
 from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
+from data_tools.surface.extra import ExtraSurface, without_extra
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.normals import outward_normals
 from data_tools.surface.shape import Shape
@@ -306,6 +307,7 @@ def sample_file(
     name: str,
     digest: str | None = None,
     own: OwnPoints | None = None,
+    extra: ExtraSurface | None = None,
 ) -> Samples:
     """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
 
@@ -322,6 +324,8 @@ def sample_file(
         Of the content that is expected: a file that has changed since is refused.
     own : OwnPoints, optional
         What the caller gives of this shape.
+    extra : ExtraSurface, optional
+        Material that does not belong to the shape and is left out.
 
     Raises
     ------
@@ -329,6 +333,8 @@ def sample_file(
         If the file cannot be read, has changed or holds no usable shape.
     """
     shape = read_shape(file, cleaning, name=name, digest=digest)
+    if extra is not None:
+        shape = without_extra(shape, extra, cleaning)
     surface = WorkingSurface(shape, sampling)
     num = len(surface.shape.vertices)
     fewer = MIN_POINTS <= num < sampling.num_points

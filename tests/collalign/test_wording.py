@@ -31,6 +31,12 @@ EXAMPLES = [
         Note("copies", (*"abcdefghijkl",), {"kind": kind})
         for kind in ("identical", "moved", "mirrored")
     ),
+    *(
+        Note(
+            "extra-material", PAIR, {"shares": (0.1, 0.3), "sides": ("z", "-x"), "ignored": ignored}
+        )
+        for ignored in (False, True)
+    ),
     Note("few-for-sides", values={"most": 0.8}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
     Note(

@@ -33,6 +33,8 @@ from pairwise.status import Status
 MOST_CATEGORIES = 40
 #: Pairs' own maps are embedded while they have fewer entries than this; afterwards equal labels are shown as matched.
 MOST_MAP_ENTRIES = 3_000_000
+#: Red, green and blue of extra material, and of the rest of its shape.
+_EXTRA_COLOUR, _REST_COLOUR = (0.84, 0.37, 0.0), (0.88, 0.84, 0.76)
 #: A shape this many times larger than the median may leave its tile, so that one huge shape does not shrink the rest.
 _LARGEST_SHOWN = 1.5
 
@@ -50,8 +52,12 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
     document, blobs = shapes_content(collection)
     incomplete, parts = incomplete_content(collection)
     places = place_meshes(collection)
-    for name, (info, text) in (parts | places).items():
+    for name, (info, text) in (parts | places | extra_meshes(collection)).items():
         document["meshes"][name], blobs[f"mesh-{name}"] = info, text
+    for one in collection.extra:
+        side = one.side(collection.transforms[one.shape])
+        entry = {"share": one.share, "side": side, "mesh": f"extra-{one.shape}"}
+        document["shapes"][one.shape]["extra"] = entry
     pair_fields, blobs["pairs"], statuses = _pairs(collection)
     shape_statistics = shape_map(collection)
     decided = {"group": collection.group, "own": collection.own}
@@ -106,6 +112,18 @@ def place_meshes(collection: CollectionData) -> dict[str, tuple[dict[str, Any], 
         for at, colours in enumerate(collection.places)
         if len(colours)
     }
+
+
+def extra_meshes(collection: CollectionData) -> dict[str, tuple[dict[str, Any], str]]:
+    """Return the display meshes of the shapes with extra material, in another colour there, packed, by name."""
+    found = {}
+    for one in collection.extra:
+        vertices, faces = collection.vertices[one.shape], collection.faces[one.shape]
+        colours = np.where(one.surface.holds(vertices)[:, None], _EXTRA_COLOUR, _REST_COLOUR)
+        found[f"extra-{one.shape}"] = pack_mesh(
+            vertices, faces, collection.landmarks[one.shape], colours
+        )
+    return found
 
 
 def _place(at: int, colours: NDArray[np.uint8]) -> dict[str, Any] | None:

@@ -30,9 +30,10 @@ NUM_PARTNERS = 6
 MISMATCH_OF_COPIES = 0.3
 #: Steps from the common pose, which centroids and sizes of different parts have shifted.
 _STEPS = (0.35,) * 4 + (0.25,) * 8
-_NUM_POINTS = 200
+#: Dense samples of either surface that are refined on, and that a shape needs.
+NUM_POINTS = 200
 #: Memory of a surface with its grid of a quarter of a MiB, in that of its points alone.
-_GRID_GROWTH = 14.0
+GRID_GROWTH = 14.0
 #: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be.
 MIN_SHAPES, MOST_MISSING = 5, 0.5
 
@@ -97,14 +98,14 @@ def find_incomplete(
     if its surface is open.
     """
     samples = shapes.samples
-    are_dense = all(len(item.dense_positions) >= _NUM_POINTS for item in samples)
+    are_dense = all(len(item.dense_positions) >= NUM_POINTS for item in samples)
     if len(samples) < MIN_SHAPES or not are_dense or all(item.rim == "closed" for item in samples):
         return {}
     nearest = _nearest(pairs, len(samples))
     points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
     with table_of_values(points) as table:
         surfaces = [
-            Shared(key=str(i), reader=surface_from_record, growth=_GRID_GROWTH)
+            Shared(key=str(i), reader=surface_from_record, growth=GRID_GROWTH)
             for i in range(len(samples))
         ]
         tasks = {
@@ -135,10 +136,14 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
 
 def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) -> float:
     """Return the share of its partners' points that lie beyond a surface's rim, their median; runs in a worker."""
+    return beyond_rim(surface, partners, refined_on(partners, surface))
+
+
+def refined_on(partners: Sequence[PartialSurface], surface: PartialSurface) -> Similarity:
+    """Return the pose of a surface that lies among its partners, refined by what has a counterpart there."""
     start = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
     scales = scales_allowed(partners, surface)
-    pose = refine(partners, surface, start, _STEPS, num_points=_NUM_POINTS, scale_range=scales)
-    return beyond_rim(surface, partners, pose)
+    return refine(partners, surface, start, _STEPS, num_points=NUM_POINTS, scale_range=scales)
 
 
 def _nearest(pairs: Iterable[AlignedPair], num: int) -> list[list[int]]:

@@ -77,7 +77,9 @@ def certify_collection(
     shown, frames = progress_display(progress), collection.rotations[members]
     decided = replace(collection.options, group="O" if collection.group == "O" else "SO")
     with Session.open(decided, as_options("run", run, RunOptions), shown) as session:
-        prepared = matched_samples(session, listing)
+        ignored = collection.extra if decided.ignore_extra else ()
+        extra = {collection.names[one.shape]: one.surface for one in ignored}
+        prepared = matched_samples(session, listing, extra)
         if prepared.names != listing.names:
             raise InputError(f"{prepared.excluded[0].file} cannot be read as it was for the result")
         if prepared.samples[0].coordinates.shape[1] != 3:

@@ -19,6 +19,7 @@ export function tags(app, index) {
   if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
   if (shape.reflected) words.push(["reflected", ""]);
   if (shape.coverage !== null) words.push([`incomplete, covers ${percent(shape.coverage)}`, ""]);
+  if (shape.extra) words.push([`extra material towards ${shape.extra.side}, ${percent(shape.extra.share)}`, ""]);
   if (app.collection.mark(index) === "not surely joined") words.push(["not surely joined", "warn"]);
   if (app.collection.numParts > 1) words.push([`part ${shape.part + 1}`, ""]);
   const { evidence } = shape.byHand ?? {};
@@ -39,7 +40,7 @@ function card(app, index) {
   const tile = button("", () => app.openShape(index), { class: "tile", "aria-label": label });
   tile.append(...canvases);
   stage.add(canvases[0], () => [before(app, index)], { handle: tile });
-  const right = stage.add(canvases[1], () => [after(app, index, { points: app.showPoints && collection.pointColors })], { handle: null, fitted: true });
+  const right = stage.add(canvases[1], () => [after(app, index, { points: app.showPoints && collection.pointColors, ...(shape.extra && { mesh: shape.extra.mesh }) })], { handle: null, fitted: true });
   app.galleryTiles.push(right);
   const box = el("input", { type: "checkbox", onchange: (event) => app.overlay.toggle(index, event.target.checked) });
   app.overlay.onchange((chosen) => (box.checked = chosen.has(index)));
