@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
-from data_tools.sight import DepthImage, lines_of_sight
+from data_tools.sight import DepthImage
 from data_tools.threads import one_blas_thread
 
 #: Distance of the points of surfaces that may be partial, in root mean square radii of the median shape.
@@ -41,16 +41,21 @@ class LocalSurface:
         Square roots of the fast point feature histograms (Rusu, Blodow and Beetz, ICRA 2009) in units of 1/255.
     cell : float
         Distance of the points, in their own units.
+    sights : ndarray, shape (s, 3)
+        Unit directions from one of which all of the surface was seen, the likeliest first; mostly none.
     """
 
     points: Annotated[FloatArray, Holds(shape="l 3")]
     normals: Annotated[FloatArray, Holds(shape="l 3")]
     histograms: Annotated[NDArray[np.uint8], Holds(shape="l 33")]
     cell: Annotated[float, Holds(positive=True)]
+    sights: Annotated[FloatArray, Holds(shape="s 3")]
 
     @classmethod
     @one_blas_thread()
-    def from_user(cls, points: ArrayLike, normals: ArrayLike, cell: float) -> LocalSurface:
+    def from_user(
+        cls, points: ArrayLike, normals: ArrayLike, cell: float, sights: ArrayLike = ()
+    ) -> LocalSurface:
         """Check the arrays and describe every neighbourhood.
 
         Parameters
@@ -60,6 +65,8 @@ class LocalSurface:
             Of unit length.
         cell : float
             Distance of the points, in their own units.
+        sights : array_like, shape (s, 3), optional
+            Unit directions from one of which all of the surface was seen, as in a depth image.
 
         Raises
         ------
@@ -77,6 +84,7 @@ class LocalSurface:
             normals=read_only(directions),
             histograms=read_only(histograms),
             cell=float(cell),
+            sights=read_only(np.asarray(sights, dtype=np.float64).reshape(-1, 3)),
         )
 
     @cached_property
@@ -94,12 +102,6 @@ class LocalSurface:
     def compared(self) -> slice:
         """An even choice of at most :data:`MOST_COMPARED` points."""
         return slice(None, None, -(-len(self.points) // MOST_COMPARED))
-
-    @cached_property
-    def sights(self) -> FloatArray:
-        """Unit directions (s, 3) from one of which all of the surface was seen, the likeliest first; mostly none."""
-        sights = lines_of_sight(self.points, self.normals, self.cell)
-        return sights * np.where((self.normals @ sights.T).mean(axis=0) < 0.0, -1.0, 1.0)[:, None]
 
     @cached_property
     def depth_images(self) -> list[DepthImage]:
@@ -129,6 +131,7 @@ class LocalSurface:
             points=read_only(self.points * flip),
             normals=read_only(self.normals * flip),
             histograms=read_only(histograms),
+            sights=read_only(self.sights * flip),
         )
 
 

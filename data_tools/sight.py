@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import BoolArray, FloatArray
 
 
 class SightTuning(NamedTuple):
@@ -24,22 +24,32 @@ class SightTuning(NamedTuple):
 
     least_points: int = 100
     """Fewer points tell nothing: their normals and what hides them are noise."""
-    num_directions: int = 500
-    """Directions of a half sphere that are tried."""
-    num_around: int = 20
-    """Points around one that say whether the surface ends there, and to which side."""
+    most_points: int = 4000
+    """Of more points an even choice, ..."""
+    most_normals: int = 1000
+    """... and of their normals one of so many."""
+    num_directions: int = 2000
+    """Directions of a half sphere that are tried, ..."""
+    num_likely: int = 100
+    """... and those of them from which it is looked what is hidden."""
+    num_around: int = 16
+    """Points around one that say how dense they are, and whether the surface ends there, and to which side."""
+    flat: float = 0.03
+    """The density is that of a surface where neighbours vary across it by less than this share of along it, ..."""
+    middle: float = 0.4
+    """... and where their mean is no farther off than this share of the farthest one."""
     steepest: float = 0.15
     """A surface was seen from one direction if at most 3 % of its normals are steeper than this cosine, ..."""
     most_hidden: float = 0.1
     """... and at most this share of its points lie behind others."""
-    hidden_weight: float = 3.0
-    """Such a share weighs so much against cosines where a direction is chosen."""
-    slack: float = 0.05
+    slack: float = 0.02
     """Directions that are no worse than the best one by this are possible, too, ..."""
     apart: float = 0.98
     """... those that differ by this cosine."""
     front_cells: float = 1.5
-    """A point is in front of what was seen if it is so many cells nearer than all that was seen in pixels around."""
+    """A point is in front of what was seen if it is so many cells nearer than all that was seen around, ..."""
+    beside_pixels: int = 2
+    """... and beside it if nothing was seen in so many pixels around."""
 
 
 #: The numbers in use.
@@ -58,6 +68,8 @@ class DepthImage:
         Of the first pixel, along the first two axes.
     heights : ndarray, shape (h, w)
         The most along the line of sight within a pixel and its neighbours; infinite where nothing was seen.
+    is_beside : ndarray of bool, shape (h, w)
+        Pixels around which nothing was seen.
     cell : float
         Side of a pixel.
     """
@@ -65,6 +77,7 @@ class DepthImage:
     axes: FloatArray
     corner: FloatArray
     heights: FloatArray
+    is_beside: BoolArray
     cell: float
 
     @classmethod
@@ -72,71 +85,88 @@ class DepthImage:
         """Return the depth image of points (l, 3) along a unit direction (3,) towards what saw them."""
         axes = np.concatenate([np.linalg.svd(sight[None])[2][1:], sight[None]])
         along = points @ axes.T
-        corner = along[:, :2].min(axis=0) - cell
+        corner = along[:, :2].min(axis=0) - TUNED.beside_pixels * cell
         pixels = np.floor((along[:, :2] - corner) / cell).astype(np.int64)
-        heights = np.full(pixels.max(axis=0) + 2, -np.inf)
+        heights = np.full(pixels.max(axis=0) + 1 + TUNED.beside_pixels, -np.inf)
         np.maximum.at(heights, tuple(pixels.T), along[:, 2])
+        around = 2 * TUNED.beside_pixels + 1
+        is_beside = np.isneginf(maximum_filter(heights, size=around, mode="constant", cval=-np.inf))
         heights = maximum_filter(heights, size=3, mode="constant", cval=-np.inf)
         heights[np.isneginf(heights)] = np.inf
-        return cls(axes=axes, corner=corner, heights=heights, cell=cell)
+        return cls(axes=axes, corner=corner, heights=heights, is_beside=is_beside, cell=cell)
 
-    def share_in_front(self, points: FloatArray) -> FloatArray:
-        """Return the share of points (p, n, 3) that would have been seen instead of what was, shape (p,)."""
+    def conflicts(self, points: FloatArray) -> FloatArray:
+        """Return the shares of points (p, n, 3) that are in front of what was seen and beside it, shape (p, 2)."""
         along = points @ self.axes.T
         pixels = np.floor((along[..., :2] - self.corner) / self.cell).astype(np.int64)
         inside = ((pixels >= 0) & (pixels < self.heights.shape)).all(axis=-1)
         pixels[~inside] = 0
         seen = self.heights[pixels[..., 0], pixels[..., 1]]
-        return np.asarray(
-            (inside & (along[..., 2] > seen + TUNED.front_cells * self.cell)).mean(axis=1)
-        )
+        in_front = inside & (along[..., 2] > seen + TUNED.front_cells * self.cell)
+        beside = ~inside | self.is_beside[pixels[..., 0], pixels[..., 1]]
+        return np.stack([in_front.mean(axis=1), beside.mean(axis=1)], axis=1)
 
 
-def lines_of_sight(points: FloatArray, normals: FloatArray, spacing: float) -> FloatArray:
-    """Return unit directions (s, 3) from which all of a surface is seen, as in a depth image, the likeliest first.
+def lines_of_sight(points: FloatArray) -> FloatArray:
+    """Return unit directions (s, 3) from which all of a cloud is seen, as in a depth image, the likeliest first.
 
     None of fewer than 100 points. Those that the steepest normals are not steep to, and from which hardly a point is
-    behind others. Of a direction and its opposite it is the one from which the surface slopes down where it ends.
+    behind others. Among them those that explain best how dense the points are: what looks at a surface at an angle
+    sees it with fewer points, by the cosine of that angle. Of a direction and its opposite it is the one from which
+    the surface slopes down where it ends.
 
     Parameters
     ----------
-    points, normals : ndarray, shape (l, 3)
-        Unit normals; their signs do not matter.
-    spacing : float
-        Distance of the points.
+    points : ndarray, shape (n, 3)
+        As they were seen: not thinned to equal distances.
     """
     if len(points) < TUNED.least_points:
         return np.empty((0, 3))
-    numbers = np.arange(TUNED.num_directions) + 0.5
-    heights = 1.0 - numbers / TUNED.num_directions
-    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
-    directions = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
-    cosines = np.quantile(np.abs(normals @ directions.T), 0.03, axis=0)
-    possible = np.flatnonzero(cosines >= TUNED.steepest)
-    if not len(possible):
+    points = points[:: -(-len(points) // TUNED.most_points)]
+    distances, near = cKDTree(points).query(points, k=min(TUNED.num_around + 1, len(points)))
+    reach = np.maximum(distances[:, -1], np.finfo(float).tiny)
+    spread = points[near] - points[near].mean(axis=1, keepdims=True)
+    variances, axes = np.linalg.eigh(np.swapaxes(spread, 1, 2) @ spread)
+    normals, arms = axes[:, :, 0], spread[:, 0]
+    few = slice(None, None, -(-len(points) // TUNED.most_normals))
+    directions = half_sphere(TUNED.num_directions)
+    cosines = np.abs(normals[few] @ directions.T)
+    steepest = np.partition(cosines, int(0.03 * len(cosines)), axis=0)[int(0.03 * len(cosines))]
+    likely = np.flatnonzero(steepest >= TUNED.steepest)
+    if not len(likely):
         return np.empty((0, 3))
-    directions = directions[possible]
-    hidden = np.array(
-        [_share_hidden(points, normals, direction, spacing) for direction in directions]
-    )
-    scores = cosines[possible] - TUNED.hidden_weight * hidden
-    best = int(np.argmax(scores))
+    is_inner = variances[few, 0] < TUNED.flat * variances[few, 1]
+    is_inner &= np.linalg.norm(arms[few], axis=1) < TUNED.middle * reach[few]
+    inner = np.flatnonzero(is_inner)
+    residuals = np.zeros(len(likely))
+    if len(inner):
+        areas = np.log(np.maximum(cosines[np.ix_(inner, likely)], 0.1))
+        areas += 2.0 * np.log(reach[few][inner])[:, None]
+        residuals = np.abs(areas - np.median(areas, axis=0)).mean(axis=0)
+    order = np.argsort(residuals, kind="stable")[: TUNED.num_likely]
+    likely, residuals = likely[order], residuals[order]
+    spacing = float(np.median(reach)) * np.sqrt(np.pi / TUNED.num_around)
+    hidden = np.array([_share_hidden(points, normals, directions[one], spacing) for one in likely])
+    costs = residuals + hidden
+    best = int(np.argmin(costs))
     if hidden[best] > TUNED.most_hidden:
         return np.empty((0, 3))
-    near = directions[scores >= scores[best] - TUNED.slack]
-    sights = directions[[best]]
-    while (cosines := np.abs(near @ sights.T).max(axis=1)).min() <= TUNED.apart:
-        sights = np.concatenate([sights, near[[int(cosines.argmin())]]])
-    arms = points - points[
-        cKDTree(points).query(points, k=min(TUNED.num_around, len(points)))[1]
-    ].mean(axis=1)
+    possible = directions[likely[costs <= costs[best] + TUNED.slack]]
+    sights = directions[likely[[best]]]
+    while (cosines := np.abs(possible @ sights.T).max(axis=1)).min() <= TUNED.apart:
+        sights = np.concatenate([sights, possible[[int(cosines.argmin())]]])
     slopes = normals * np.sign(normals @ sights[0])[:, None]
     falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
-    return (
-        sights
-        * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
-        * (1.0 if falling >= 0 else -1.0)
-    )
+    sights = sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
+    return sights if falling >= 0 else -sights
+
+
+def half_sphere(num: int) -> FloatArray:
+    """Return evenly spread unit directions, shape (num, 3)."""
+    numbers = np.arange(num) + 0.5
+    heights = 1.0 - numbers / num
+    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
 
 
 def _share_hidden(

@@ -5,24 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from pairwise.features.overlap import FRONT_UNIT, LocalPoses
+from pairwise.features.conflicts import conflict
+from pairwise.features.overlap import LocalPoses
 
-#: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", by whether both
-#: surfaces were seen from one direction each. Explained is the overlap where they were, else 1 / (share of the
-#: smaller surface without a partner + 0.1): all of a part lies on its whole. The first fitted on depth images,
-#: without what is in front, of an armadillo, a teddy bear, a bird and a chair, and on pieces of 20 to 80 % cut off
-#: chairs and horses, against their wholes and against another kind of shape. Held back were teeth and generated
-#: blobs: mean log loss .44 of 90 pairs of depth images, .15 of 52 pieces (with the overlap of both surfaces .44 and
-#: .89) and .18 of 16 pieces on another kind; 67 at .95 or more, none wrong. The second fitted on all pairs of 15
-#: depth images each of two teddies, two chairs, an armadillo and a horse: mean log loss .17; without what is in
-#: front .74. Each class left out in turn .04 to .40; the most of chairs, whose lines of sight are uncertain.
-WEIGHTS = {False: (2.8, 1.2, -0.6), True: (1.3, 1.0, -6.15)}
+#: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line of
+#: sight is not known. Explained is 1 / (share of the smaller surface without a partner + 0.1): all of a
+#: part lies on its whole. Fitted on depth images, without their lines of sight, of an armadillo, a teddy bear, a bird
+#: and a chair, and on pieces of 20 to 80 % cut off chairs and horses, against their wholes and against another kind
+#: of shape. Held back were teeth and generated blobs: mean log loss .44 of 90 pairs of depth images, .15 of 52 pieces
+#: (with the overlap of both surfaces .44 and .89) and .18 of 16 pieces on another kind; 67 at .95 or more, none
+#: wrong.
+WEIGHTS = (2.8, 1.2, -0.6)
 UNEXPLAINED = 0.1
-#: Log-odds against a pose of which a share of points lies in front of what was seen of the other surface: so many
-#: times log(1 + share / unit). At right poses the share is 0 to .007. Of wrong ones that overlap by .3, 90 % have
-#: .05 or more.
-FRONT_WEIGHT = 3.6
-#: Shares below this count as this: a match or a point more or less says nothing.
+#: Log-odds per logarithm of consensus + .03, against a pose per unit of conflict with lines of sight, and of "no pose
+#: is right", where both surfaces were seen from one direction each. Fitted on all pairs of 15 depth images each of a
+#: person, a bird, a chair, a teddy bear, an ant and two generated blobs. Each left out in turn: mean log loss .19 to
+#: .32, of blobs 1.1 and 2.2: smooth round things are another kind. Overlap tells no more.
+SIGHT_WEIGHTS = (2.4, 3.1, -8.8)
+UNMATCHED = 0.03
+#: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
 MOST_CERTAIN = 0.99
@@ -30,20 +31,21 @@ MOST_CERTAIN = 0.99
 
 def overlap_log_odds(poses: LocalPoses) -> FloatArray:
     """Return the log-odds of poses against that none of them is right, shape (p,)."""
-    overlap, consensus = (
-        np.log(np.maximum(share, LEAST_SHARE)) for share in (poses.overlap, poses.consensus)
-    )
     of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
-    seen = ~np.isnan(poses.in_front).any(axis=1)
-    weights = np.where(seen, *np.array([WEIGHTS[True], WEIGHTS[False]])[:, :, None])
-    against = in_front_log_odds(np.where(seen, poses.in_front.max(axis=1, initial=0.0), 0.0))
-    explained = np.where(seen, overlap, of_smaller)
-    return np.asarray(weights[0] * explained + weights[1] * consensus - weights[2] - against)
+    unseen = (
+        WEIGHTS[0] * of_smaller
+        + WEIGHTS[1] * np.log(np.maximum(poses.consensus, LEAST_SHARE))
+        - WEIGHTS[2]
+    )
+    matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + UNMATCHED)
+    against = conflict_log_odds(conflict(poses.in_front, poses.beside))
+    is_seen = ~np.isnan(poses.in_front).any(axis=1)
+    return np.asarray(np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen))
 
 
-def in_front_log_odds(shares: FloatArray) -> FloatArray:
-    """Return the log-odds against poses of which shares of points are in front of what was seen, of any shape."""
-    return np.asarray(FRONT_WEIGHT * np.log1p(shares / FRONT_UNIT))
+def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
+    """Return the log-odds against poses that conflict so much with lines of sight, of any shape."""
+    return np.asarray(SIGHT_WEIGHTS[1] * conflicts)
 
 
 def overlap_chances(poses: LocalPoses) -> FloatArray:

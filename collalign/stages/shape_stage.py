@@ -27,7 +27,7 @@ from data_tools.surface.outliers import odd_ratios
 SMALLEST_SHARE = 0.5
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-14", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-15", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(

@@ -14,7 +14,7 @@ from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.sight import lines_of_sight
 from data_tools.surface.normals import orientation_defects
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_crosses
+from data_tools.surface.topology import face_crosses, is_open_surface
 
 #: Points that are spread over each cell of a mesh, and the least and largest number over all.
 POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
@@ -42,21 +42,26 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
     cell : float
         In units of the shape.
     """
+    is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
+    sights = np.empty((0, 3)) if is_closed else lines_of_sight(shape.vertices)
     if shape.is_mesh and orientation_defects(shape) <= MAX_DEFECTS:
         points, normals = spread_over_triangles(shape, cell)
+        if len(sights):
+            sights = sights * (1.0 if (normals @ sights[0]).mean() >= 0.0 else -1.0)
     else:
         spread = spread_over_triangles(shape, cell)[0] if shape.is_mesh else shape.vertices
         points, _ = _cell_means(spread, None, 0.5 * cell)
         if len(points) < FEWEST_POINTS:
             return None
         planes = plane_normals(points, points)
-        sights = lines_of_sight(points, planes, 0.5 * cell)
         if len(sights):
             normals = planes * np.where(planes @ sights[0] < 0.0, -1.0, 1.0)[:, None]
         else:
             normals = _oriented(points, planes)
     points, normals = _cell_means(points, normals, cell)
-    return LocalSurface.from_user(points, normals, cell) if len(points) >= FEWEST_POINTS else None
+    if len(points) < FEWEST_POINTS:
+        return None
+    return LocalSurface.from_user(points, normals, cell, sights)
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

@@ -13,6 +13,8 @@ from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.threads import one_blas_thread
+from pairwise.features.conflicts import conflict, sight_conflicts
+from pairwise.features.extents import extent_poses
 from pairwise.features.poses import (
     SAME_CELLS,
     consensus_poses,
@@ -33,8 +35,10 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30
-#: Unit of the share of points in front of what was seen: one halves the score by which a search chooses poses.
-FRONT_UNIT = 0.01
+#: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
+NUM_EXTENTS, CONFLICT_POWER = 24, 4.0
+#: Added to the share of consistent matches there, of which views from different sides have none.
+UNMATCHED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +62,8 @@ class LocalPoses:
     in_front : ndarray, shape (p, 2)
         Share of the target's and of the source's points that lie in front of the other surface, where what saw that
         one would have seen them instead; NaN where no single direction saw all of the other surface.
+    beside : ndarray, shape (p, 2)
+        The same of those that lie where it saw nothing.
     """
 
     rotations: Annotated[FloatArray, Holds(shape="p 3 3", rotations=True)]
@@ -66,6 +72,7 @@ class LocalPoses:
     mismatch: Annotated[FloatArray, Holds(shape="p")]
     consensus: Annotated[FloatArray, Holds(shape="p")]
     in_front: Annotated[FloatArray, Holds(shape="p 2", nan=True)]
+    beside: Annotated[FloatArray, Holds(shape="p 2", nan=True)]
 
     @property
     def overlap(self) -> FloatArray:
@@ -84,6 +91,7 @@ class LocalPoses:
             mismatch=self.mismatch[which],
             consensus=self.consensus[which],
             in_front=self.in_front[which],
+            beside=self.beside[which],
         )
 
 
@@ -116,7 +124,7 @@ def evaluate_poses(
     1.0
     """
     proper = np.linalg.det(rotations) > 0
-    evidence = np.empty((len(rotations), 6))
+    evidence = np.empty((len(rotations), 8))
     for flip in (1.0, -1.0):
         chosen = np.flatnonzero(proper == (flip > 0))
         if len(chosen):
@@ -177,18 +185,28 @@ def match_overlapping(
     for flip in (1.0,) if group == "SO" else (1.0, -1.0):
         other = source if flip > 0 else source.mirrored()
         matches = match_features(feature_distances(target.features, other.features))
-        poses = refine_on_planes(
-            target, other, *consensus_poses(target, other, matches, num_candidates)
+        starts = zip(
+            consensus_poses(target, other, matches, num_candidates),
+            extent_poses(target, other, NUM_EXTENTS),
+            strict=True,
         )
+        poses = refine_on_planes(target, other, *map(np.concatenate, starts))
         rotations.append(poses[0] * [flip, 1.0, 1.0])
         shifts.append(poses[1])
         evidence.append(_evidence(target, other, *poses, matches))
     found = _local_poses(
         np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence)
     )
-    contradicted = np.nan_to_num(found.in_front.max(axis=1, initial=0.0))
-    score = found.overlap * found.consensus / (1.0 + contradicted / FRONT_UNIT)
+    score = _score(found)
     return found[poses_apart(found.rotations, found.shifts, score, source, cell, num_candidates)]
+
+
+def _score(poses: LocalPoses) -> FloatArray:
+    """Return by which poses a search keeps, shape (p,): where lines of sight are known, matches need not agree."""
+    is_seen = ~np.isnan(poses.in_front).any(axis=1)
+    conflicts = conflict(poses.in_front, poses.beside) * np.where(is_seen, CONFLICT_POWER, 1.0)
+    matched = poses.consensus + np.where(is_seen, UNMATCHED, 0.0)
+    return np.asarray(poses.overlap * matched * np.exp(-conflicts))
 
 
 def _evidence(
@@ -198,7 +216,7 @@ def _evidence(
     shifts: FloatArray,
     matches: tuple[IntArray, IntArray],
 ) -> FloatArray:
-    """Return the columns of :func:`_local_poses` of rotations of determinant 1, shape (p, 6)."""
+    """Return the columns of :func:`_local_poses` of rotations of determinant 1, shape (p, 8)."""
     cell = max(target.cell, source.cell)
     to, of = matches
     overlaps, mismatches = closeness(target, source, rotations, shifts)
@@ -209,20 +227,21 @@ def _evidence(
             overlaps,
             mismatches.mean(axis=1),
             consensus,
-            shares_in_front(target, source, rotations, shifts),
+            *sight_conflicts(target, source, rotations, shifts),
         ]
     )
 
 
 def _local_poses(rotations: FloatArray, shifts: FloatArray, evidence: FloatArray) -> LocalPoses:
-    """Return poses with both overlaps, mismatch, consensus and both shares in front, shape (p, 6)."""
+    """Return poses with overlaps, mismatch, consensus, and shares in front and beside, shape (p, 8)."""
     return LocalPoses(
         rotations=read_only(rotations),
         shifts=read_only(shifts),
         overlaps=read_only(evidence[:, :2]),
         mismatch=read_only(evidence[:, 2]),
         consensus=read_only(evidence[:, 3]),
-        in_front=read_only(evidence[:, 4:]),
+        in_front=read_only(evidence[:, 4:6]),
+        beside=read_only(evidence[:, 6:]),
     )
 
 
@@ -269,35 +288,6 @@ def closeness(
             reached = table[rows, nearest] / usual
             costs[p, side] = np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean()
     return overlaps, costs
-
-
-def shares_in_front(
-    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
-) -> FloatArray:
-    """Return the share of either surface's points that lie in front of what was seen of the other, shape (p, 2).
-
-    The target's come first; the least share of all possible lines of sight. NaN where no single direction saw all of
-    the other surface.
-
-    Parameters
-    ----------
-    target, source : LocalSurface
-    rotations : ndarray, shape (p, 3, 3)
-        Of determinant 1.
-    shifts : ndarray, shape (p, 3)
-        Source coordinates to those of the target, with the rotations.
-    """
-    shares = np.full((len(rotations), 2), np.nan)
-    inverses = np.swapaxes(rotations, 1, 2)
-    for side, seen, points in (
-        (0, source, (target.points[target.compared] - shifts[:, None]) @ rotations),
-        (1, target, source.points[source.compared] @ inverses + shifts[:, None]),
-    ):
-        if seen.depth_images:
-            shares[:, side] = np.min(
-                [image.share_in_front(points) for image in seen.depth_images], axis=0
-            )
-    return shares
 
 
 def _partners(

@@ -16,7 +16,7 @@ import numpy as np
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
-    in_front_log_odds,
+    conflict_log_odds,
     overlap_chances,
 )
 from collalign.confidence.pose_model import MOST_CONFIDENT
@@ -24,7 +24,8 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
-from pairwise.features.overlap import FRONT_UNIT, LocalPoses, evaluate_poses, shares_in_front
+from pairwise.features.conflicts import FRONT_UNIT, conflict, sight_conflicts
+from pairwise.features.overlap import LocalPoses, evaluate_poses
 from pairwise.features.poses import STEP_COSINE, rotations_by
 
 #: Pairs hold shapes if one of their poses is at least this probable; poses that are this probable may join blocks.
@@ -105,9 +106,15 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     group : {"SO", "O"}
     """
     chances = {pair: overlap_chances(poses) for pair, poses in overlaps.items()}
-    transforms = _joined(surfaces, overlaps, chances)
-    agreeing = _agreeing(surfaces, overlaps, chances, transforms)
-    transforms = _refined(surfaces, list(agreeing), transforms)
+    transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))
+    num_before = len(surfaces) + 1
+    agreeing: Overlaps = {}
+    # Poses that were not refined yet may seem to contradict what was seen.
+    while 1 < (num_blocks := len(np.unique(block))) < num_before:
+        num_before = num_blocks
+        transforms, block = _joined(surfaces, overlaps, chances, transforms, block)
+        agreeing = _agreeing(surfaces, overlaps, chances, transforms)
+        transforms = _refined(surfaces, list(agreeing), transforms)
     cuts = weak_cuts(surfaces, overlaps, chances, agreeing, transforms)
     kept = {}
     for i, j in agreeing:
@@ -126,10 +133,18 @@ def join_scans(surfaces: Sequence[LocalSurface], overlaps: Overlaps, group: str)
     )
 
 
-def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chances) -> FloatArray:
-    """Return poses (N, 4, 4) by joining the two blocks that are surest to belong together, again and again."""
-    num = len(surfaces)
-    transforms, block = np.tile(np.eye(4), (num, 1, 1)), np.arange(num)
+def _joined(
+    surfaces: Sequence[LocalSurface],
+    overlaps: Overlaps,
+    chances: Chances,
+    transforms: FloatArray,
+    block: IntArray,
+) -> tuple[FloatArray, IntArray]:
+    """Return poses (N, 4, 4), and the block of each, by joining the two blocks that are surest to fit, repeatedly.
+
+    Blocks (N,) are those that are joined already, at the poses given.
+    """
+    transforms, block = transforms.copy(), block.copy()
     probable = {pair: np.flatnonzero(own >= PROPOSED_CHANCE) for pair, own in chances.items()}
     proposed = {
         pair: (overlaps[pair][own], chances[pair][own])
@@ -145,7 +160,7 @@ def _joined(surfaces: Sequence[LocalSurface], overlaps: Overlaps, chances: Chanc
             known[first, second] = _best_place(surfaces, proposed, transforms, *ends)
         best = max(sorted(between), key=lambda two: known[two][0], default=None)
         if best is None or known[best][0] < _weight(JOINING_CHANCE):
-            return transforms
+            return transforms, block
         members = block == best[1]
         transforms[members] = known[best][1] @ transforms[members]
         block[members] = best[0]
@@ -302,11 +317,14 @@ def _contradictions(
         for n, j in enumerate(others.tolist()):
             if surfaces[i].depth_images and surfaces[j].depth_images:
                 relative = np.linalg.inv(transforms[i]) @ transforms[j]
-                shares = shares_in_front(
+                in_front, beside = sight_conflicts(
                     surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
                 )
-                # A little is in front where poses are right.
-                found[m, n] = in_front_log_odds(np.maximum(shares.max() - FRONT_UNIT, 0.0))
+                # A little is in front where poses are right, and a scan that lacks a part has others' points beside
+                # it, but none of its own beside theirs.
+                in_front = np.maximum(in_front - FRONT_UNIT, 0.0)
+                mutual = beside.min(axis=1, keepdims=True)
+                found[m, n] = conflict_log_odds(conflict(in_front, mutual))[0]
     return _together(found.ravel())
 
 

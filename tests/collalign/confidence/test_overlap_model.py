@@ -7,8 +7,8 @@ from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances, ov
 from pairwise.features.overlap import LocalPoses
 
 
-def poses_of(*shares, in_front=np.nan):
-    """Poses of these overlaps and shares of consistent matches, with a share of points in front of what was seen."""
+def poses_of(*shares, in_front=np.nan, beside=0.0):
+    """Poses of these overlaps and shares of consistent matches, and of points that contradict what was seen."""
     overlaps, consensus = np.array(shares, dtype=float).reshape(-1, 2).T
     return LocalPoses(
         rotations=np.tile(np.eye(3), (len(shares), 1, 1)),
@@ -17,6 +17,7 @@ def poses_of(*shares, in_front=np.nan):
         mismatch=np.zeros(len(shares)),
         consensus=consensus,
         in_front=np.full((len(shares), 2), in_front),
+        beside=np.full((len(shares), 2), beside + 0.0 * in_front),
     )
 
 
@@ -58,6 +59,8 @@ def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
     assert clear > 0.95 > unknown > 0.3
     assert clear > little > much
     assert much < 0.05
+    beside = overlap_chances(poses_of((0.6, 0.1), in_front=0.0, beside=0.1))[0]
+    assert beside < 0.3
     one_sided = poses_of((0.6, 0.1), in_front=0.1)
     one_sided.in_front[0, 0] = np.nan
     assert overlap_chances(one_sided)[0] == unknown

@@ -55,6 +55,7 @@ def link(poses, i, j, *consensus, wrong=None):
         mismatch=np.zeros(num),
         consensus=np.array(consensus),
         in_front=np.full((num, 2), np.nan),
+        beside=np.full((num, 2), np.nan),
     )
 
 
@@ -159,9 +160,9 @@ def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypa
 
     def in_front(target, source, rotations, shifts):
         crosses = any(one is surfaces[0] for one in (target, source))
-        return np.full((len(rotations), 2), 0.03 if crosses else 0.0)
+        return np.full((len(rotations), 2), 0.03 if crosses else 0.0), np.zeros((len(rotations), 2))
 
-    monkeypatch.setattr(join, "shares_in_front", in_front)
+    monkeypatch.setattr(join, "sight_conflicts", in_front)
     joined = join_scans(surfaces, told, "SO")
     assert joined.confidence[0] < 0.5
     assert joined.confidence[1:].min() > 0.95

@@ -7,7 +7,8 @@ from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape
-from pairwise.features.overlap import evaluate_poses, shares_in_front
+from pairwise.features.conflicts import MOST_BESIDE, conflict, sight_conflicts
+from pairwise.features.overlap import evaluate_poses
 
 SIGHTS = (
     np.array([[0.3, 0.9, 0.4], [0.9, 0.3, 0.2]])
@@ -50,24 +51,43 @@ def test_normals_of_a_depth_image_of_separate_pieces_point_to_what_saw_it():
 def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
     target, source = views
     still, moved = np.zeros(3), 0.5 * target.cell / 0.1 * SIGHTS[0]
-    shares = shares_in_front(
+    shares, beside = sight_conflicts(
         target, source, np.tile(np.eye(3), (3, 1, 1)), np.stack([still, moved, -moved])
     )
     assert shares[0].max() < 0.01
     assert shares[1, 1] > 0.3  # the source is in front of the target,
     assert shares[2, 0] > 0.2  # or the target in front of the source
-    far = shares_in_front(target, source, np.eye(3)[None], np.full((1, 3), 50.0))
+    assert beside[0].max() < 0.01
+    assert beside[2].max() > 0.1
+    far, all_beside = sight_conflicts(target, source, np.eye(3)[None], np.full((1, 3), 50.0))
     assert far.max() == 0.0
+    assert all_beside.min() == 1.0
+
+
+def test_conflicts_grow_with_both_shares_but_what_is_beside_counts_only_so_far():
+    none, front, beside, both = conflict(
+        np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0], [0.1, 0.0]]),
+        np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.02], [0.0, 0.02]]),
+    )
+    assert none == 0.0
+    assert 0.0 < beside < front < both
+    unknown, most, more = conflict(
+        np.array([[0.0, np.nan], [0.0, 0.0], [0.0, 0.0]]),
+        np.array([[0.0, np.nan], [0.0, MOST_BESIDE], [0.0, 0.9]]),
+    )
+    assert unknown == 0.0
+    assert most == more
 
 
 def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
     surface = surface_cells(whole, views[0].cell)
     rotations, shifts = np.eye(3)[None], np.zeros((1, 3))
-    shares = shares_in_front(surface, views[0], rotations, shifts)
-    assert not np.isnan(shares[0, 0])
-    assert np.isnan(shares[0, 1])
+    for shares in sight_conflicts(surface, views[0], rotations, shifts):
+        assert not np.isnan(shares[0, 0])
+        assert np.isnan(shares[0, 1])
     mirror = np.diag([-1.0, 1.0, 1.0])[None]
     image = views[0].mirrored()
     judged = evaluate_poses(image, views[0], mirror, shifts)
     assert judged.in_front.max() < 0.01
+    assert judged.beside.max() < 0.01
     assert judged.overlap[0] > 0.99

@@ -1,0 +1,136 @@
+"""Poses on which two depth images agree how far the object reaches, whatever little surface they share.
+
+What is outermost in a direction is seen from everywhere on that side: nothing can hide it. So a depth image knows the
+support function of the whole object, h(d) = max x.d, for all directions d towards what saw it. At the right pose
+(R, t) of a source on a target, h_target(d) = h_source(R^T d) + t.d for all directions that face both. The shift
+follows by least squares for any rotation, and what is left over says which rotations are possible.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from data_tools.arrays import FloatArray
+from data_tools.local_surface import LocalSurface
+from data_tools.sight import half_sphere
+from pairwise.features.conflicts import conflict, sight_conflicts
+from pairwise.local.rotation_sets import rotation_set
+
+
+class ExtentTuning(NamedTuple):
+    """Numbers of the search.
+
+    Of views of a person, a bird, a chair, a teddy and an armadillo, 24 to 120 degrees apart, 93 to 100 % have a start
+    within 20 degrees among the 100 of the least residuals.
+    """
+
+    num_rotations: int = 3000
+    """Rotations that are tried, some 15 degrees apart."""
+    num_directions: tuple[int, int] = (200, 1500)
+    """Directions of a half sphere in which extents of the target and of the source are compared and looked up."""
+    num_cells: int = 32
+    """Cells along a side of the cube by which a direction is looked up."""
+    facing: float = 0.1
+    """A direction faces what saw a surface from this cosine."""
+    least_shared: float = 0.08
+    """Share of all directions that must face both."""
+    num_compared: int = 100
+    """Poses whose conflicts with lines of sight are looked at, ..."""
+    num_points: int = 200
+    """... by so many points of each surface."""
+    residual_weight: float = 2.0
+    """Of what is left over, in parts of the median of these poses, beside conflicts."""
+
+
+#: The numbers in use.
+TUNED = ExtentTuning()
+
+
+class _Directions(NamedTuple):
+    """Rotations (r, 3, 3), directions (m, 3), finer ones (f, 3), and which of these each is in the source (r, m)."""
+
+    rotations: FloatArray
+    coarse: FloatArray
+    fine: FloatArray
+    in_source: NDArray[np.int16]
+
+
+@lru_cache(maxsize=1)
+def _directions() -> _Directions:
+    """Return what all pairs have in common, made once a process."""
+    coarse, fine = (
+        np.concatenate([half, -half]) for half in map(half_sphere, TUNED.num_directions)
+    )
+    steps = (np.arange(TUNED.num_cells) + 0.5) * 2.0 / TUNED.num_cells - 1.0
+    cube = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
+    nearest = cKDTree(fine).query(cube)[1].astype(np.int16)
+    rotations = rotation_set(3, TUNED.num_rotations)
+    cells = np.floor((coarse @ rotations + 1.0) * (0.5 * TUNED.num_cells)).astype(np.int64)
+    cells = np.clip(cells, 0, TUNED.num_cells - 1)
+    return _Directions(
+        rotations, coarse, fine, nearest[cells[..., 0], cells[..., 1], cells[..., 2]]
+    )
+
+
+def extent_poses(
+    target: LocalSurface, source: LocalSurface, num: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return rigid poses on which extents of two depth images agree, rotations (p, 3, 3) and shifts (p, 3).
+
+    None where a surface was not seen from one direction.
+
+    Parameters
+    ----------
+    target, source : LocalSurface
+        In one unit of length.
+    num : int
+        At most so many poses: those of the least residuals and conflicts with lines of sight.
+    """
+    if not (len(target.sights) and len(source.sights)):
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    tables = _directions()
+    centres = target.points.mean(axis=0), source.points.mean(axis=0)
+    faces_target = tables.coarse @ target.sights[0] > TUNED.facing
+    directions = tables.coarse[faces_target]
+    looked_up = tables.in_source[:, faces_target]
+    is_shared = (tables.fine @ source.sights[0] > TUNED.facing)[looked_up]
+    enough = is_shared.sum(axis=1) >= TUNED.least_shared * len(tables.coarse)
+    rotations, is_shared = tables.rotations[enough], is_shared[enough]
+    reach = (directions @ (target.points - centres[0]).T).max(axis=1)
+    reach_source = (tables.fine @ (source.points - centres[1]).T).max(axis=1)
+    gaps = reach - reach_source[looked_up[enough]]
+    shifts, residuals = _fitted(directions, gaps, is_shared)
+    order = np.argsort(residuals, kind="stable")[: TUNED.num_compared]
+    rotations, residuals = rotations[order], residuals[order]
+    shifts = shifts[order] + centres[0] - rotations @ centres[1]
+    conflicts = conflict(
+        *sight_conflicts(target, source, rotations, shifts, num_points=TUNED.num_points)
+    )
+    usual = max(float(np.median(residuals)) if len(residuals) else 0.0, np.finfo(float).tiny)
+    best = np.argsort(conflicts + TUNED.residual_weight * residuals / usual, kind="stable")[:num]
+    return rotations[best], shifts[best]
+
+
+def _fitted(
+    directions: FloatArray, gaps: FloatArray, is_shared: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the shifts (r, 3) that explain gaps (r, m) along directions (m, 3) best, and the mean residuals (r,).
+
+    Least squares, once more with Cauchy's weights: what a scan lacks shortens its extent in some directions.
+    """
+    products = (directions[:, :, None] * directions[:, None]).reshape(-1, 9)
+    weights = is_shared.astype(np.float64)
+    counts = np.maximum(weights.sum(axis=1), 1.0)
+    for _ in range(2):
+        moments = (weights @ products).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
+        slopes = (weights * gaps) @ directions
+        shifts = np.asarray(np.linalg.solve(moments, slopes[:, :, None])[:, :, 0], dtype=np.float64)
+        residuals = np.abs(gaps - shifts @ directions.T)
+        spread = np.sqrt((is_shared * residuals**2).sum(axis=1) / counts)[:, None]
+        weights = is_shared / (1.0 + (residuals / np.maximum(spread, np.finfo(float).tiny)) ** 2)
+    return shifts, np.asarray((is_shared * residuals).sum(axis=1) / counts)
