@@ -99,3 +99,11 @@ def spread_directions(num: int) -> FloatArray:
     angle = np.pi * (3.0 - np.sqrt(5.0)) * index
     radius = np.sqrt(1.0 - z**2)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+
+
+def half_sphere(num: int) -> FloatArray:
+    """Return evenly spread unit directions, shape (num, 3)."""
+    numbers = np.arange(num) + 0.5
+    heights = 1.0 - numbers / num
+    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)

@@ -13,6 +13,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray
+from data_tools.rotations import half_sphere
 
 
 class SightTuning(NamedTuple):
@@ -159,14 +160,6 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     falling = np.vdot(slopes, arms) - (slopes @ sights[0]) @ (arms @ sights[0])
     sights = sights * np.where(sights @ sights[0] < 0.0, -1.0, 1.0)[:, None]
     return sights if falling >= 0 else -sights
-
-
-def half_sphere(num: int) -> FloatArray:
-    """Return evenly spread unit directions, shape (num, 3)."""
-    numbers = np.arange(num) + 0.5
-    heights = 1.0 - numbers / num
-    angles, radii = np.pi * (1.0 + np.sqrt(5.0)) * numbers, np.sqrt(1.0 - heights**2)
-    return np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=1)
 
 
 def _share_hidden(

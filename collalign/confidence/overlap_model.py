@@ -17,12 +17,11 @@ from pairwise.features.overlap import LocalPoses
 #: wrong.
 WEIGHTS = (2.8, 1.2, -0.6)
 UNEXPLAINED = 0.1
-#: Log-odds per logarithm of consensus + .03, against a pose per unit of conflict with lines of sight, and of "no pose
+#: Log-odds per logarithm of consensus + the last number, against a pose per unit of conflict with lines of sight, and of "no pose
 #: is right", where both surfaces were seen from one direction each. Fitted on all pairs of 15 depth images each of a
 #: person, a bird, a chair, a teddy bear, an ant and two generated blobs. Each left out in turn: mean log loss .19 to
 #: .32, of blobs 1.1 and 2.2: smooth round things are another kind. Overlap tells no more.
-SIGHT_WEIGHTS = (2.4, 3.1, -8.8)
-UNMATCHED = 0.03
+SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
@@ -37,7 +36,7 @@ def overlap_log_odds(poses: LocalPoses) -> FloatArray:
         + WEIGHTS[1] * np.log(np.maximum(poses.consensus, LEAST_SHARE))
         - WEIGHTS[2]
     )
-    matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + UNMATCHED)
+    matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + SIGHT_WEIGHTS[3])
     against = conflict_log_odds(conflict(poses.in_front, poses.beside))
     is_seen = ~np.isnan(poses.in_front).any(axis=1)
     return np.asarray(np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen))

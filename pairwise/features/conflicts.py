@@ -8,9 +8,8 @@ from data_tools.arrays import FloatArray
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 
 #: Unit of shares of points in front of what was seen or beside it. At right poses they are mostly below it.
-FRONT_UNIT = 0.01
-#: Larger shares of points beside what was seen tell no more: a scanner may have missed a part.
-MOST_BESIDE = 0.05
+#: Larger shares of points beside what was seen than the second tell no more: a scanner may have missed a part.
+FRONT_UNIT, MOST_BESIDE = 0.01, 0.05
 
 
 def sight_conflicts(

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray
 from data_tools.local_surface import LocalSurface
-from data_tools.sight import half_sphere
+from data_tools.rotations import half_sphere
 from pairwise.features.conflicts import conflict, sight_conflicts
 from pairwise.local.rotation_sets import rotation_set
 

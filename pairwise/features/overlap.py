@@ -36,9 +36,8 @@ LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30
 #: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
-NUM_EXTENTS, CONFLICT_POWER = 24, 4.0
-#: Added to the share of consistent matches there, of which views from different sides have none.
-UNMATCHED = 0.1
+#: The last is added to the share of consistent matches there, of which views from different sides have none.
+NUM_EXTENTS, CONFLICT_POWER, UNMATCHED = 24, 4.0, 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
