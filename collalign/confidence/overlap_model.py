@@ -17,10 +17,11 @@ from pairwise.features.overlap import LocalPoses
 #: wrong.
 WEIGHTS = (2.8, 1.2, -0.6)
 UNEXPLAINED = 0.1
-#: Log-odds per logarithm of consensus + the last number, against a pose per unit of conflict with lines of sight, and of "no pose
-#: is right", where both surfaces were seen from one direction each. Fitted on all pairs of 15 depth images each of a
-#: person, a bird, a chair, a teddy bear, an ant and two generated blobs. Each left out in turn: mean log loss .19 to
-#: .32, of blobs 1.1 and 2.2: smooth round things are another kind. Overlap tells no more.
+#: Log-odds per logarithm of consensus plus the last number, against a pose per unit of conflict with lines of
+#: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on all pairs of
+#: 15 depth images each of a person, a bird, a chair, a teddy bear, an ant and two generated blobs. Each left out in
+#: turn: mean log loss .19 to .32, of blobs 1.1 and 2.2: smooth round things are another kind. Overlap tells no
+#: more.
 SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01

@@ -75,8 +75,8 @@ and *wrong at {DOUBT}* counts these.
   pairings of the principal axes), both with spectral synchronization.
 
 CPU seconds of a pair or of the whole collection. Weights of the chance of a pair were chosen on generated depth
-images of other objects (a person, a bird, a chair, a teddy bear, an ant and two generated blobs); the bunny was looked
-at while the method was developed, and a horse when an earlier one was tried.
+images of other objects (a person, a bird, a chair, a teddy bear, an ant and two generated blobs); the bunny was
+looked at while the method was developed, and a horse when an earlier one was tried.
 """
 
 
