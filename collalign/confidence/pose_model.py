@@ -45,12 +45,12 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: left out in turn the log-loss is .018 with both, .031 with dense points, .031 with neighbourhoods alone.
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
 WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
-#: No more is stated than a logistic model of two things allows: of :func:`cycle_log_odds`, and of the local margin.
-#: Its constant and weights. Few shapes may all agree on a wrong pose, and those of more whose pairs contradict each
-#: other as if they chose at random are wrong in 3 of 10 cases, whatever their margins: in threes and sixes of
-#: generated families figures were front to back at .95 or more, and ellipsoids of which half taper the other way.
-#: Chosen among 192 on threes and sixes of 33 such families, each drawn up to three times: 0 of 244 shapes at .95 or
-#: more were wrong (3 of 246 with what was before, five constants for shapes with at most five partners).
+#: No more is stated than a logistic model of two things allows, or :data:`UNCERTAIN` if that is more: of
+#: :func:`cycle_log_odds`, and of the local margin. Its constant and weights. Few shapes may all agree on a wrong
+#: pose, and of more whose pairs contradict each other as if they chose at random 3 of 10 are wrong, whatever their
+#: margins. Chosen among 192 on threes and sixes of generated families, drawn up to three times each, without the one
+#: whose wrong sides nothing shows. On 111 draws of them with up to nine shapes 5 of 319 shapes at .95 or more were
+#: wrong, and 10 of 376 by five constants before, which limited shapes with at most five partners.
 LIMIT_WEIGHTS = np.array([2.5, 0.3, 1.5])
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
@@ -148,7 +148,7 @@ def ceiling(evidence: FloatArray) -> FloatArray:
     """
     margin, misfit, local, cycles = evidence[:, [MARGIN, MISFIT, LOCAL_MARGIN, CYCLES]].T
     of_cycles = LIMIT_WEIGHTS @ [np.ones(len(cycles)), cycles, terms(evidence)[:, 2]]
-    limit = np.minimum(MOST_CONFIDENT, 1.0 / (1.0 + np.exp(-of_cycles)))
+    limit = np.clip(1.0 / (1.0 + np.exp(-of_cycles)), UNCERTAIN, MOST_CONFIDENT)
     limit = np.where(misfit > 2.0 * np.maximum(margin, TIED), np.minimum(limit, UNCERTAIN), limit)
     is_contradicted = np.maximum(margin, local) < 0.0
     return np.where(resembles_none(evidence) | is_contradicted, STRANGE_LIMIT, limit)

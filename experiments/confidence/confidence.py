@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SEED = 11
-#: Runs of each real collection and of each generated family: all together take some ten minutes of CPU time.
-RUNS = {"real": 3, "generated": 2}
+#: Runs of each real collection and of each generated family: all together take some twelve minutes of CPU time.
+RUNS = {"real": 2, "generated": 2}
 #: Raised when stated confidences change.
 VERSION = "9"
 #: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.

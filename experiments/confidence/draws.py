@@ -12,7 +12,7 @@ import numpy as np
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.store.records import Record
 from collalign.output.collection import Collection
-from collalign.products.trust import DOUBT
+from collalign.products.trust import DOUBT, KINDS
 from data_tools.io.shapes import write_mesh
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.collections.posed import PosedCollection, pose_collection
@@ -80,7 +80,10 @@ def measure_runs(
 
 def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[dict[str, Any]]:
     """Return what was stated and what is true of every shape of a run."""
-    assert aligned.made.trust is not None  # the robust synchronization always gathers it
+    trust = aligned.made.trust
+    # Shapes that are joined as scans are not judged by this evidence.
+    unknown = np.full((len(aligned.names), len(KINDS)), np.nan)
+    evidence = unknown if trust is None else trust.evidence
     known = [index for index, name in enumerate(aligned.names) if name in posed.names]
     errors = np.full(len(aligned.names), np.nan)
     if kind not in FAMILIES or FAMILIES[kind].related:
@@ -92,7 +95,7 @@ def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[
     return [
         {
             "stated": float(aligned.confidence[i]),
-            "evidence": aligned.made.trust.evidence[i],
+            "evidence": evidence[i],
             "error_deg": float(errors[i]),
             "right": bool(errors[i] <= RIGHT_DEG),
             "intruder": i not in known,
