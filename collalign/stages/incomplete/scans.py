@@ -102,8 +102,14 @@ def _are_scans(
 ) -> bool:
     """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
 
-    Faces of several people, each seen from the front, are whole shapes of one kind.
+    Faces of several people, each seen from the front, are whole shapes of one kind. Shapes most of which were seen
+    from one direction each, and which match badly as wholes, are scans even where hardly one is sure: poses as whole
+    shapes would be wrong.
     """
+    num_seen = sum(bool(len(one.sights)) for one in surfaces)
+    is_bad = median_mismatch(pairs) >= BADLY_MATCHED
+    if is_bad and num_seen > 0.5 * len(surfaces):
+        return True
     if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < MOST_SURE * len(joined.confidence):
         return False
     sights = [
@@ -111,7 +117,7 @@ def _are_scans(
         for i in joined.parts[0]
         if len(surfaces[i].sights)
     ]
-    return median_mismatch(pairs) >= BADLY_MATCHED or (
+    return is_bad or (
         len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE
     )
 
