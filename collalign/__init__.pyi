@@ -29,6 +29,7 @@ from .products.pair import Pair as Pair
 from .products.run_record import Made as Made
 from .products.run_record import RunRecord as RunRecord
 from .products.shapes import Excluded as Excluded
+from .products.shapes import ExtraMaterial as ExtraMaterial
 from .products.shapes import Incomplete as Incomplete
 from .products.shapes import PosedFile as PosedFile
 from .products.trust import Trust as Trust
@@ -42,6 +43,7 @@ from .reexported import Copies as Copies
 from .reexported import DepthImage as DepthImage
 from .reexported import EmbeddingKeywords as EmbeddingKeywords
 from .reexported import EmbeddingOptions as EmbeddingOptions
+from .reexported import ExtraSurface as ExtraSurface
 from .reexported import FolderListing as FolderListing
 from .reexported import InputError as InputError
 from .reexported import Landmarks as Landmarks

@@ -27,6 +27,7 @@ from data_tools.options import SamplingKeywords as SamplingKeywords
 from data_tools.options import SamplingOptions as SamplingOptions
 from data_tools.poses import Similarity as Similarity
 from data_tools.sight import DepthImage as DepthImage
+from data_tools.surface.extra import ExtraSurface as ExtraSurface
 from data_tools.surface.shape import Shape as Shape
 from pairwise.certificates.certificate import Certificate as Certificate
 from pairwise.dense.refine import RefinedPose as RefinedPose

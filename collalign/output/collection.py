@@ -165,7 +165,7 @@ class Collection(CollectionData):
         Shapes that are one and the same surface.
     incomplete : tuple of Incomplete
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
-    extra : tuple of Extra
+    extra : tuple of ExtraMaterial
         Material of single shapes that no other one has, such as a stand. Poses ignore it.
     by_hand : mapping of str to float
         The shapes whose pose a person set, each with the confidence that the evidence alone gives to that pose; NaN

@@ -19,7 +19,7 @@ from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.consistent_maps import ConsistentMaps, VertexMaps, position_of
 from collalign.products.pair import AlignedPair, Alternative, Pairs
 from collalign.products.run_record import Made, RunRecord
-from collalign.products.shapes import Excluded, Extra, Incomplete, PosedFile
+from collalign.products.shapes import Excluded, ExtraMaterial, Incomplete, PosedFile
 from collalign.products.trust import DOUBT
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line
 from data_tools.embedding.copies import Copies
@@ -92,7 +92,7 @@ class CollectionData:
     notes: tuple[Note, ...] = ()
     copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
-    extra: tuple[Extra, ...] = ()
+    extra: tuple[ExtraMaterial, ...] = ()
     by_hand: Mapping[str, Annotated[float, Holds(nan=True)]] = field(default_factory=dict)
     options: AlignOptions
     group: str

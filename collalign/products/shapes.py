@@ -97,7 +97,7 @@ class Incomplete:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Extra:
+class ExtraMaterial:
     """Material of a shape that no other shape has, such as a stand, plaster or a neighbour; poses ignore it.
 
     Attributes

@@ -11,7 +11,7 @@ import numpy as np
 from collalign.matching_input import match_at_rotation
 from collalign.options import MAX_ROUNDS
 from collalign.products.pair import AlignedPair
-from collalign.products.shapes import Extra, Shapes
+from collalign.products.shapes import ExtraMaterial, Shapes
 from collalign.stages.incomplete.add import label_map
 from collalign.stages.incomplete.extra import TUNED, find_extra
 from collalign.stages.incomplete.place import nearest_labels
@@ -72,7 +72,9 @@ def pose_without_extra(
     if not ignored:
         cut, posed = run, _with_whole_samples(posed, whole, extra)
     of_shapes = tuple(
-        Extra(shape=i, surface=extra[name]) for i, name in enumerate(whole.names) if name in extra
+        ExtraMaterial(shape=i, surface=extra[name])
+        for i, name in enumerate(whole.names)
+        if name in extra
     )
     note = Note(
         "extra-material",

@@ -17,7 +17,7 @@ from collalign.confidence.side_model import MIN_SHAPES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import AlignedPair, FormerPairs, Pair, are_weighed
-from collalign.products.shapes import Constraints, Excluded, Extra, Incomplete, Shapes
+from collalign.products.shapes import Constraints, Excluded, ExtraMaterial, Incomplete, Shapes
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.deformation.deform import map_vertices, vertex_notes
@@ -167,7 +167,7 @@ class Posed:
     trust: Trust | None = None
     vertices: VertexMaps | None = None
     incomplete: tuple[Incomplete, ...] = ()
-    extra: tuple[Extra, ...] = ()
+    extra: tuple[ExtraMaterial, ...] = ()
 
     @property
     def confidence_but_for_sides(self) -> FloatArray:
