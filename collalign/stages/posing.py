@@ -17,7 +17,7 @@ from collalign.stages.incomplete.detect import (
     found_complete,
     match_like_copies,
 )
-from collalign.stages.incomplete.scans import align_scans, may_be_scans
+from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
@@ -34,10 +34,17 @@ def looks_for_incomplete(options: AlignOptions) -> bool:
 def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
     all_named = len(missing) == len(run.shapes.names)
-    known = steps.match(run) if all_named or _tries_scans(run, missing) else None
-    if known and (all_named or may_be_scans(run.shapes, known[1].pairs)):
+    may_be_scans = all_named or _tries_scans(run, missing)
+    if may_be_scans and not all_named and were_seen(run.shapes):
+        # Depth images match badly as whole shapes, and what they share tells whether they are of one object.
+        unmatched = steps.unmatched(run)
+        scans = align_scans(with_group(run, unmatched.group), (), {})
+        if scans is not None:
+            return unmatched, scans
+    known = steps.match(run) if may_be_scans else None
+    if known and (all_named or match_badly(run.shapes, known[1].pairs)):
         decided, matched = known
-        scans = align_scans(decided, matched, missing if all_named else {})
+        scans = align_scans(decided, matched.pairs, missing if all_named else {})
         if scans is not None:
             return replace(matched, notes=()), scans  # which are about whole shapes
     if OPEN in missing.values():

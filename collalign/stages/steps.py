@@ -120,6 +120,12 @@ def match(run: Run) -> tuple[Run, Matched]:
     return run, matched
 
 
+def unmatched(run: Run) -> Matched:
+    """Return no pairs of shapes that are not matched as whole shapes; reflected only where that is asked for."""
+    group: Literal["SO", "O"] = "O" if run.session.options.group == "O" else "SO"
+    return Matched(group=group, pairs=[], failed=[], solution=None, notes=())
+
+
 def prove(run: Run, matched: Matched) -> Matched:
     """Prove poses of pairs, where that is asked for."""
     if not run.session.options.certify:

@@ -10,7 +10,7 @@ from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.overlaps import PART_CELL, common_cell
-from collalign.stages.incomplete.scans import BADLY_MATCHED, may_be_scans
+from collalign.stages.incomplete.scans import BADLY_MATCHED, match_badly, were_seen
 from collalign.stages.pairs.match import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
@@ -123,7 +123,8 @@ def test_complete_open_shapes_are_no_scans():
         )
         pairs, _ = match_pairs(session, shapes, np.array([[0, 1], [0, 2], [1, 3], [2, 3]]))
     assert all(item.rim == "open" for item in shapes.samples)
-    assert not may_be_scans(shapes, pairs)
+    assert not were_seen(shapes)
+    assert not match_badly(shapes, pairs)
     assert np.median([pair.mismatches.min() for pair in pairs]) < BADLY_MATCHED - 0.1
 
 
@@ -138,9 +139,8 @@ def test_shapes_may_be_scans_where_most_are_open_and_match_badly():
             SimpleNamespace(rim=rim, local=one) for rim, one in zip(rims, local, strict=True)
         ]
         shapes = SimpleNamespace(names=rims, samples=samples)
-        return may_be_scans(
-            shapes, [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches]
-        )
+        pairs = [pair_of(np.eye(3), [0.1], mismatches=np.array(own)) for own in mismatches]
+        return match_badly(shapes, pairs) or were_seen(shapes)
 
     assert said(["open"] * 3, [[0.8]] * 3)
     assert said(["open", "unknown", "closed"], [[0.8], [0.9], [0.2]])

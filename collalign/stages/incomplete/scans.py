@@ -17,7 +17,7 @@ from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.poses.frame import with_origin
 from collalign.stages.poses.placement import common_positions
-from collalign.stages.steps import Matched, Posed, Run
+from collalign.stages.steps import Posed, Run
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError
@@ -40,20 +40,28 @@ MOST_SURE, MOST_ALIKE = 0.5, 0.8
 OVERLAPPING = "scan"
 
 
-def may_be_scans(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
-    """Return whether most have open borders, and match badly as whole shapes or were seen from one direction each."""
+def were_seen(shapes: Shapes) -> bool:
+    """Return whether most have open borders and were seen from one direction each, like depth images."""
+    local = [item.local for item in shapes.samples if item.local is not None]
+    num_seen = sum(bool(len(one.sights)) for one in local)
+    return _are_open(shapes) and num_seen > 0.5 * len(shapes.names)
+
+
+def match_badly(shapes: Shapes, pairs: Sequence[Pair]) -> bool:
+    """Return whether most have open borders, and the median pair matches badly as whole shapes."""
+    return _are_open(shapes) and median_mismatch(pairs) >= BADLY_MATCHED
+
+
+def _are_open(shapes: Shapes) -> bool:
+    """Return whether most of some shapes have open borders, and most enough points that tell something."""
     opened = np.mean([item.rim != "closed" for item in shapes.samples])
     if not (3 <= len(shapes.names) <= MAX_ALL_PAIRS and opened > 0.5):
         return False
     local = [item.local for item in shapes.samples if item.local is not None]
-    if not local or np.median([len(one.points) for one in local]) < TUNED.least_points:
-        return False
-    return median_mismatch(pairs) >= BADLY_MATCHED or sum(
-        bool(len(one.sights)) for one in local
-    ) > 0.5 * len(shapes.names)
+    return bool(local) and np.median([len(one.points) for one in local]) >= TUNED.least_points
 
 
-def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed | None:
+def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> Posed | None:
     """Return the poses of shapes none of which is complete; None where nobody said so, and they are no scans.
 
     Sizes are those of the files.
@@ -62,8 +70,8 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
     ----------
     run : Run
         Its group is decided.
-    matched : Matched
-        The shapes as if they were complete.
+    pairs : sequence of Pair
+        The shapes as if they were complete, if they were matched.
     reasons : mapping of int to str
         Why each counts as incomplete; empty where nobody said so.
 
@@ -92,9 +100,9 @@ def align_scans(run: Run, matched: Matched, reasons: Mapping[int, str]) -> Posed
         overlaps = overlap_pairs(session, shapes, surfaces)
         described = [surfaces[i] for i in range(num)]
         joined = join_scans(described, overlaps, session.options.group)
-    if not reasons and not _are_scans(joined, described, matched.pairs):
+    if not reasons and not _are_scans(joined, described, pairs):
         return None
-    return _posed(run, matched, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
+    return _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
 
 
 def _are_scans(
@@ -144,7 +152,11 @@ def common_points(positions: FloatArray) -> FloatArray:
 
 
 def _posed(
-    run: Run, matched: Matched, overlaps: Overlaps, joined: JoinedScans, reasons: Mapping[int, str]
+    run: Run,
+    matched: Sequence[Pair],
+    overlaps: Overlaps,
+    joined: JoinedScans,
+    reasons: Mapping[int, str],
 ) -> Posed:
     """Return what follows from the poses of joined scans."""
     shapes, reference = run.shapes, run.constraints.reference
@@ -176,7 +188,7 @@ def _posed(
     )
     return Posed(
         pairs=pairs,
-        matched=matched.pairs,
+        matched=[*matched],
         solution=solution,
         rotations=rotations,
         transforms=transforms,
