@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
@@ -112,6 +113,19 @@ def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(
     assert "all-incomplete" in codes(aligned(few).notes), "all were seen from one direction each"
     monkeypatch.setattr(scanning, "BADLY_MATCHED", 1.1)
     assert "all-incomplete" not in codes(aligned(few).notes)
+
+
+def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch):
+    clouds, turns = views
+    from_front = clouds["view0"] @ turns[0]  # the camera looks along x
+    faces = Delaunay(from_front[:, 1:]).simplices
+    middles = from_front[faces].mean(axis=1)[:, 1]
+    faces = faces[np.abs(middles - np.quantile(middles, 0.3)) > 0.05 * np.ptp(middles)]  # a gap
+    monkeypatch.setattr(scanning, "DOUBT", 1.1)
+    collection = aligned({**clouds, "view0": (clouds["view0"], faces)}, incomplete="all")
+    assert [one.shapes for one in collection.notes if one.code == "components-left-out"] == [
+        ("view0",)
+    ]
 
 
 def test_complete_open_shapes_are_no_scans():

@@ -18,6 +18,7 @@ from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.poses.frame import with_origin
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.steps import Posed, Run
+from collalign.stages.trust.remedies import components_left_out
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError
@@ -171,6 +172,9 @@ def _posed(
     universe = common_points(positions)
     labels = np.stack([nearest_labels(points, universe) for points in positions])
     incomplete = tuple(_incomplete(i, joined.kept, reasons[i]) for i in range(num))
+    in_doubt = joined.confidence < DOUBT
+    in_doubt[np.concatenate([np.empty(0, dtype=np.int64), *joined.parts[1:]])] = True
+    lost = components_left_out(shapes, np.flatnonzero(in_doubt).tolist())
     pairs = [
         _pair(pair, poses, joined, rotations, labels)
         for pair, poses in overlaps.items()
@@ -194,7 +198,7 @@ def _posed(
         transforms=transforms,
         labels=labels,
         consensus=universe,
-        notes=(incomplete_note(shapes.names, incomplete),),
+        notes=(incomplete_note(shapes.names, incomplete), *lost),
         side_limits={},
         incomplete=incomplete,
     )

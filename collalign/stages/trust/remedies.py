@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -60,14 +60,14 @@ def remedies(
         cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
-    in_parts = [
-        shapes.names[i]
-        for i in in_doubt.tolist()
-        if round(share_kept(shapes.samples[i].notes), 2) < 1
-    ]
-    if in_parts and options.cleaning.largest_component:
-        said.append(Note("components-left-out", tuple(in_parts)))
+    said += components_left_out(shapes, in_doubt.tolist())
     return said
+
+
+def components_left_out(shapes: Shapes, in_doubt: Iterable[int]) -> list[Note]:
+    """Return the note that names those of some shapes which lost components when they were read, if there are any."""
+    lost = [i for i in in_doubt if round(share_kept(shapes.samples[i].notes), 2) < 1]
+    return [Note("components-left-out", tuple(shapes.names[i] for i in lost))] if lost else []
 
 
 def _doubted(confidence: FloatArray) -> list[int]:
