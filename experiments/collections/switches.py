@@ -203,6 +203,6 @@ SWITCHES: dict[str, Switch] = {
         patches={"collalign.align.open_among_closed": _always({})}, where=OPEN
     ),
     "trying scans": Switch(
-        patches={"collalign.stages.posing.may_be_scans": _always(False)}, where=OPEN
+        patches={"collalign.stages.posing._tries_scans": _always(False)}, where=OPEN
     ),
 }
