@@ -43,7 +43,8 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "added-not-reflected": "The added shapes look like mirror images. The collection was aligned without "
     "reflections, which is kept. To reflect them, align all shapes again.",
     "all-incomplete": lambda of: (
-        f"All shapes are incomplete. They are aligned on the regions that they share: {_covered(of)}."
+        "Each shape shares only a part with the others, like scans from several sides. They are aligned on the "
+        f"regions that they share: {_covered(of)}."
     ),
     "coarse-coordinates": lambda of: (
         f"Coordinates come in coarse steps: {_each(of, 'steps', '{:.3g}')}. Single "
@@ -306,6 +307,8 @@ def _covered(note: Note) -> str:
         f"covers {percent(share)}" if share else "covers nothing, perhaps an intruder"
         for share in shares
     ]
+    if {*reasons} == {"scan"}:  # said of all at once
+        return "; ".join(f"{name} ({word})" for name, word in zip(note.shapes, words, strict=True))
     return "; ".join(
         f"{name} ({reason_text(why)}; {word})"
         for name, why, word in zip(note.shapes, reasons, words, strict=True)

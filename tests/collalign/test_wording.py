@@ -25,6 +25,7 @@ EXAMPLES = [
     Note("components-kept", values={"kept": 1, "total": 2, "share": 99.0, "dropped": 8}),
     Note("components-kept", values={"kept": 2, "total": 2, "share": 100.0, "dropped": 0}),
     Note("all-incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
+    Note("all-incomplete", PAIR, {"reasons": ("scan", "scan"), "coverages": (0.37, 0.5)}),
     Note("incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
     Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
     *(
