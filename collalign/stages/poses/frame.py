@@ -1,4 +1,4 @@
-"""The common frame: a solution turned as a whole, the gauge of the principal axes, and the origin."""
+"""The common frame: a solution rotated as a whole, the gauge of the principal axes, and the origin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def fix_frame(
 ) -> tuple[FloatArray, SynchronizationResult]:
     """Return poses and solution in the gauge that ``options.gauge`` asks for; fixed poses go before.
 
-    They come in the gauge of the reference, which landmarks of it may turn; "axes" is that of the principal axes of
+    They come in the gauge of the reference, which landmarks of it may rotate; "axes" is that of the principal axes of
     all posed samples together.
 
     Parameters
@@ -43,8 +43,8 @@ def fix_frame(
         posed = constraints.rotation @ rotations[constraints.reference].T @ rotations
     else:
         posed = principal_axes_gauge([item.positions for item in samples], rotations)
-    turn = posed[0] @ rotations[0].T
-    return posed, rotated_solution(solution, np.tile(turn, (len(samples), 1, 1)))
+    rotation = posed[0] @ rotations[0].T
+    return posed, rotated_solution(solution, np.tile(rotation, (len(samples), 1, 1)))
 
 
 def with_origin(transforms: FloatArray, constraints: Constraints) -> FloatArray:
@@ -56,20 +56,22 @@ def with_origin(transforms: FloatArray, constraints: Constraints) -> FloatArray:
     return moved
 
 
-def rotated_solution(solution: SynchronizationResult, turns: FloatArray) -> SynchronizationResult:
-    """Return the solution with the pose of each shape, and its alternatives, turned in the common frame.
+def rotated_solution(
+    solution: SynchronizationResult, rotations: FloatArray
+) -> SynchronizationResult:
+    """Return the solution with the pose of each shape, and its alternatives, rotated in the common frame.
 
     Parameters
     ----------
     solution : SynchronizationResult
         Of rotations of space.
-    turns : ndarray, shape (N, 3, 3)
+    rotations : ndarray, shape (N, 3, 3)
         The same for all shapes of a connected part.
     """
     alternatives = tuple(
-        tuple(replace(pose, rotation=read_only(turn @ pose.rotation)) for pose in poses)
-        for turn, poses in zip(turns, solution.alternatives, strict=True)
+        tuple(replace(pose, rotation=read_only(rotation @ pose.rotation)) for pose in poses)
+        for rotation, poses in zip(rotations, solution.alternatives, strict=True)
     )
     return replace(
-        solution, rotations=read_only(turns @ solution.rotations), alternatives=alternatives
+        solution, rotations=read_only(rotations @ solution.rotations), alternatives=alternatives
     )

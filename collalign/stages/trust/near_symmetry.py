@@ -13,7 +13,7 @@ from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonacci
 
 #: Turns that are looked at, at so many points, and the best of them that are refined, in so many steps.
-NUM_TURNS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
+NUM_ROTATIONS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
 #: Turns that are kept, the best ones (the cube has 23); so many about one axis are taken for any angle about it.
 MAX_TURNS, MANY_TURNS = 12, 5
 TWELFTHS = np.arange(30.0, 360.0, 30.0)
@@ -24,22 +24,22 @@ _Surface = tuple[FloatArray, FloatArray]
 
 
 def near_symmetries(samples: Samples) -> FloatArray:
-    """Return the turns that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
+    """Return the rotations that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
 
     Every second dense point is compared with the others, so that no point finds itself. An axis about which many are
-    found may be one of rotation: then all turns about it by twelfths are returned instead.
+    found may be one of rotation: then all rotations about it by twelfths are returned instead.
     """
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
-    turns = quaternions_to_rotations(super_fibonacci(NUM_TURNS))
-    turns = turns[rotation_angle_deg(turns) > APART_DEG]
+    rotations = quaternions_to_rotations(super_fibonacci(NUM_ROTATIONS))
+    rotations = rotations[rotation_angle_deg(rotations) > APART_DEG]
     few = tuple(
         (points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS])
         for points, normals in (fixed, moving)
     )
-    gaps = surface_gap(few[0], few[1], turns)
+    gaps = surface_gap(few[0], few[1], rotations)
     best = [
-        _refined(fixed, moving, turn)
-        for turn in turns[np.argsort(gaps, kind="stable")[:NUM_REFINED]]
+        _refined(fixed, moving, rotation)
+        for rotation in rotations[np.argsort(gaps, kind="stable")[:NUM_REFINED]]
     ]
     exact = surface_gap(fixed, moving, np.stack(best))
     ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
@@ -56,23 +56,23 @@ def near_symmetries(samples: Samples) -> FloatArray:
     )
 
 
-def _refined(fixed: _Surface, moving: _Surface, turn: FloatArray) -> FloatArray:
-    """Return the turn after some steps of closest points, both ways, and Procrustes."""
+def _refined(fixed: _Surface, moving: _Surface, rotation: FloatArray) -> FloatArray:
+    """Return the rotation after some steps of closest points, both ways, and Procrustes."""
     for _ in range(NUM_STEPS):
-        gaps = next(point_gaps(fixed, moving, turn[None]))
+        gaps = next(point_gaps(fixed, moving, rotation[None]))
         there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
         cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
-        turn = nearest_orthogonal(cross, determinant=1.0)
-    return turn
+        rotation = nearest_orthogonal(cross, determinant=1.0)
+    return rotation
 
 
-def describe_rotations(turns: FloatArray) -> str:
-    """Return what turns (m, 3, 3) are: their axes, as directions, the angles about each, and whether some mirror."""
+def describe_rotations(rotations: FloatArray) -> str:
+    """Return what rotations (m, 3, 3) are: their axes as directions, angles about each, and whether some reflect."""
     by_axis: list[tuple[FloatArray, list[float]]] = []
-    mirrored = np.linalg.det(turns) < 0
-    for turn in turns[~mirrored]:
-        axis = _axis(turn)
-        angle = float(rotation_angle_deg(turn))
+    mirrored = np.linalg.det(rotations) < 0
+    for rotation in rotations[~mirrored]:
+        axis = _axis(rotation)
+        angle = float(rotation_angle_deg(rotation))
         known = next((angles for other, angles in by_axis if abs(other @ axis) > SAME_AXIS), None)
         if known is None:
             by_axis.append((axis, [angle]))
@@ -83,13 +83,13 @@ def describe_rotations(turns: FloatArray) -> str:
         degrees = ", ".join(f"{angle:.0f}" for angle in sorted({round(angle) for angle in angles}))
         amount = "any angle" if len(angles) == len(TWELFTHS) else f"{degrees} deg"
         parts.append(f"{amount} about ({', '.join(f'{x:.2f}' for x in axis)})")
-    more = f" and turns about {len(by_axis) - 3} more axes" if len(by_axis) > 3 else ""
+    more = f" and rotations about {len(by_axis) - 3} more axes" if len(by_axis) > 3 else ""
     return "; ".join([*parts, *(["mirror images"] if mirrored.any() else [])]) + more
 
 
-def _axis(turn: FloatArray) -> FloatArray:
-    """Return the axis of a turn, its largest coordinate positive."""
-    values, vectors = np.linalg.eigh(turn + turn.T)
+def _axis(rotation: FloatArray) -> FloatArray:
+    """Return the axis of a rotation, its largest coordinate positive."""
+    values, vectors = np.linalg.eigh(rotation + rotation.T)
     axis = vectors[:, int(np.argmax(values))]
     axis = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
     return np.asarray(np.round(axis, 2) + 0.0)
