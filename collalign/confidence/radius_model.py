@@ -90,8 +90,7 @@ class RadiusEvidence:
         Columns are relief, residual, residual on the templates, and spread, in radii.
         """
         lengths = (self.residual, self.template_residual, self.spread)
-        numbers = np.column_stack([self.relief, *(one / self.unit for one in lengths)])
-        return numbers
+        return np.column_stack([self.relief, *(one / self.unit for one in lengths)])
 
     def least_variation(self) -> float:
         """Return the variation, at least the least that radii of few templates were fitted to."""

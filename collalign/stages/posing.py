@@ -34,14 +34,14 @@ def looks_for_incomplete(options: AlignOptions) -> bool:
 def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
     """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
     all_named = len(missing) == len(run.shapes.names)
-    may_be_scans = all_named or _tries_scans(run, missing)
-    if may_be_scans and not all_named and were_seen(run.shapes):
+    tries_scans = _tries_scans(run, missing)
+    if tries_scans and were_seen(run.shapes):
         # Depth images match badly as whole shapes, and what they share tells whether they are of one object.
         unmatched = steps.unmatched(run)
         scans = align_scans(with_group(run, unmatched.group), (), {})
         if scans is not None:
             return unmatched, scans
-    known = steps.match(run) if may_be_scans else None
+    known = steps.match(run) if all_named or tries_scans else None
     if known and (all_named or match_badly(run.shapes, known[1].pairs)):
         decided, matched = known
         scans = align_scans(decided, matched.pairs, missing if all_named else {})
