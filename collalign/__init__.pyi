@@ -85,9 +85,9 @@ from .tools.correspond import dense_correspondence as dense_correspondence
 from .tools.match.in_part import PartialMatch as PartialMatch
 from .tools.match.in_part import PartialPose as PartialPose
 from .tools.match.in_part import match_in_part as match_in_part
+from .tools.match.nonrigid import NonrigidCandidate as NonrigidCandidate
+from .tools.match.nonrigid import NonrigidMatch as NonrigidMatch
 from .tools.match.nonrigid import match_shapes as match_shapes
-from .tools.match.result import NonrigidCandidate as NonrigidCandidate
-from .tools.match.result import NonrigidMatch as NonrigidMatch
 from .tools.match.rigid import RigidMatch as RigidMatch
 from .tools.match.rigid import match_rigid as match_rigid
 from .tools.stability.run import Stability as Stability

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from pairwise.dense.points import DensePoints
+from pairwise.dense import DensePoints
 from pairwise.problem.problem import Problem
 
 

@@ -30,11 +30,11 @@ from data_tools.sight import DepthImage as DepthImage
 from data_tools.surface.extra import ExtraSurface as ExtraSurface
 from data_tools.surface.shape import Shape as Shape
 from pairwise.certificates.certificate import Certificate as Certificate
-from pairwise.dense.refine import RefinedPose as RefinedPose
+from pairwise.dense import RefinedPose as RefinedPose
 from pairwise.options import MatchOptions as MatchOptions
 from pairwise.options import PairKeywords as PairKeywords
 from pairwise.options import PairOptions as PairOptions
 from pairwise.problem.pattern import RotationPattern as RotationPattern
 from pairwise.results import Candidate as Candidate
 from pairwise.results import MatchResult as MatchResult
-from pairwise.status import Status as Status
+from pairwise.results import Status as Status

@@ -10,8 +10,7 @@ import shlex
 from collections.abc import Callable, Iterable
 from typing import Any, TypeAlias
 
-from data_tools.notes import Note, Value
-from data_tools.percent import MAX_NAMED, listed, percent
+from data_tools.notes import MAX_NAMED, Note, Value, listed, percent
 
 _Text: TypeAlias = str | Callable[[Any], str]
 

@@ -1,7 +1,7 @@
 """The errors that collalign raises, and the exit code that each gives the command line.
 
 Bad input raises at once and names the file or argument, what was found and what was expected. What happens
-*inside* an iterative method is a :class:`pairwise.status.Status`, not an exception.
+*inside* an iterative method is a :class:`pairwise.results.Status`, not an exception.
 """
 
 from __future__ import annotations

@@ -1,8 +1,12 @@
-"""Notes: what a user must know about shapes or a result, as a code with fields; other modules put it into words."""
+"""Notes: what a user must know about shapes or a result, as a code with fields; other modules put it into words.
+
+Shares and lists of names are worded here, in one way wherever a person reads them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -73,3 +77,21 @@ def _checked(code: str, value: Any) -> Value:
     if not all(isinstance(one, _SCALARS) for one in several):
         raise InputError(f"note {code}: a value is neither a text nor a number")
     return tuple(several) if isinstance(value, list | tuple) else value
+
+
+#: Names that a sentence lists; of more shapes the number is said.
+MAX_NAMED = 8
+
+
+def percent(share: float) -> str:
+    """Return a share in [0, 1] as whole percent, rounded down: what is not certain is never called 100 %.
+
+    ``"unknown"`` for NaN. The report's viewer rounds alike (``layers.js``).
+    """
+    return "unknown" if math.isnan(share) else f"{math.floor(100 * share + 1e-9)} %"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list in a sentence, shortened to :data:`MAX_NAMED`."""
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return ", ".join(names[:MAX_NAMED]) + more

@@ -7,9 +7,9 @@ from .branch_and_bound.prove import Proof as Proof
 from .branch_and_bound.prove import prove as prove
 from .certificates.certificate import Certificate as Certificate
 from .certificates.verify import verify_certificate as verify_certificate
-from .dense.points import DensePoints as DensePoints
-from .dense.refine import RefinedPose as RefinedPose
-from .dense.refine import refine_pose as refine_pose
+from .dense import DensePoints as DensePoints
+from .dense import RefinedPose as RefinedPose
+from .dense import refine_pose as refine_pose
 from .features.overlap import LocalPoses as LocalPoses
 from .features.overlap import evaluate_poses as evaluate_poses
 from .features.overlap import match_overlapping as match_overlapping
@@ -28,6 +28,6 @@ from .relaxations import solve_relaxation as solve_relaxation
 from .results import Candidate as Candidate
 from .results import MatchResult as MatchResult
 from .results import RelaxationResult as RelaxationResult
-from .status import Status as Status
+from .results import Status as Status
 
 __all__: list[str]

@@ -32,8 +32,7 @@ from pairwise.portfolio import (
 )
 from pairwise.problem.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.results import Candidate, MatchResult, RelaxationResult
-from pairwise.status import Status
+from pairwise.results import Candidate, MatchResult, RelaxationResult, Status
 
 #: A shift of more than this share of the points' spread is said.
 SHIFTED = 0.1

@@ -19,7 +19,7 @@ CALLED_ALIKE = (
 HOMES = {
     "hypotheses": {"synchronization"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
-    "dense": {"pairwise/dense", "stages/deformation"},
+    "dense": {"pairwise/dense.py", "stages/deformation"},
     "maps": {
         "products",
         "output",

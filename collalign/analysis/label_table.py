@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import plain_cell
 from data_tools.io.files import composed, read_any_text
 from data_tools.io.listing import READERS
+from data_tools.io.text_tables import plain_cell
 from data_tools.notes import Note
 
 #: Values that mean "not known", compared without regard to case.

@@ -17,7 +17,7 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.own_file import read_marks, read_own
+from collalign.cli.config import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
@@ -50,8 +50,7 @@ from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of, location, refuse_overlap
-from data_tools.notes import Note
-from data_tools.percent import percent
+from data_tools.notes import Note, percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
 

@@ -33,11 +33,11 @@ from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
 from data_tools.checks import check_known
 from data_tools.errors import CollalignError, InputError, OptionsError
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
+from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_tables import READABLE
 
 #: Pages that are shown, by the command that writes them.

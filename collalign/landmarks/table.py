@@ -18,8 +18,7 @@ from data_tools.landmarks.landmark_files import (
     SemilandmarkRows,
     Semilandmarks,
 )
-from data_tools.notes import Note
-from data_tools.percent import listed
+from data_tools.notes import Note, listed
 from data_tools.poses import moved_by
 
 #: Points per gap in which the length of a curve is measured.

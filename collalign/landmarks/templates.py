@@ -16,7 +16,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.landmarks.landmark_files import Landmarks, read_semilandmarks, specimen_of
 from data_tools.landmarks.landmark_tables import read_specimens
-from data_tools.percent import listed
+from data_tools.notes import listed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,7 +28,7 @@ from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
-from data_tools.percent import percent
+from data_tools.notes import percent
 from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by itself.

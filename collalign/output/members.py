@@ -12,7 +12,7 @@ from collalign.products.trust import DOUBT
 from collalign.wording import reason_text
 from data_tools.arrays import IntArray
 from data_tools.embedding.copies import Copies
-from data_tools.io.csv_cells import csv_text
+from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note
 
 #: The table of those who do not count, next to statistics that are written.

@@ -9,7 +9,7 @@ from pathlib import Path
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.io.listing import READERS, parts_of
-from data_tools.percent import listed
+from data_tools.notes import listed
 
 
 def is_there(file: str) -> bool:

@@ -20,7 +20,7 @@ from data_tools.io.files import composed, write_atomic
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
-from data_tools.percent import percent
+from data_tools.notes import percent
 
 
 def record_name(tool: str) -> str:

@@ -18,9 +18,8 @@ from collalign.products.run_record import Made
 from data_tools.arrays import as_floats, as_indices, as_rotations
 from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
-from pairwise.certificates.verify import CLAIM_TOL
+from pairwise.certificates.verify import CLAIM_TOL, gram_bound
 from pairwise.certificates.verify_cells import tilted_bound
-from pairwise.certificates.verify_joint import gram_bound
 from pairwise.local.local_search import MatchingCosts
 from pairwise.problem.problem import Problem
 

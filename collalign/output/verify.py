@@ -37,10 +37,10 @@ from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
-from data_tools.io.csv_cells import plain_cell
 from data_tools.io.files import file_stems, open_regular, read_text
 from data_tools.io.output_folder import written_files
 from data_tools.io.shapes import read_shape
+from data_tools.io.text_tables import plain_cell
 from data_tools.options import AS_STORED
 from data_tools.surface.laplacian import vertex_areas
 from data_tools.threads import one_blas_thread

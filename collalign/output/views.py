@@ -12,7 +12,7 @@ from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import new_figure
-from data_tools.percent import percent
+from data_tools.notes import percent
 from data_tools.poses import moved_by
 from data_tools.surface.cleaning import decimate
 from data_tools.surface.shape import Shape

@@ -48,7 +48,7 @@ class Pair:
     lower_bound : float
         No pose of this pair has a smaller energy; NaN where nothing was certified.
     status : str
-        Name of the :class:`pairwise.status.Status` that the pair ended with.
+        Name of the :class:`pairwise.results.Status` that the pair ended with.
     chirality_proven : bool
         Whether every pose of the other chirality is proven to be worse than the best one.
     certificate : Certificate or None

@@ -35,7 +35,7 @@ from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import PoseList, list_poses
 from pairwise.certificates.certificate import Certificate
 from pairwise.matching import GAP_TOL
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: A second pose within this factor of the best energy makes a pair worth proving.
 RIVAL_FACTOR = 1.25

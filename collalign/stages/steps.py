@@ -26,15 +26,16 @@ from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.rivals import weigh_doubtful_pairs
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.pairs.choose import choose_pairs, grow_pairs, match_chosen
-from collalign.stages.pairs.descriptor import describe_shapes
+from collalign.stages.pairs.select import describe_shapes
 from collalign.stages.poses.agreement import with_common_match
-from collalign.stages.poses.frame import fix_frame, with_origin
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import (
     common_positions,
+    fix_frame,
     in_label_order,
     labels_at_common_poses,
     place_and_scale,
+    with_origin,
 )
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes

@@ -2,7 +2,7 @@
 
 from collalign.synchronization.blockwise import SynchronizationResult
 from collalign.synchronization.clusters import find_parts
-from collalign.synchronization.gauge import principal_axes_gauge
+from collalign.synchronization.frames import principal_axes_gauge
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.permutations import synchronize_maps
 from collalign.synchronization.solve import synchronize, synchronize_graph

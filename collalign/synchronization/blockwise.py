@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative
-from collalign.synchronization.checks import transposed
-from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.frames import fix_gauge, transposed
 from collalign.synchronization.graph import PairGraph, degrees
 from collalign.synchronization.model import PRIORS, best_candidates, squared_distances
 from collalign.synchronization.search import State, find_poses

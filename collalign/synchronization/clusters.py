@@ -6,7 +6,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.linalg import eigh
 
-from collalign.synchronization.checks import transposed
+from collalign.synchronization.frames import transposed
 from collalign.synchronization.graph import PairGraph
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import OptionsError

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
-from collalign.synchronization.checks import relative
+from collalign.synchronization.frames import relative
 from collalign.synchronization.graph import PairGraph
 from data_tools.arrays import FloatArray, IntArray
 

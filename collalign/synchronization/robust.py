@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.sparse.linalg import SuperLU, splu
 
-from collalign.synchronization.checks import cayley, relative
+from collalign.synchronization.frames import cayley, relative
 from collalign.synchronization.model import EdgeModel, squared_distances
 from collalign.synchronization.spectral import DENSE_LIMIT, spectral_frames
 from data_tools.arrays import BoolArray, FloatArray, IntArray

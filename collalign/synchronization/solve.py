@@ -13,9 +13,8 @@ from collalign.synchronization.blockwise import (
     connectivity_warnings,
     robust_synchronization,
 )
-from collalign.synchronization.checks import angles_rad, check_pattern, relative, transposed
-from collalign.synchronization.gauge import fix_gauge
-from collalign.synchronization.graph import GraphArguments, PairGraph
+from collalign.synchronization.frames import angles_rad, fix_gauge, relative, transposed
+from collalign.synchronization.graph import GraphArguments, PairGraph, check_pattern
 from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice

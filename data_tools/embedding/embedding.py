@@ -12,7 +12,7 @@ from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.sampling import OwnPoints
-from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
+from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape

@@ -1,4 +1,4 @@
-"""A surface as well-spread points with normals, and which of them lie at a rim: what matching in part works on."""
+"""A mesh or a point cloud as well-spread points with normals: one cell apart, or at places that are asked for."""
 
 from __future__ import annotations
 
@@ -6,22 +6,175 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
+from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.options import SamplingOptions
-from data_tools.surface.normals import outward_normals
+from data_tools.sight import lines_of_sight
+from data_tools.surface.normals import orientation_defects, outward_normals
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import boundary_edges
+from data_tools.surface.topology import boundary_edges, face_crosses, is_open_surface
+
+#: Points that are spread over each cell of a mesh, and the least and largest number over all.
+POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
+#: Sides of a cell's face that a normal may point to: both sides of a thin wall keep points of their own.
+NUM_SIDES = 6
+#: A point whose normals cancel is no surface: the least length of the mean of its unit normals.
+LEAST_NORMAL = 0.3
+#: Cells that the centroid of a cloud is computed from, in root mean square radii of its points.
+CLOUD_CELL = 0.1
+#: Neighbours along which the side of a cloud's normals spreads.
+NUM_NEIGHBOURS = 10
+
+
+def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
+    """Return the points of a shape one cell apart, with normals and descriptors; None where there are too few.
+
+    Points are spread over triangles by area; each cell of a grid along the principal axes keeps the mean of its
+    points and of its normals. Where there are no triangles, or they disagree on a side, normals are those of local
+    planes, and bulges point outwards: all normals point towards what saw the surface if one direction did (a depth
+    image); else the side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
+
+    Parameters
+    ----------
+    shape : Shape
+    cell : float
+        In units of the shape.
+    """
+    is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
+    sights = np.empty((0, 3)) if is_closed else lines_of_sight(shape.vertices)
+    if shape.is_mesh and orientation_defects(shape) <= MAX_DEFECTS:
+        points, normals = spread_over_triangles(shape, cell)
+        if len(sights):
+            sights = sights * (1.0 if (normals @ sights[0]).mean() >= 0.0 else -1.0)
+    else:
+        spread = spread_over_triangles(shape, cell)[0] if shape.is_mesh else shape.vertices
+        points, _ = _cell_means(spread, None, 0.5 * cell)
+        if len(points) < FEWEST_POINTS:
+            return None
+        planes = plane_normals(points, points)
+        if len(sights):
+            normals = planes * np.where(planes @ sights[0] < 0.0, -1.0, 1.0)[:, None]
+        else:
+            normals = _oriented(points, planes)
+    points, normals = _cell_means(points, normals, cell)
+    if len(points) < FEWEST_POINTS:
+        return None
+    return LocalSurface.from_user(points, normals, cell, sights)
+
+
+def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
+    """Return the centroid of a shape's surface and its root mean square distance from there.
+
+    Cells of a cloud count alike, however many points they have.
+    """
+    if not shape.is_mesh:
+        spread = float(np.sqrt(shape.vertices.var(axis=0).sum()))
+        points = (
+            _cell_means(shape.vertices, None, CLOUD_CELL * spread)[0]
+            if spread > 0
+            else shape.vertices
+        )
+        return points.mean(axis=0), float(np.sqrt(points.var(axis=0).sum()))
+    start = shape.vertices.mean(axis=0)
+    corners = (shape.vertices - start)[shape.faces]
+    weights = np.sqrt((face_crosses(shape.vertices - start, shape.faces) ** 2).sum(axis=0))
+    weights /= max(float(weights.sum()), np.finfo(float).tiny)
+    sums = corners.sum(axis=1)
+    mean = weights @ sums / 3.0
+    # The mean square over a triangle is (|a|^2 + |b|^2 + |c|^2 + |a + b + c|^2) / 12.
+    squares = ((corners**2).sum(axis=(1, 2)) + (sums**2).sum(axis=1)) / 12.0
+    return start + mean, float(np.sqrt(max(weights @ squares - mean @ mean, 0.0)))
+
+
+def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatArray]:
+    """Return points on the triangles of a mesh, evenly by area, and the triangles' outward normals, each (n, 3).
+
+    Some 16 points a cell of the side ``cell``, in units of the shape.
+    """
+    crosses = face_crosses(shape.vertices, shape.faces).T
+    areas = np.linalg.norm(crosses, axis=1)
+    total = float(areas.sum())
+    num = int(np.clip(POINTS_A_CELL * 0.5 * total / cell**2, FEWEST_SPREAD, MOST_SPREAD))
+    numbers = np.arange(num)
+    faces = np.searchsorted(np.cumsum(areas), (numbers + 0.5) / num * total)
+    faces = np.minimum(faces, len(areas) - 1)
+    # A low-discrepancy sequence in the unit square (Roberts 2018), folded onto the triangle.
+    first, second = (numbers * 0.7548776662466927) % 1.0, (numbers * 0.5698402909980532) % 1.0
+    beyond = first + second > 1.0
+    first, second = np.where(beyond, 1.0 - first, first), np.where(beyond, 1.0 - second, second)
+    corner, one, other = np.moveaxis(shape.vertices[shape.faces[faces]], 1, 0)
+    points = corner + (one - corner) * first[:, None] + (other - corner) * second[:, None]
+    normals = (crosses / np.maximum(areas, np.finfo(float).tiny)[:, None])[faces]
+    inside_out = np.vdot(normals, points - points.mean(axis=0)) < 0
+    return points, -normals if inside_out else normals
+
+
+def _cell_means(
+    points: FloatArray, normals: FloatArray | None, cell: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the mean point and unit normal of every cell of a grid along the principal axes, each (l, 3).
+
+    Without normals, zeros. With them, points whose normals point to different sides keep cells of their own.
+    """
+    centre = points.mean(axis=0)
+    axes = np.linalg.eigh((points - centre).T @ (points - centre))[1]
+    cells = np.floor((points - centre) @ axes / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    sizes = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * sizes[1] + cells[:, 1]) * sizes[2] + cells[:, 2]
+    if normals is not None:
+        along = normals @ axes
+        largest = np.abs(along).argmax(axis=1)
+        keys = keys * NUM_SIDES + 2 * largest + (along[np.arange(len(along)), largest] > 0)
+    _, which, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    means = _sums(points - centre, which, len(counts)) / counts[:, None] + centre
+    if normals is None:
+        return means, np.zeros_like(means)
+    directions = _sums(normals, which, len(counts)) / counts[:, None]
+    lengths = np.linalg.norm(directions, axis=1)
+    kept = lengths > LEAST_NORMAL
+    return means[kept], directions[kept] / lengths[kept, None]
+
+
+def _sums(values: FloatArray, which: NDArray[np.int64], num: int) -> FloatArray:
+    """Return the sum of the rows of each cell, shape (num, 3)."""
+    return np.stack(
+        [np.bincount(which, weights=column, minlength=num) for column in values.T], axis=1
+    )
+
+
+def _oriented(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return normals on one side of each connected piece of a cloud, its bulges outwards, shape (l, 3)."""
+    num = len(points)
+    near = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS + 1, num))[1][:, 1:]
+    rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
+    costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
+    tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())
+    oriented, arms = normals.copy(), points - points.mean(axis=0)
+    _, pieces = connected_components(tree, directed=False)
+    for first in np.unique(pieces, return_index=True)[1]:
+        order, before = breadth_first_order(tree, first, directed=False)
+        for at in order[1:]:
+            if oriented[at] @ oriented[before[at]] < 0:
+                oriented[at] = -oriented[at]
+        if np.vdot(oriented[order], arms[order]) < 0:
+            oriented[order] = -oriented[order]
+    return oriented
+
 
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
 #: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
 MAX_DEFECTS = 0.01
 #: Neighbours that a plane is fitted to where there are no triangles.
-NUM_NEIGHBOURS = 30
+NORMAL_NEIGHBOURS = 30
 #: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.
 RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
@@ -90,6 +243,6 @@ def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
 
 def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:
     """Return unit normals (q, 3), of either sign, of the planes through a cloud around each place (q, 3)."""
-    near = cloud[cKDTree(cloud).query(places, k=min(NUM_NEIGHBOURS, len(cloud)))[1]]
+    near = cloud[cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))[1]]
     moments = near - near.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.swapaxes(moments, 1, 2) @ moments)[1][:, :, 0])

@@ -1,4 +1,4 @@
-"""Tables of numbers in text: which signs separate columns, and which columns are x, y and z.
+"""Tables in text: numbers read (which signs separate columns, which columns are x, y and z), and CSV written.
 
 What a table does not make clear is refused with the reason; a guess would be a wrong shape without a word.
 """
@@ -9,6 +9,7 @@ import csv
 import io
 import re
 import sys
+from collections.abc import Iterable
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +18,6 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import SEPARATOR_LINE, is_number
 from data_tools.io.files import open_regular
 from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
 from data_tools.io.source import Source
@@ -327,3 +327,48 @@ def _refuse_split_decimals(rows: list[list[str]], name: str) -> None:
             f"{name}: commas seem to mark both columns and decimals; save it with "
             "semicolons between columns or with decimal points"
         )
+
+
+#: Text that spreadsheets take for a formula, or that a reader would take for an escaped one.
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+
+#: A first line by which Excel tells which sign separates columns.
+SEPARATOR_LINE = re.compile(r"\A\ufeff?\"?sep=[;,\t|]\"?[ \t]*\r?\n", re.IGNORECASE)
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Return rows as CSV with Unix line ends; numbers are written in full, NaN as an empty cell.
+
+    Parameters
+    ----------
+    rows : iterable of iterables
+        Text that begins with ``=``, ``+``, ``-`` or ``@`` and is no number gets an apostrophe before it, which
+        :func:`plain_cell` takes away again.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for row in rows:
+        writer.writerow([_cell(value) for value in row])
+    return text.getvalue()
+
+
+def plain_cell(cell: str) -> str:
+    """Return a cell as it was before :func:`csv_text` wrote it."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, float) and value != value:
+        return ""
+    if isinstance(value, str) and _FORMULA.match(value) and not is_number(value):
+        return f"'{value}"
+    return value
+
+
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number as tables have it; Python's underscores between digits are not."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text

@@ -12,7 +12,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import SEPARATOR_LINE, is_number, plain_cell
+from data_tools.io.text_tables import SEPARATOR_LINE, is_number, plain_cell
 
 #: What tables write where there is no landmark.
 _MISSING = re.compile(

@@ -29,8 +29,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import solve_dual
 from pairwise.problem.problem import Problem, ProblemArguments
-from pairwise.results import Candidate
-from pairwise.status import Status
+from pairwise.results import Candidate, Status
 
 #: Rotations closer than this (largest entry of the difference) are one solution.
 SAME_ROTATION = 1e-3

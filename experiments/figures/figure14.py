@@ -14,7 +14,7 @@ from experiments.figures.planted import planted_problem
 from experiments.tables import Column, Row, Table
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.status import Status
+from pairwise.results import Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

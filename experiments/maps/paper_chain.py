@@ -10,16 +10,14 @@ from collalign.nonrigid.functional_map import FunctionalMap, mutual_nearest_rows
 from collalign.nonrigid.map_starts import candidate_mask, descend_maps
 from collalign.nonrigid.portfolio import Refined, refined_with_evidence
 from collalign.nonrigid.spectral_shape import SpectralShape
-from collalign.tools.match.nonrigid import match_of
-from collalign.tools.match.result import NonrigidMatch
+from collalign.tools.match.nonrigid import NonrigidMatch, match_of
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from pairwise.local.local_search import LocalMinima, MatchingCosts
 from pairwise.pm_sdp.rounding import appendix_starts, nearest_map
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.results import RelaxationResult
-from pairwise.status import Status
+from pairwise.results import RelaxationResult, Status
 
 #: Share of the target's samples that each sample may match, by average geodesic distance.
 PAPER_SHARE = 0.3

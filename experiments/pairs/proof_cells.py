@@ -23,7 +23,7 @@ from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_relaxation
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Relative gap of the proofs.
 TOL = 1e-3

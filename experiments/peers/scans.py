@@ -17,7 +17,7 @@ from collalign.engine.store.records import Record
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import range_view
-from data_tools.embedding.surface_cells import centre_and_radius
+from data_tools.embedding.surface_points import centre_and_radius
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch

@@ -21,7 +21,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
 from pairwise.problem.pattern import RotationPattern
 from pairwise.relaxations import check_limits
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Iterations after which each solver gives up unless told otherwise.
 DEFAULT_MAX_ITERATIONS = {"scs": 100_000, "clarabel": 200}

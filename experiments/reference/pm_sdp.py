@@ -35,8 +35,7 @@ from experiments.reference.constraints import (
     solve_program,
 )
 from pairwise.problem.problem import Problem, assignment_support
-from pairwise.results import RelaxationResult
-from pairwise.status import Status
+from pairwise.results import RelaxationResult, Status
 
 
 @dataclass(frozen=True, eq=False)

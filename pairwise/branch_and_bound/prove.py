@@ -24,8 +24,7 @@ from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.rotation_search import screen
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem.problem import Problem, chiralities
-from pairwise.results import Candidate
-from pairwise.status import Status
+from pairwise.results import Candidate, Status
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
 _NUM_SCREENED, _NUM_STARTS = 256, 4

@@ -19,7 +19,7 @@ from pairwise.pm_sdp.moment_basis import MomentBasis
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.steps import SHORTEST_STEP, aim, longest_dual, longest_primal, starting_points
 from pairwise.pm_sdp.variables import Direction, DualPoint, PrimalPoint, move_dual, move_primal
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Share of the distance to the cones' boundary that every step keeps.
 _MARGIN = 0.05

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.notes import Note
+from data_tools.notes import Note, listed, percent
 
 FULL = Note("odd", ("a", "b"), {"times": (2.0, 3.5), "num": 4, "why": "size"})
 
@@ -42,3 +42,16 @@ def test_damaged_records_are_refused(change):
         Note.from_record(FULL.record() | change)
     with pytest.raises(InputError, match="expected a code"):
         Note.from_record("odd")
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(1.0, "100 %"), (0.999, "99 %"), (0.29, "29 %"), (0.0, "0 %"), (float("nan"), "unknown")],
+)
+def test_what_is_not_certain_is_never_called_so(share, words):
+    assert percent(share) == words
+
+
+def test_long_lists_are_cut():
+    assert listed(["a", "b"]) == "a, b"
+    assert listed([str(i) for i in range(11)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 3 more"

@@ -16,7 +16,7 @@ from experiments import load_experiment
 from experiments.collections import aligning, classification, tooth_distances
 from experiments.experiment import Bench, Cell
 from experiments.write import write_experiment
-from pairwise.dense.points import DensePoints
+from pairwise.dense import DensePoints
 
 MARKS = np.arange(0, 18 * 30, 30)
 SIDES = np.array([1, -1, 1, 1, -1, -1, 1, -1])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.figures.exact_solutions import exact_solutions
-from pairwise.status import Status
+from pairwise.results import Status
 from tests.oracles import check_pose, isometries
 from tests.problems import catalogue, planted, table
 

@@ -12,7 +12,7 @@ from experiments.experiment import Bench, Cell
 from experiments.figures import figure3, figure5, figure14
 from experiments.maps import map_cells, map_sets
 from experiments.write import write_experiment
-from pairwise.status import Status
+from pairwise.results import Status
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 

@@ -11,7 +11,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
 from experiments.maps.paper_chain import PaperChain, icp, match_by_paper
-from pairwise.status import Status
+from pairwise.results import Status
 
 SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 

@@ -11,7 +11,7 @@ EQUIVALENT = {
     "collalign/tools/certify/rounds.py Rounds.prove: '        for e in np.argsort(-(master.least() + most), kind=\"stable\").tolist():' -> '        for e in np.argsort(-(master.least() - most), kind=\"stable\").tolist():'": "the order in which pairs are proven",
     "collalign/landmarks/carry.py fuse: '    filled = np.where(weights[..., None] > 0, said, 0.0)' -> '    filled = np.where(weights[..., None] > 0, said, 1.0)'": "multiplied by a weight of zero",
     'collalign/engine/jobs/cluster.py _one_line: \'    return " ".join(f"{type(error).__name__}: {error}".split())[:300]\' -> \'    return " ".join(f"{type(error).__name__}: {error}".split())[:301]\'': "how much of a message is shown",
-    'collalign/tools/match/result.py NonrigidCandidate.orientation: \'        return "preserving" if value > 0 else "reversing"\' -> \'        return "preserving" if value >= 0 else "reversing"\'': "a measured orientation is never zero",
+    'collalign/tools/match/nonrigid.py NonrigidCandidate.orientation: \'        return "preserving" if value > 0 else "reversing"\' -> \'        return "preserving" if value >= 0 else "reversing"\'': "a measured orientation is never zero",
     "collalign/output/report/sections.py shape_map: '            \"linkage\": joined[:, :3].tolist(),' -> '            \"linkage\": joined[:, :4].tolist(),'": "the page reads three of the columns",
     "collalign/output/evidence_file.py shown_pair: '        rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),' -> '        rotations=np.ascontiguousarray(pair.rotations[kept, :4, :3]),'": "rotations have three rows",
     "pairwise/certificates/verify_cells.py <module>: 'DEEPEST = 60' -> 'DEEPEST = 61'": "a depth that no proof reaches",

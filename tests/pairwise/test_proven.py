@@ -10,8 +10,7 @@ from pairwise import match as match_function
 from pairwise.matching import _proven
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.results import Candidate
-from pairwise.status import Status
+from pairwise.results import Candidate, Status
 
 
 @pytest.fixture(scope="module")

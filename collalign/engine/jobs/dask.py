@@ -19,7 +19,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
 from collalign.engine.jobs.cluster import Cluster, Future, KilledWorker, WorkerPlugin
-from collalign.engine.jobs.shared_table import SharedTable
+from collalign.engine.jobs.job import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, crash, run_guarded
 from data_tools.errors import CollalignError, RunLost
 
@@ -66,7 +66,7 @@ class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not look
     name : str
         Of the table.
     data : bytes
-        The file of a :class:`~collalign.engine.jobs.shared_table.SharedTable`.
+        The file of a :class:`~collalign.engine.jobs.job.SharedTable`.
     """
 
     def __init__(self, name: str, data: bytes) -> None:

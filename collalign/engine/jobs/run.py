@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
+from collalign.engine.jobs.job import SharedTable
 from collalign.engine.jobs.local import can_start_workers, run_local
-from collalign.engine.jobs.shared_table import SharedTable
 from collalign.engine.jobs.worker import Call, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 

@@ -27,7 +27,7 @@ from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.poses import moved_by
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Columns of more different labels than this are shown per shape, but not as colours.
 MOST_CATEGORIES = 40

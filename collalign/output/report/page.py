@@ -26,8 +26,7 @@ from collalign.products.trust import DOUBT
 from collalign.wording import note_text
 from data_tools.arrays import IntArray
 from data_tools.errors import CollalignError
-from data_tools.notes import Note
-from data_tools.percent import MAX_NAMED, percent
+from data_tools.notes import MAX_NAMED, Note, percent
 from data_tools.threads import one_blas_thread
 
 #: Most shapes of a page. With so many it opens in seconds; matrix, map and tree grow with their square.

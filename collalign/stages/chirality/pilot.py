@@ -33,12 +33,11 @@ from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.surfaces import surface_scores
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.pairs.sparse_pairs import all_pairs
+from collalign.stages.pairs.select import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
-from pairwise.dense.points import DensePoints
-from pairwise.dense.refine import refine_pose
+from pairwise.dense import DensePoints, refine_pose
 
 #: Of the pilot's looks, the first one and that where it leaves a suspicion: nearest partners of each shape, poses of
 #: either kind of their pairs that are refined on dense samples, and by how many steps at most. In the

@@ -24,7 +24,7 @@ from collalign.stages.trust.trust_notes import strange_note
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, pose_angle_deg
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Complete shapes that an incomplete one is posed on, those that are not uncertain first.
 MAX_PARTNERS = 8

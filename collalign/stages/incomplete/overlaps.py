@@ -10,7 +10,7 @@ import numpy as np
 from collalign.engine.jobs.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from data_tools.embedding.surface_cells import surface_cells
+from data_tools.embedding.surface_points import surface_cells
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin

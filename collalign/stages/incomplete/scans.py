@@ -15,8 +15,7 @@ from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overla
 from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pairs
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.pairs.choose import MAX_ALL_PAIRS
-from collalign.stages.poses.frame import with_origin
-from collalign.stages.poses.placement import common_positions
+from collalign.stages.poses.placement import common_positions, with_origin
 from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.remedies import components_left_out
 from collalign.synchronization import SynchronizationResult
@@ -27,7 +26,7 @@ from data_tools.notes import Note
 from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
 from data_tools.sight import TUNED
 from pairwise.features.overlap import LocalPoses
-from pairwise.status import Status
+from pairwise.results import Status
 
 #: Shapes with open borders may be scans where the median pair matches so badly as whole shapes: its neighbourhoods
 #: differ by this share of what any two do. Bunny scans and generated views have .84 to .88; molars, planes and chairs

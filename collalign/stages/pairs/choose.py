@@ -9,8 +9,12 @@ from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.stages.own_knowledge import with_own
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.pairs.select import adaptive_pairs, extend_pairs, select_pairs
-from collalign.stages.pairs.sparse_pairs import identity_hashes
+from collalign.stages.pairs.select import (
+    adaptive_pairs,
+    extend_pairs,
+    identity_hashes,
+    select_pairs,
+)
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray

@@ -20,10 +20,10 @@ from collalign.stages.shape_stage import SAMPLING
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError, InputError, SolveFailed
-from data_tools.percent import MAX_NAMED
+from data_tools.notes import MAX_NAMED
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
-from pairwise.status import Status
+from pairwise.results import Status
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
-from collalign.stages.poses.frame import rotated_solution
+from collalign.stages.poses.placement import rotated_solution
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization import SynchronizationResult, find_parts
 from collalign.synchronization.clusters import part_rotations

@@ -23,8 +23,7 @@ from collalign.stages.poses.bent import bent_poses
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from pairwise.dense.points import DensePoints
-from pairwise.dense.refine import refine_pose
+from pairwise.dense import DensePoints, refine_pose
 from pairwise.problem.pattern import RotationPattern
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.

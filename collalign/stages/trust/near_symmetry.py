@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.surface_gap import point_gaps, surface_gap, surface_points
+from collalign.stages.local_evidence import point_gaps, surface_gap, surface_points
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG, keep_apart

@@ -13,8 +13,7 @@ from collalign.products.trust import DOUBT
 from collalign.stages.poses.synchronize import pair_graph
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import BoolArray, FloatArray
-from data_tools.notes import Note
-from data_tools.percent import MAX_NAMED, listed
+from data_tools.notes import MAX_NAMED, Note, listed
 from data_tools.surface.cleaning import share_kept
 
 #: Folders of which at least this share is in doubt may hold several kinds of shapes, ...

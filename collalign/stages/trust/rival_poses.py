@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.stages.local_evidence import local_evidence
-from collalign.stages.surface_gap import surface_gap, surface_points
+from collalign.stages.local_evidence import local_evidence, surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG

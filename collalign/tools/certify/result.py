@@ -45,7 +45,7 @@ class JointBound:
     bound : float
         No arrangement has a smaller energy: the best of all rounds, at least 0.
     proof : mapping of name to ndarray
-        What proves it, see :mod:`pairwise.certificates.verify_joint`: *tilts* L (E, 3, 3), *diagonal* Y (N, 3, 3),
+        What proves it, see :mod:`pairwise.certificates.verify`: *tilts* L (E, 3, 3), *diagonal* Y (N, 3, 3),
         the *depths* of all cells, and *num_cells*, how many each chirality of each pair has, (E, 1) or (E, 2).
     """
 

@@ -30,7 +30,7 @@ from collalign.tools.certify.result import JointBound, PairEnergies
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted
-from pairwise.certificates.verify_joint import gram_bound
+from pairwise.certificates.verify import gram_bound
 from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem.problem import Problem
 

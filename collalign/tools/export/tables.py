@@ -22,7 +22,7 @@ from collalign.tools.export.request import (
     member_columns,
 )
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.csv_cells import csv_text
+from data_tools.io.text_tables import csv_text
 
 #: Column name to values.
 Table = Mapping[str, Sequence[Any]]

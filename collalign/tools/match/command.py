@@ -23,25 +23,23 @@ from collalign.options import TwoShapeOptions
 from collalign.output.vertex_maps import at_vertices
 from collalign.products.trust import DOUBT
 from collalign.tools.match.in_part import PartialMatch, match_in_part, with_mirror_chance
-from collalign.tools.match.nonrigid import match_prepared
+from collalign.tools.match.nonrigid import NonrigidMatch, match_prepared
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
-from collalign.tools.match.result import NonrigidMatch
 from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_score
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import composed, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_shape, write_ply
 from data_tools.io.source import refuse_overlap
+from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_files import Landmarks
-from data_tools.notes import Note
+from data_tools.notes import Note, percent
 from data_tools.options import AS_STORED, CleaningOptions
-from data_tools.percent import percent
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.shape import Shape
-from pairwise.status import Status
+from pairwise.results import Status
 
 LANDMARKS_FILE = "map_landmarks.csv"
 NONRIGID_FILES = (

@@ -15,14 +15,13 @@ from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
-from data_tools.embedding.surface_cells import centre_and_radius, surface_cells
-from data_tools.embedding.surface_points import spread_points
+from data_tools.embedding.surface_points import centre_and_radius, spread_points, surface_cells
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import location
 from data_tools.local_surface import PART_CELL
-from data_tools.percent import percent
+from data_tools.notes import percent
 from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread

@@ -18,7 +18,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import location
 from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
-from pairwise.dense.refine import RefinedPose, ranked_on_dense
+from pairwise.dense import RefinedPose, ranked_on_dense
 from pairwise.matching import match_problem
 from pairwise.results import Candidate, MatchResult
 

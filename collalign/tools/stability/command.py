@@ -20,11 +20,11 @@ from collalign.tools.stability.run import Stability, StabilityOptions, check_sta
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.html_pages import html_figure, html_table, write_html_page
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
-from data_tools.percent import listed, percent
+from data_tools.io.text_tables import csv_text
+from data_tools.notes import listed, percent
 
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "stability"

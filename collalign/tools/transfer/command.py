@@ -38,12 +38,12 @@ from collalign.tools.transfer.run import TransferredLandmarks, transfer_landmark
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
 from data_tools.io.coordinate_systems import declared_system
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import refuse_overlap
+from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_tables import READABLE
-from data_tools.percent import MAX_NAMED
+from data_tools.notes import MAX_NAMED
 
 TRANSFER_FILE = "transfer.csv"
 LEFT_OUT_FILE = "leave_one_out.csv"

@@ -19,8 +19,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.dense.points import DensePoints
-from pairwise.dense.refine import refine_pose
+from pairwise.dense import DensePoints, refine_pose
 
 #: Points of each shape. Even points make closest points a measure of the surfaces alone.
 NUM_POINTS = 400

@@ -36,10 +36,10 @@ from collalign.tools.variation.surface_variation import (
 )
 from collalign.wording import note_text
 from data_tools.arrays import FloatArray
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import file_stems, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_ply
+from data_tools.io.text_tables import csv_text
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.normals import vertex_normals
 

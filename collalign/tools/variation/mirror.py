@@ -19,8 +19,7 @@ from data_tools.rotations import spread_directions
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.dense.points import DensePoints
-from pairwise.dense.refine import refine_pose
+from pairwise.dense import DensePoints, refine_pose
 
 
 def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:

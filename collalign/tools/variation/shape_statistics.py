@@ -32,9 +32,9 @@ from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceV
 from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.errors import InputError
-from data_tools.io.csv_cells import csv_text
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note
 from data_tools.surface.outliers import odd_ratios
 

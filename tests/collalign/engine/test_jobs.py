@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import collalign.engine.jobs.shared_table as table_module
+import collalign.engine.jobs.job as table_module
 from collalign.engine.jobs.run import SharedTable, run_jobs
 from collalign.engine.progress import ProgressBar
 from data_tools.errors import CollalignError, InputError, OptionsError

@@ -16,7 +16,7 @@ from data_tools.errors import SolveFailed, StoreError
 from data_tools.notes import Note
 from pairwise import match
 from pairwise.options import MatchOptions
-from pairwise.status import Status
+from pairwise.results import Status
 
 
 def make_samples(rng, *, num=12, num_functions=0, num_invariants=2):

@@ -6,8 +6,8 @@ import pytest
 from collalign.options import AlignOptions
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import resolve_pair
-from collalign.stages.poses.frame import rotated_solution
 from collalign.stages.poses.parts import join_parts, split_shapes
+from collalign.stages.poses.placement import rotated_solution
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.embedding import sample_shape

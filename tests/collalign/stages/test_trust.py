@@ -23,8 +23,7 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
-from collalign.stages.local_evidence import local_evidence
-from collalign.stages.surface_gap import surface_gap
+from collalign.stages.local_evidence import local_evidence, surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.near_symmetry import TWELFTHS, describe_rotations, near_symmetries
 from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from collalign.synchronization import PairGraph, synchronize, synchronize_graph
-from collalign.synchronization.checks import angles_rad
+from collalign.synchronization.frames import angles_rad
 from collalign.synchronization.model import EdgeModel
 from data_tools.errors import InputError, OptionsError
 from pairwise.problem.pattern import RotationPattern

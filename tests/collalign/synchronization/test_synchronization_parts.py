@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
 from collalign.synchronization.blockwise import connectivity_warnings, restricted
-from collalign.synchronization.checks import relative, transposed
 from collalign.synchronization.clusters import pair_affinity, part_rotations, spectral_clusters
-from collalign.synchronization.gauge import fix_gauge
+from collalign.synchronization.frames import fix_gauge, relative, transposed
 from collalign.synchronization.hypotheses import (
     FORBIDDEN,
     Hypotheses,

@@ -20,7 +20,7 @@ from collalign.tools.certify.rounds import (
 )
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
-from pairwise.certificates.verify_joint import gram_bound
+from pairwise.certificates.verify import gram_bound
 from pairwise.local.local_search import energies_of
 
 

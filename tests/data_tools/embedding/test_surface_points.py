@@ -1,10 +1,177 @@
-"""Surfaces as points: what is a rim, and normals with and without signs."""
+"""Points one cell apart with outward normals, of meshes and clouds alike."""
 
 import numpy as np
+import pytest
+from scipy.spatial import cKDTree
 
-from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.embedding.surface_points import RIM_NEIGHBOURS, cloud_rim, spread_points
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding.embedding import CELL, sample_shape
+from data_tools.embedding.surface_points import (
+    RIM_NEIGHBOURS,
+    centre_and_radius,
+    cloud_rim,
+    spread_over_triangles,
+    spread_points,
+    surface_cells,
+)
+from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
+
+
+def sphere(num=1500):
+    return Shape.from_arrays(*sphere_mesh(num), name="sphere")
+
+
+def torus(thickness=0.4):
+    """A closed torus about z, of radius 1; its outward normal is away from the circle in its middle."""
+    long, short = np.meshgrid(np.arange(60), np.arange(24), indexing="ij")
+    u, v = 2.0 * np.pi * long / 60, 2.0 * np.pi * short / 24
+    radius = 1.0 + thickness * np.cos(v)
+    vertices = np.stack(
+        [radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], axis=-1
+    ).reshape(-1, 3)
+    at, right = 24 * long + short, 24 * ((long + 1) % 60) + short
+    up, across = 24 * long + (short + 1) % 24, 24 * ((long + 1) % 60) + (short + 1) % 24
+    halves = (at, right, across), (at, across, up)
+    faces = np.concatenate([np.stack(half, axis=-1).reshape(-1, 3) for half in halves])
+    return Shape.from_arrays(vertices, faces, name="torus")
+
+
+def slab(thickness):
+    """A box whose two large sides are that far apart, its corners shared, triangles outwards."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    return Shape.from_arrays(corners * [2.0, 3.0, thickness], faces, name="slab")
+
+
+def outward_on_torus(points):
+    middle = points * [1.0, 1.0, 0.0]
+    away = points - middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+def test_points_of_a_sphere_lie_a_cell_apart_with_normals_outwards():
+    found = surface_cells(sphere(), 0.15)
+    gaps = cKDTree(found.points).query(found.points, k=2)[0][:, 1]
+    assert 0.4 < np.median(gaps) / 0.15 < 1.2
+    assert 0.7 < len(found.points) * 0.15**2 / (4.0 * np.pi) < 2.5
+    assert np.abs(np.linalg.norm(found.points, axis=1) - 1.0).max() < 0.02
+    assert (np.einsum("la,la->l", found.points, found.normals) > 0.98).all()
+    assert found.cell == 0.15
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0)
+    assert len(surface_cells(sphere(), 0.3).points) < 0.4 * len(found.points)
+
+
+def test_normals_of_a_mesh_point_outwards_where_it_is_hollow_and_when_it_is_inside_out():
+    mesh = torus()
+    for faces in (mesh.faces, mesh.faces[:, ::-1]):
+        found = surface_cells(Shape.from_arrays(mesh.vertices, faces, name="torus"), 0.12)
+        assert (np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.9).all()
+
+
+def test_both_sides_of_a_thin_wall_keep_points():
+    found = surface_cells(slab(0.02), 0.2)
+    for side in (1.0, -1.0):
+        on_side = found.normals[:, 2] * side > 0.9
+        assert on_side.sum() >= 0.8 * 2.0 * 3.0 / 0.2**2
+        assert np.abs(found.points[on_side, 2] - (0.02 if side > 0 else 0.0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_normals_of_a_cloud_point_outwards(share):
+    mesh = torus()
+    points = spread_over_triangles(mesh, 0.03)[0]
+    points = points[points[:, 0] < np.quantile(points[:, 0], share)]
+    found = surface_cells(Shape.from_arrays(points, name="cloud"), 0.12)
+    assert (
+        np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.7
+    ).mean() > 0.98
+
+
+def test_triangles_that_disagree_on_a_side_count_as_a_cloud():
+    mesh = sphere()
+    faces = mesh.faces.copy()
+    faces[::2] = faces[::2, ::-1]
+    found = surface_cells(Shape.from_arrays(mesh.vertices, faces, name="mixed"), 0.15)
+    assert (np.einsum("la,la->l", found.points, found.normals) > 0.95).all()
+
+
+def test_pieces_of_a_cloud_each_get_a_side():
+    points = spread_over_triangles(sphere(), 0.05)[0]
+    two = np.concatenate([points, points + np.array([5.0, 0.0, 0.0])])
+    found = surface_cells(Shape.from_arrays(two, name="two"), 0.2)
+    own = found.points - np.where(found.points[:, :1] > 2.5, [5.0, 0.0, 0.0], 0.0)
+    assert (np.abs(np.einsum("la,la->l", own, found.normals)) > 0.9).all()
+    signs = np.einsum("la,la->l", own, found.normals) > 0
+    for piece in (found.points[:, 0] > 2.5, found.points[:, 0] < 2.5):
+        assert signs[piece].all() or not signs[piece].any()
+
+
+def test_a_rotated_shape_has_the_same_points_up_to_their_choice():
+    shape = blob(np.random.default_rng(2), num_vertices=900)
+    turn = random_rotation(np.random.default_rng(8))
+    found = surface_cells(shape, 0.12)
+    moved = surface_cells(
+        Shape.from_arrays(3.0 * shape.vertices @ turn.T + 5.0, shape.faces, name="moved"), 0.36
+    )
+    assert abs(len(moved.points) / len(found.points) - 1.0) < 0.05
+    gaps, nearest = cKDTree(moved.points).query(3.0 * found.points @ turn.T + 5.0)
+    assert np.median(gaps) < 0.1 * 0.36
+    agree = (moved.features[nearest] * found.features).sum(axis=1)
+    others = (moved.features[::-1][nearest] * found.features).sum(axis=1)
+    assert np.median(others) < 0.985 < 0.995 < np.median(agree)
+
+
+def test_hardly_any_points_are_no_surface():
+    line = Shape.from_arrays(np.linspace(0.0, 1.0, 50)[:, None] * [[1.0, 2.0, 3.0]], name="line")
+    assert surface_cells(sphere(), 3.0) is None
+    assert surface_cells(Shape.from_arrays(np.eye(3).repeat(4, axis=0), name="few"), 0.1) is None
+    assert surface_cells(line, 0.5) is None
+
+
+@pytest.mark.parametrize("num", [40, 2000])
+def test_centre_and_radius_are_those_of_points_spread_by_area(num):
+    shape = blob(np.random.default_rng(4), num_vertices=num)
+    shape = Shape.from_arrays(
+        shape.vertices + np.array([30.0, 0.0, -10.0]), shape.faces, name="far"
+    )
+    corners = shape.vertices[shape.faces]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(3), size=200_000)
+    points = np.einsum(
+        "nc,nca->na", weights, corners[rng.choice(len(corners), 200_000, p=areas / areas.sum())]
+    )
+    centre, radius = centre_and_radius(shape)
+    np.testing.assert_allclose(centre, points.mean(axis=0), atol=0.01)
+    assert radius == pytest.approx(
+        np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()), rel=0.005
+    )
+    cloud = Shape.from_arrays(points, name="cloud")
+    np.testing.assert_allclose(centre_and_radius(cloud)[0], points.mean(axis=0), atol=0.02)
+    assert centre_and_radius(cloud)[1] == pytest.approx(radius, rel=0.03)
+    uneven = Shape.from_arrays(
+        np.concatenate([points, np.repeat(points[points[:, 0] > 30.0], 7, axis=0)]), name="u"
+    )
+    np.testing.assert_allclose(centre_and_radius(uneven)[0], centre_and_radius(cloud)[0], atol=0.03)
+
+
+def test_samples_keep_the_surface_about_its_centroid_in_its_radii():
+    shape = blob(np.random.default_rng(4), num_vertices=600)
+    options = SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions()
+    local, large = (
+        sample_shape(
+            Shape.from_arrays(size * shape.vertices + 9.0, shape.faces, name="s"), *options
+        ).local
+        for size in (1.0, 50.0)
+    )
+    assert local.cell == large.cell == CELL
+    assert np.sqrt((local.points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_allclose(large.points, local.points, atol=1e-6)
 
 
 def test_only_open_surfaces_have_points_on_a_rim():

@@ -1,10 +1,12 @@
+import csv
+import io
 import time
 
 import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.text_tables import parse_table, read_points_table
+from data_tools.io.text_tables import csv_text, parse_table, plain_cell, read_points_table
 
 
 def test_regular_tables():
@@ -126,3 +128,44 @@ def test_a_heading_of_brackets_takes_no_time(heading):
     np.testing.assert_array_equal(
         read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt").vertices, [[1, 2, 3]]
     )
+
+
+NAMES = [
+    "=1+1",
+    "+a",
+    "-a",
+    "@sum",
+    "\tx",
+    "'=a",
+    "''=a",
+    "'quoted'",
+    "tooth",
+    "a,b",
+    'a"b',
+    "two\nlines",
+    "",
+    "-1.5",
+]
+
+
+def read(text):
+    return list(csv.reader(io.StringIO(text)))
+
+
+def test_no_text_begins_like_a_formula_and_numbers_stay_numbers():
+    rows = read(csv_text([["name", "x"], *([name, -1.5] for name in NAMES)]))
+    assert rows[1:] == [[rows[at + 1][0], "-1.5"] for at in range(len(NAMES))]
+    assert not [
+        cell for cell, _ in rows[1:] if cell[:1] in ("=", "+", "-", "@", "\t") and cell != "-1.5"
+    ]
+    assert rows[-1][0] == "-1.5"
+
+
+def test_names_come_back_as_they_were():
+    assert [plain_cell(cell) for (cell,) in read(csv_text([[name] for name in NAMES if name]))] == [
+        *filter(None, NAMES)
+    ]
+
+
+def test_unknown_numbers_are_empty():
+    assert csv_text([[float("nan"), 0.1, 3]]) == ",0.1,3\n"

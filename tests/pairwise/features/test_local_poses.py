@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.embedding.surface_cells import surface_cells
+from data_tools.embedding.surface_points import surface_cells
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation

@@ -9,7 +9,7 @@ from pairwise import solve_relaxation, verify_certificate
 from pairwise.pm_sdp import interior_point
 from pairwise.problem.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.status import Status
+from pairwise.results import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import catalogue, planted, random_rotation
 from tests.relaxation_problems import Comparison, compare_with_reference, variants

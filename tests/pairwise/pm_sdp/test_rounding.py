@@ -8,8 +8,7 @@ from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map, rank_one_factors
 from pairwise.problem.problem import Problem
-from pairwise.results import RelaxationResult
-from pairwise.status import Status
+from pairwise.results import RelaxationResult, Status
 
 
 def mixture(problem, rotations, maps, sign=1.0):

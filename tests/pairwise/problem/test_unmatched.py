@@ -11,7 +11,7 @@ from data_tools.rotations import rotation_angle_deg
 from pairwise import Problem, match, prove, solve_relaxation, verify_certificate, with_unmatched
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.relaxations import solve_pm_sdp
-from pairwise.status import Status
+from pairwise.results import Status
 
 
 def least_truncated_energy(problem, cost):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.rotations import random_rotation
-from pairwise.certificates.verify_joint import gram_bound, gram_matrix
+from pairwise.certificates.verify import gram_bound, gram_matrix
 
 
 def multipliers(rng):

@@ -1,1 +1,0 @@
-"""Poses refined and ranked on dense points."""
