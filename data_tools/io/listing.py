@@ -23,7 +23,12 @@ from data_tools.io.formats.stl import read_stl
 from data_tools.io.formats.vtk_legacy import read_vtk
 from data_tools.io.formats.vtp import read_vtp
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
-from data_tools.io.text_tables import is_landmark_pts, read_pts, read_text_points
+from data_tools.io.text_tables import (
+    is_landmark_pts,
+    is_table_of_specimens,
+    read_pts,
+    read_text_points,
+)
 
 #: Reader of each suffix: the one list of what is read, which messages and documents repeat.
 READERS: dict[str, Callable[[Source], RawShape]] = {
@@ -321,4 +326,8 @@ def joint_digest(parts: Sequence[tuple[str, str]]) -> str:
 
 
 def _is_shape(path: Path) -> bool:
-    return path.is_file() and path.suffix.lower() in READERS and not is_landmark_pts(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None or not path.is_file():
+        return False
+    is_table = reader is read_text_points and is_table_of_specimens(path)
+    return not (is_table or is_landmark_pts(path))

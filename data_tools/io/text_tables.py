@@ -24,6 +24,8 @@ from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
 _MIN_NUMBERED_ROWS = 3
+#: Bytes at the beginning of a file by which it is told what it holds.
+_NUM_READ = 4096
 #: First line of PTS files of landmarks.
 _VERSION = re.compile(r"version\b", re.IGNORECASE)
 _WORD = re.compile(r"[^\d\s.,eE+-]")
@@ -99,11 +101,27 @@ def read_pts(source: Source) -> RawShape:
 
 def is_landmark_pts(path: Path) -> bool:
     """Return whether a file is a PTS file of landmarks, which begins with a version; False if unreadable."""
-    if path.suffix.lower() != ".pts":
-        return False
-    with suppress(InputError), open_regular(path, sys.maxsize) as stream:
-        return _VERSION.match(stream.read(16).decode("utf-8-sig", "replace").lstrip()) is not None
+    return path.suffix.lower() == ".pts" and _VERSION.match(_beginning(path).lstrip()) is not None
+
+
+def is_table_of_specimens(path: Path) -> bool:
+    """Return whether a text file is a table without coordinates, such as one of specimens; False if unreadable.
+
+    No column of its heading is called x, y or z, and its first row has words.
+    """
+    with suppress(InputError):
+        lines = _lines(_beginning(path))[:2]
+        heading, rows = _cells(lines, _delimiter(lines, str(path))) if lines else (None, [])
+        if heading is not None and rows and not any(map(_axis, heading)):
+            return any(_WORD.search(cell) and not is_number(cell) for cell in rows[0])
     return False
+
+
+def _beginning(path: Path) -> str:
+    """Return the first characters of a file, none if it is unreadable."""
+    with suppress(InputError), open_regular(path, sys.maxsize) as stream:
+        return stream.read(_NUM_READ).decode("utf-8-sig", "replace")
+    return ""
 
 
 def read_points_table(text: str, name: str) -> RawShape:
@@ -273,10 +291,9 @@ def _axis_columns(heading: list[str], name: str) -> list[int]:
     """Return the places of x, y and z in a heading; units and words such as "pos" do not matter."""
     places: list[list[int]] = [[], [], []]
     for place, cell in enumerate(heading):
-        word = _UNIT.sub("", cell.strip("\"' ").lower()).strip(" _")
-        found = _AXIS.fullmatch(_ON_A_MAP.get(word, word))
-        if found:
-            places[_AXES[found.group(1)]].append(place)
+        axis = _axis(cell)
+        if axis is not None:
+            places[_AXES[axis]].append(place)
     if all(len(found) == 1 for found in places):
         return [found[0] for found in places]
     if len(heading) == 3 and not any(len(found) > 1 for found in places):
@@ -286,6 +303,13 @@ def _axis_columns(heading: list[str], name: str) -> list[int]:
         f"{name}: {'several columns' if several else 'not all three columns'} of its heading of {len(heading)} are "
         "called x, y or z; name the three columns x, y and z"
     )
+
+
+def _axis(cell: str) -> str | None:
+    """Return which axis a cell of a heading names, None if it names none."""
+    word = _UNIT.sub("", cell.strip("\"' ").lower()).strip(" _")
+    found = _AXIS.fullmatch(_ON_A_MAP.get(word, word))
+    return found and found.group(1)
 
 
 def _refuse_numbered(first: FloatArray, width: int, name: str) -> None:

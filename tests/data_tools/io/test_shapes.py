@@ -289,6 +289,19 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
 
 
+@pytest.mark.parametrize(
+    "text", ["specimen,sex,age,mass\nA1,F,3,40.2\n", "id;age;sex\n17;4,5;F\n", "id\tsize\nA1\t3\n"]
+)
+def test_a_table_of_specimens_beside_the_shapes_is_no_shape(tmp_path, text):
+    (tmp_path / "A1.csv").write_text("x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n")
+    (tmp_path / "cloud.csv").write_text("label,x,y,z\np,0,0,0\nq,1,0,0\n")
+    (tmp_path / "unclear.csv").write_text("a,b,c,d\n1,2,3,4\n")
+    (tmp_path / "specimens.csv").write_text(text)
+    listing = read_folder(tmp_path)
+    assert listing.names == ("A1", "cloud", "unclear")
+    assert listing.skipped_names == ("specimens.csv",)
+
+
 def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
     """Landmark Editor calls them like their mesh; point clouds have the same suffix."""
     (tmp_path / "a.ply").touch()
