@@ -25,7 +25,7 @@ from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
 from collalign.tools.variation.shape_model import ShapeTestOptions
-from collalign.tools.variation.shape_statistics import shape_tests
+from collalign.tools.variation.shape_statistics import check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceVariation,
     mirror_error,
@@ -133,6 +133,9 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
+    sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
+    counted = {name: size for name, size in sizes.items() if name not in names}
+    check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import shlex
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypedDict
@@ -36,6 +37,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note
+from data_tools.percent import listed
 from data_tools.surface.outliers import odd_ratios
 
 SCORES_FILE, SYMMETRY_FOLDER = "scores.csv", "symmetry"
@@ -172,17 +174,17 @@ def shape_tests(
     Raises
     ------
     InputError
-        If ``factors`` or ``model`` names no column, or the model leaves nothing to compare.
+        As :func:`check_tests`, or if the model leaves nothing to compare.
     """
     shapes, sizes = procrustes_scores(variation.components), np.log(variation.centroid_sizes)
-    check_known("factors", {*options.factors}, columns)
+    whole = dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True))
+    model, odd = check_tests(options, columns, whole)
     read = {
         name: read_column(name, values, variation.names, as_factor=name in options.factors)
         for name, values in columns.items()
     }
-    odd = odd_ratios(dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True)))
     tester = _Tester(shapes, sizes, variation.names, read, options, with_size=not odd)
-    asked_for = tester.of_model(parse_model(options.model, columns)) if options.model else []
+    asked_for = tester.of_model(model) if model else []
     anova: Rows = [_ANOVA_TABLE, *asked_for, *tester.anova([(SIZE_TERM,)])]
     groups: Rows = [["column", "group", "shapes", "disparity"]]
     pairs: Rows = [_PAIRS_TABLE]
@@ -213,6 +215,43 @@ def shape_tests(
     return ShapeTests(
         tables=tables, options=options, factors=factors, notes=(*notes, *tester.notes)
     )
+
+
+def check_tests(
+    options: ShapeTestOptions, columns: Collection[str], sizes: Mapping[str, float]
+) -> tuple[tuple[tuple[str, ...], ...], dict[str, float]]:
+    """Return the terms of the model asked for, and the shapes whose files are probably in another unit.
+
+    Parameters
+    ----------
+    options : ShapeTestOptions
+    columns : collection of str
+        Names of the columns of labels.
+    sizes : mapping of str to float
+        Of every shape that counts, up to one factor.
+
+    Returns
+    -------
+    model : tuple of tuple of str
+        See :func:`collalign.tools.variation.shape_model.parse_model`; empty where none is asked for.
+    odd : dict of str to float
+        See :func:`data_tools.surface.outliers.odd_ratios`.
+
+    Raises
+    ------
+    InputError
+        If ``factors`` or ``model`` names no column, or the model has size, which is in several units.
+    """
+    check_known("factors", {*options.factors}, columns)
+    model = parse_model(options.model, columns) if options.model else ()
+    odd = odd_ratios(sizes)
+    if odd and any(SIZE_TERM in term for term in model):
+        names = " ".join(map(shlex.quote, odd))
+        raise InputError(
+            f"model: size cannot be tested, because files are probably in another unit: {listed([*odd])}. Convert them "
+            f"and align again, or leave them out (--exclude {names})"
+        )
+    return model, odd
 
 
 class _Tester:
@@ -256,11 +295,6 @@ class _Tester:
     def of_model(self, model: Sequence[tuple[str, ...]]) -> Rows:
         """Return the rows of the model that was asked for, whose absent shapes are named."""
         what = " + ".join(":".join(term) for term in model)
-        if not self._with_size and any(SIZE_TERM in term for term in model):
-            raise InputError(
-                f"model: {what} cannot be tested, because some files are probably in another unit; convert them, or "
-                "leave them out"
-            )
         terms, chosen = model_terms(model, self._columns, self._sizes)
         if chosen.sum() < 3:
             raise InputError(

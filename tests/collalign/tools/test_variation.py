@@ -18,6 +18,7 @@ from collalign.output.members import Members
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.posture import at_mean_posture
+from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import (
     ShapeTestOptions,
     model_terms,
@@ -246,6 +247,25 @@ def test_size_is_not_tested_where_a_unit_is_off(variation):
     assert (tests.notes[0].code, tests.notes[0].shapes) == ("size-not-tested", ("s3",))
     with pytest.raises(InputError, match="another unit"):
         shape_tests(odd, {"form": LABELS}, ShapeTestOptions(model="size + form"))
+
+
+@pytest.mark.parametrize(
+    ("tests", "said"),
+    [
+        ({"model": "sxe"}, "sxe"),
+        ({"factors": ("sxe",)}, "sxe"),
+        ({"model": "size + sex"}, "another unit: shape_003"),
+    ],
+)
+def test_tests_that_cannot_be_made_are_refused_before_anything_is_registered(
+    tmp_path, tests, said
+):
+    view = view_of()  # its files do not exist
+    marks = np.random.default_rng(3).standard_normal((10, 5, 3))
+    marks[3] *= 1000
+    view = dataclasses.replace(view, landmarks=marks)
+    with pytest.raises(InputError, match=said):
+        write_surface_variation(view, tmp_path, labels={"sex": [*"mf"] * 5}, tests=tests)
 
 
 def test_specimens_are_ranked_by_how_well_they_are_represented(tmp_path):
