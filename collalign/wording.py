@@ -73,7 +73,7 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         f"{_covered(of)}. The mean is that of the complete shapes. Missing points have no label."
     ),
     "left-right-mixed": "The folder contains left and right specimens; {num_shapes} of {total} are of the rarer "
-    "side: {shapes}. Shapes may be reflected to match the rest. To forbid this, use --group SO.",
+    "side: {shapes}. One side is reflected to match the other. To forbid this, use --group SO.",
     "most-pairs-disagree": "Most pairs contradict the common poses: the shapes may be too different to be aligned. "
     "Try more points (--sampling.num-points 128), or leave out shapes of another kind.",
     "much-larger": lambda of: (
@@ -329,11 +329,11 @@ def _extra(note: Note) -> str:
 
 
 def _copies(note: Note, kind: str) -> str:
-    others = " ".join(shlex.quote(name) for name in note.shapes[1 : 1 + MAX_NAMED])
-    more = " ..." if note.shapes[1 + MAX_NAMED :] else ""
+    others = note.shapes[1:]
+    named = f"add --exclude {' '.join(map(shlex.quote, others))}"
     return (
         f"{listed(note.shapes)}: {_COPIES[kind]}. Each counts as a specimen in means and statistics. To count "
-        f"one, add --exclude {others}{more}."
+        f"one, {named if len(others) <= MAX_NAMED else 'leave the others out (--exclude)'}."
     )
 
 

@@ -32,6 +32,7 @@ EXAMPLES = [
         Note("copies", (*"abcdefghijkl",), {"kind": kind})
         for kind in ("identical", "moved", "mirrored")
     ),
+    Note("copies", PAIR, {"kind": "identical"}),
     *(
         Note(
             "extra-material", PAIR, {"shares": (0.1, 0.3), "sides": ("z", "-x"), "ignored": ignored}
@@ -188,3 +189,11 @@ def test_a_note_of_a_part_names_it_first():
 @pytest.mark.parametrize("kind", ["raw", "raw-sides", "unscaled", "aligned", "procrustes"])
 def test_all_coordinates_have_a_text(kind):
     assert note_text(Note(f"coordinates-{kind}", values=REFLECTED)).startswith("Coordinates: ")
+
+
+def test_the_command_that_counts_one_of_many_copies_can_be_given_as_it_is():
+    few, many = (
+        note_text(Note("copies", (*names,), {"kind": "identical"})) for names in ("ab", "abcdefghijkl")
+    )
+    assert few.endswith("add --exclude b.")
+    assert many.endswith("leave the others out (--exclude).")
