@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -35,6 +34,8 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30
+#: Entries of the distances that are held at once.
+_SLAB_ENTRIES = 60_000
 #: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
 #: The last is added to the share of consistent matches there, of which views from different sides have none.
 NUM_EXTENTS, CONFLICT_POWER, UNMATCHED = 24, 4.0, 0.1
@@ -270,22 +271,21 @@ def closeness(
     on_target, on_source = (
         slice(None, None, -(-len(one.points) // num_points)) for one in (target, source)
     )
-    there = feature_distances(target.features[on_target], source.features)
-    back = feature_distances(source.features[on_source], target.features)
-    usual = max(float(np.median(there[:, on_source])), LEAST_USUAL)
+    ends = target.features[on_target], source.features[on_source]
+    usual = max(float(np.median(feature_distances(*ends))), LEAST_USUAL)
     inverses = np.swapaxes(rotations, 1, 2)
     backwards = -(inverses @ shifts[:, :, None])[:, :, 0]
     sides = (
-        (source, target.points[on_target], target.normals[on_target], inverses, backwards, there),
-        (target, source.points[on_source], source.normals[on_source], rotations, shifts, back),
+        (source, target.points[on_target], target.normals[on_target], inverses, backwards),
+        (target, source.points[on_source], source.normals[on_source], rotations, shifts),
     )
     overlaps, costs = np.empty((2, len(rotations), 2))
-    for side, (others, points, normals, matrices, moves, table) in enumerate(sides):
-        rows = np.arange(len(points))
-        for p, (squares, nearest) in enumerate(_partners(others, points, normals, matrices, moves)):
-            overlaps[p, side] = np.mean(squares < (PARTNER_CELLS * cell) ** 2)
-            reached = table[rows, nearest] / usual
-            costs[p, side] = np.where(squares < (COMPARED_CELLS * cell) ** 2, reached, 1.0).mean()
+    for side, (others, points, normals, matrices, moves) in enumerate(sides):
+        squares, nearest = _partners(others, points, normals, matrices, moves)
+        products = np.einsum("lf,plf->pl", ends[side], others.features[nearest])
+        is_compared = squares < (COMPARED_CELLS * cell) ** 2
+        overlaps[:, side] = (squares < (PARTNER_CELLS * cell) ** 2).mean(axis=1)
+        costs[:, side] = np.where(is_compared, (2.0 - 2.0 * products) / usual, 1.0).mean(axis=1)
     return overlaps, costs
 
 
@@ -295,12 +295,12 @@ def _partners(
     normals: FloatArray,
     rotations: FloatArray,
     shifts: FloatArray,
-) -> Iterator[tuple[NDArray[np.float32], IntArray]]:
-    """Yield squared distance and index (l,) of each point's nearest other one whose normal agrees, pose by pose.
+) -> tuple[NDArray[np.float32], IntArray]:
+    """Return squared distance and index of each point's nearest other one whose normal agrees, at each pose, (p, l).
 
     Of a thin wall both sides are near: the nearest point alone would be of the wrong one. One product gives squared
     distances, another one what normals lack of agreeing, far more than any distance: the larger one counts. All is
-    made in place: fresh arrays and masks take ten times as long.
+    made in place, in slabs that fit the cache: fresh arrays and masks take ten times as long.
     """
     centre = others.points.mean(axis=0)
     theirs = (others.points - centre).astype(np.float32)
@@ -309,17 +309,22 @@ def _partners(
     )
     directions = np.ones((4, len(theirs)), dtype=np.float32)
     directions[:3] = others.normals.T
-    squares, lacking = np.empty((2, len(points), len(theirs)), dtype=np.float32)
-    homogeneous = np.ones((len(points), 4), dtype=np.float32)
-    facing = np.full((len(points), 4), _FAR * PARTNER_COSINE, dtype=np.float32)
-    rows = np.arange(len(points))
-    for rotation, shift in zip(rotations, shifts, strict=True):
-        mine = homogeneous[:, :3]
-        mine[:] = points @ rotation.T + (shift - centre)
-        facing[:, :3] = -_FAR * (normals @ rotation.T)
-        np.matmul(homogeneous, columns, out=squares)
-        np.matmul(facing, directions, out=lacking)
-        np.maximum(squares, lacking, out=squares)
-        nearest = squares.argmin(axis=1)
-        least = squares[rows, nearest] + (mine * mine).sum(axis=1)
-        yield np.maximum(least, 0.0), nearest
+    shape, back = (len(rotations), len(points)), np.swapaxes(rotations, 1, 2)
+    homogeneous = np.ones((*shape, 4), dtype=np.float32)
+    facing = np.full((*shape, 4), _FAR * PARTNER_COSINE, dtype=np.float32)
+    homogeneous[..., :3] = points @ back + (shifts - centre)[:, None]
+    facing[..., :3] = -_FAR * (normals @ back)
+    homogeneous, facing = homogeneous.reshape(-1, 4), facing.reshape(-1, 4)
+    least, nearest = np.empty(len(facing), dtype=np.float32), np.empty(len(facing), dtype=np.int64)
+    slab = max(1, _SLAB_ENTRIES // len(theirs))
+    squares, lacking = np.empty((2, slab, len(theirs)), dtype=np.float32)
+    for first in range(0, len(facing), slab):
+        rows = slice(first, min(first + slab, len(facing)))
+        near, far = squares[: rows.stop - first], lacking[: rows.stop - first]
+        np.matmul(homogeneous[rows], columns, out=near)
+        np.matmul(facing[rows], directions, out=far)
+        np.maximum(near, far, out=near)
+        chosen = near.argmin(axis=1, out=nearest[rows])
+        least[rows] = near[np.arange(len(near)), chosen]
+    least += (homogeneous[:, :3] ** 2).sum(axis=1)
+    return np.maximum(least, 0.0).reshape(shape), nearest.reshape(shape)
