@@ -18,8 +18,8 @@ from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
+from collalign.stages.pairs.choose import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.pairs.select import all_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing

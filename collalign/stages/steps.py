@@ -25,8 +25,7 @@ from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.rivals import weigh_doubtful_pairs
 from collalign.stages.evidence.weigh import weigh_pairs
-from collalign.stages.pairs.choose import choose_pairs, grow_pairs, match_chosen
-from collalign.stages.pairs.select import describe_shapes
+from collalign.stages.pairs.choose import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import (

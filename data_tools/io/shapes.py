@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from data_tools.io.files import write_atomic
 from data_tools.io.formats.raw_shape import RawShape
 from data_tools.io.formats.stl import STL_TRIANGLE
 from data_tools.io.listing import READERS, joint_digest, parts_of
-from data_tools.io.source import Origin, Source, read_source
+from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean, drop_non_finite
@@ -363,3 +363,24 @@ def _checked(source: Source, raw: RawShape, name: str) -> Shape:
         if kept is None
         else replace(shape, source_indices=read_only(kept), file_size=file_size)
     )
+
+
+#: Where x and y grow: to the left and posterior, or to the right and anterior; z grows to superior in both.
+CoordinateSystem = Literal["LPS", "RAS"]
+#: Takes coordinates of either system to the other.
+LPS_RAS = read_only(np.array([-1.0, -1.0, 1.0]))
+_HEADER_BYTES = 1000
+
+
+def declared_system(file: Origin) -> CoordinateSystem | None:
+    """Return the system that a mesh file declares in its header as 3D Slicer does (``SPACE=RAS``).
+
+    None where it, or the first of several parts, declares none, as most do, or is not there any more: 3D Slicer takes
+    those as LPS.
+    """
+    try:
+        first = next(iter(parts_of(file).values()), file)
+        found = re.search(rb"SPACE=(LPS|RAS)\b", read_start(first, _HEADER_BYTES))
+    except UnavailableError:
+        return None
+    return None if found is None else "LPS" if found[1] == b"LPS" else "RAS"

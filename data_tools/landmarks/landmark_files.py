@@ -15,8 +15,8 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
-from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import composed, existing_file, read_any_text
+from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmarks.point_tables import number, read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.

@@ -17,7 +17,7 @@ from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.surfaces import surface_scores
-from collalign.stages.pairs.select import all_pairs, describe_shapes
+from collalign.stages.pairs.choose import all_pairs, describe_shapes
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.calibration.matched import matched
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan

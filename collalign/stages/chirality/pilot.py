@@ -32,8 +32,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.surfaces import surface_scores
+from collalign.stages.pairs.choose import all_pairs
 from collalign.stages.pairs.match import match_pairs
-from collalign.stages.pairs.select import all_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note

@@ -19,9 +19,8 @@ from collalign.tools.export.request import (
     words,
 )
 from data_tools.arrays import FloatArray
-from data_tools.io.coordinate_systems import LPS_RAS, CoordinateSystem
 from data_tools.io.files import file_stems
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import LPS_RAS, CoordinateSystem, write_mesh
 from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 

@@ -15,9 +15,8 @@ from collalign.output.members import Members
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.coordinate_systems import CoordinateSystem, declared_system
 from data_tools.io.output_folder import output_path
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import CoordinateSystem, declared_system, read_shape
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions

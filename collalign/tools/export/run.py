@@ -24,9 +24,9 @@ from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text
 from data_tools.checks import check_choice
 from data_tools.errors import InputError
-from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import CoordinateSystem
 from data_tools.landmarks.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.threads import one_blas_thread

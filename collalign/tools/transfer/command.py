@@ -37,9 +37,9 @@ from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.run import TransferredLandmarks, transfer_landmarks
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
-from data_tools.io.coordinate_systems import declared_system
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
+from data_tools.io.shapes import declared_system
 from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_tables import READABLE

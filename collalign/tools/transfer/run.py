@@ -45,9 +45,8 @@ from data_tools.arrays import BoolArray, FloatArray, read_only
 from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.coordinate_systems import CoordinateSystem
 from data_tools.io.files import composed
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import CoordinateSystem, read_shape
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.poses import moved_by

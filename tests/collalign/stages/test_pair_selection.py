@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.pairs.select import (
+from collalign.stages.pairs.choose import (
     ADDED,
     DEGREE,
     adaptive_pairs,
