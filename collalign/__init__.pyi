@@ -74,9 +74,9 @@ from .reexported import UnknownName as UnknownName
 from .stages.poses.synchronize import pair_graph as pair_graph
 from .synchronization import synchronize as synchronize
 from .synchronization import synchronize_graph as synchronize_graph
-from .synchronization.blockwise import SynchronizationResult as SynchronizationResult
 from .synchronization.graph import GraphArguments as GraphArguments
 from .synchronization.graph import PairGraph as PairGraph
+from .synchronization.robust import SynchronizationResult as SynchronizationResult
 from .tools.certify.result import CertifiedCollection as CertifiedCollection
 from .tools.certify.result import JointBound as JointBound
 from .tools.certify.run import certify_collection as certify_collection

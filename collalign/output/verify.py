@@ -20,9 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from collalign.output.collection_data import MESH_FOLDER
-from collalign.output.evidence_file import CORRESPONDENCES_FILE
-from collalign.output.verification import (
+from collalign.output.certificates import (
     CERTIFICATE_FOLDER,
     CERTIFIER,
     PROBLEMS_FILE,
@@ -33,6 +31,8 @@ from collalign.output.verification import (
     Verification,
     check_collection,
 )
+from collalign.output.collection_data import MESH_FOLDER
+from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE, WRITER
 from data_tools.arrays import FloatArray, as_floats, as_indices
 from data_tools.errors import InputError

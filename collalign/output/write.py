@@ -14,6 +14,7 @@ import numpy as np
 
 from collalign.confidence.candidate_model import candidate_chances
 from collalign.confidence.pose_model import symmetric_confidence
+from collalign.output.certificates import write_certificates
 from collalign.output.collection_data import MESH_FOLDER, CollectionData
 from collalign.output.evidence_file import (
     CORRESPONDENCES_FILE,
@@ -24,7 +25,6 @@ from collalign.output.evidence_file import (
 )
 from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
-from collalign.output.verification import write_certificates
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
 from collalign.output.views import tile_of, write_contact_sheet
 from collalign.products.named_frame import NamedFrame

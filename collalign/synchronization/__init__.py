@@ -1,10 +1,10 @@
 """One consistent pose per shape from many pairs that are partly wrong, with doubts."""
 
-from collalign.synchronization.blockwise import SynchronizationResult
 from collalign.synchronization.clusters import find_parts
 from collalign.synchronization.frames import principal_axes_gauge
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.permutations import synchronize_maps
+from collalign.synchronization.robust import SynchronizationResult
 from collalign.synchronization.solve import synchronize, synchronize_graph
 from collalign.synchronization.spectral import alternate_assignments
 

@@ -1,257 +1,329 @@
-"""Averaging that outliers do not move: expectation-maximisation, and least absolute deviations.
-
-Both take Gauss-Newton steps of weighted least squares, whose normal equations are one scalar graph Laplacian.
-"""
+"""The robust method as a whole: components, blocks of coordinates, poses, and how far these can be trusted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.sparse import coo_matrix, csc_matrix, diags
-from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.sparse.linalg import SuperLU, splu
 
-from collalign.synchronization.frames import cayley, relative
-from collalign.synchronization.model import EdgeModel, squared_distances
-from collalign.synchronization.spectral import DENSE_LIMIT, spectral_frames
-from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.rotations import chordal_angles
-from data_tools.threads import one_blas_thread
-
-#: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
-MAX_STEP_RAD = 0.7
-
-#: Conjugate gradients take so many steps at most, to this residual relative to the first.
-MAX_CG_STEPS, CG_TOL = 200, 1e-3
+from collalign.products.pair import MAX_ALTERNATIVES, Alternative
+from collalign.synchronization.frames import fix_gauge, transposed
+from collalign.synchronization.graph import PairGraph, degrees
+from collalign.synchronization.model import PRIORS, best_candidates, squared_distances
+from collalign.synchronization.search import State, find_poses
+from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line, read_only
+from data_tools.notes import Note
+from pairwise.problem.pattern import RotationPattern
 
 
-def gauss_newton_step(
-    frames: FloatArray,
-    edges: IntArray,
-    targets: FloatArray,
-    weights: FloatArray,
-    free: BoolArray,
-) -> tuple[FloatArray, float]:
-    """Move frames by one Gauss-Newton step of ``sum_e |P_i^T M_e P_j - w_e I|^2``, M_e the weighted measurement.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SynchronizationResult:
+    """One pose per shape, and how far each can be trusted. All arrays are read-only.
 
-    With ``P_i exp(A_i)`` the antisymmetric parts satisfy ``w_e (A_i - A_j) = skew(P_i^T M_e P_j)``: a Laplacian
-    system with d(d-1)/2 right-hand sides. Its fixed points are stationary points of the chordal objective.
+    Attributes
+    ----------
+    rotations : ndarray, shape (N, d, d)
+        ``R_common_i``. Shapes of different components have no common frame: each has its own gauge.
+    confidence : ndarray, shape (N,)
+        Probability that the shape's pose is right relative to its group; NaN where it was not estimated.
+    edge_inlier : ndarray of bool, shape (E,)
+        Whether the pair agrees with the answer.
+    edge_choice : ndarray of int, shape (E,)
+        The candidate of each pair nearest to the answer.
+    parts : tuple of ndarray of int
+        Partition of the shapes: poses are comparable within a part. Here the components; a run may split further.
+    components : tuple of ndarray of int
+        Connected parts of the graph of pairs.
+    alternatives : tuple of tuple of Alternative
+        For each shape its best other poses, most probable first.
+    warnings : tuple of Note
+        Which poses cannot be compared.
+    """
+
+    rotations: FloatArray
+    confidence: FloatArray
+    edge_inlier: BoolArray
+    edge_choice: IntArray
+    parts: tuple[IntArray, ...]
+    components: tuple[IntArray, ...]
+    alternatives: tuple[tuple[Alternative, ...], ...]
+    warnings: tuple[Note, ...]
+
+    __repr__ = one_line
+
+
+#: No confidence is stated beyond this: the model itself may be wrong.
+MOST_CONFIDENT = 0.999
+
+
+def assess(
+    state: State, frames: FloatArray, free: BoolArray
+) -> tuple[FloatArray, list[tuple[Alternative, ...]]]:
+    """Return the doubts about an answer: of one connected group the confidence of each pose and its alternatives.
 
     Parameters
     ----------
+    state : State
+        The answer.
     frames : ndarray, shape (N, d, d)
-    edges : ndarray of int, shape (E, 2)
-    targets : ndarray, shape (E, d, d)
-        ``M_e``: sums of measured rotations times their weights.
-    weights : ndarray, shape (E,)
-        Total weight of each pair.
+        The reported frames: the answer's, refined.
     free : ndarray of bool, shape (N,)
-        Shapes that may move; at least one may not.
+        Shapes that are not fixed by hand; the others are certain.
 
     Returns
     -------
-    frames : ndarray, shape (N, d, d)
-    step : float
-        Largest tangent entry, radians.
+    confidence : ndarray, shape (N,)
+    alternatives : list of tuple of Alternative
+        Per shape.
     """
-    left, right = edges.T
-    count, dim = len(frames), frames.shape[-1]
-    rows, cols = np.triu_indices(dim, 1)
-    aligned = np.swapaxes(frames[left], 1, 2) @ targets @ frames[right]
-    pull = (aligned - np.swapaxes(aligned, 1, 2))[:, rows, cols] / 2.0
-    force = np.stack(
-        [
-            np.bincount(left, weights=column, minlength=count)
-            - np.bincount(right, weights=column, minlength=count)
-            for column in pull.T
-        ],
-        axis=1,
-    )
-    moves = np.zeros_like(force)
-    moves[free] = _solve_laplacian(edges, weights, count, free, force[free])
-    largest = float(np.abs(moves).max(initial=0.0))
-    moves *= min(1.0, MAX_STEP_RAD / max(largest, MAX_STEP_RAD))
-    skew = np.zeros((count, dim, dim))
-    skew[:, rows, cols], skew[:, cols, rows] = moves, -moves
-    return frames @ cayley(skew), largest
+    beliefs = np.minimum(state.beliefs[:, 0], MOST_CONFIDENT)
+    confidence = beliefs * (0.5 + 0.5 * np.minimum(1.0, evidence(state)))
+    confidence[~free] = 1.0
+    return confidence, pose_alternatives(state, frames)
 
 
-def _solve_laplacian(
-    edges: IntArray, weights: FloatArray, count: int, free: BoolArray, force: FloatArray
-) -> FloatArray:
-    """Solve the weighted graph Laplacian of the free shapes: directly, or where it is large by conjugate gradients.
+def evidence(state: State) -> FloatArray:
+    """Return how much the pairs can say about each pose, in units of what makes beliefs trustworthy, shape (N,).
 
-    These are stopped at ``CG_TOL`` (each step of Gauss-Newton starts anew), and replaced by a factorization where
-    they are slow, as on grids, whose factors are sparse; those of graphs with random pairs are not.
+    A pair chooses among m alternatives of probabilities ``pi``: its candidates, or the common rotations. The squared
+    correlation between what it says and what is right is ``(m sum pi^2 - 1) / (m - 1)``, the second eigenvalue,
+    squared, of this channel. Where only a share e of the pairs is explained the eigenvalue falls by e: the others say
+    nothing. The signal of the graph is this times the mean degree less one. Below one no method can do better than
+    chance (Kesten and Stigum 1966). A shape's own evidence is the squared correlation times the number of its
+    explained pairs less one. The smaller of both counts.
     """
-    left, right = edges.T
-    degree = np.bincount(edges.ravel(), weights=np.repeat(weights, 2), minlength=count).astype(
-        np.float64
-    )
-    degree += 1e-12 * max(float(degree.max(initial=0.0)), np.finfo(float).tiny)
-    if count <= DENSE_LIMIT:
-        laplacian = np.zeros((count, count))
-        laplacian[left, right] = laplacian[right, left] = -weights
-        laplacian[np.arange(count), np.arange(count)] = degree
-        try:
-            return cho_solve(cho_factor(laplacian[np.ix_(free, free)], check_finite=False), force)
-        except LinAlgError:
-            return np.asarray(
-                np.linalg.lstsq(laplacian[np.ix_(free, free)], force, rcond=None)[0],
-                dtype=np.float64,
+    model = state.model
+    graph = model.graph
+    explained = state.alternatives.explained
+    chances = np.exp(model.log_prior)
+    if graph.candidates.shape[1] == 1:
+        rates = state.alternatives.rates
+        chances = np.concatenate([[max(1.0 - rates.sum(), 0.0)], rates])[None] / max(
+            1.0, rates.sum()
+        )
+    size = (chances > 0).sum(axis=1)
+    power = float(
+        np.mean(
+            np.where(
+                size > 1, (size * (chances**2).sum(axis=1) - 1.0) / np.maximum(size - 1, 1), 1.0
             )
-    inside = free[left] & free[right]
-    number = np.cumsum(free) - 1
-    ends, coupling = number[edges[inside]], weights[inside]
-    matrix = _minus_couplings(degree[free], ends, coupling)
-    tree = _heaviest_forest(ends, coupling, len(force))
-    preconditioner = _factor(_minus_couplings(degree[free], ends[tree], coupling[tree]))
-    solution = _conjugate_gradients(matrix, preconditioner.solve, force)
-    return _factor(matrix).solve(force) if solution is None else solution
+        )
+    )
+    degree = 2.0 * graph.num_edges / graph.num_shapes
+    signal = power * explained.mean() ** 2 * max(degree - 1.0, 0.0)
+    own = power * np.maximum(degrees(graph, explained) - 1.0, 0.0)
+    return np.minimum(signal / PRIORS.enough_signal, own / PRIORS.enough_pairs)
 
 
-def _minus_couplings(degree: FloatArray, ends: IntArray, coupling: FloatArray) -> csc_matrix:
-    """Return the matrix with the degrees on its diagonal and minus the couplings of the pairs off it."""
-    couplings = coo_matrix((coupling, tuple(ends.T)), shape=(len(degree), len(degree)))
-    return (diags(degree) - couplings - couplings.T).tocsc()
+def pose_alternatives(state: State, frames: FloatArray) -> list[tuple[Alternative, ...]]:
+    """Return for each shape its most probable other poses with their log-odds.
+
+    Parameters
+    ----------
+    state : State
+    frames : ndarray, shape (N, d, d)
+        The reported frames, in the gauge of the report.
+    """
+    found = []
+    for shape, beliefs in enumerate(state.beliefs):
+        order = [
+            a
+            for a in np.argsort(-beliefs[1:], kind="stable") + 1
+            if state.alternatives.offered[shape, a]
+        ]
+        rotations = state.alternatives.rotations[shape]
+        found.append(
+            tuple(
+                Alternative(
+                    rotation=(frames[shape] @ rotations[a]).T,
+                    log_odds=float(
+                        np.log(max(beliefs[0], 1e-300)) - np.log(max(beliefs[a], 1e-300))
+                    ),
+                )
+                for a in order[:MAX_ALTERNATIVES]
+            )
+        )
+    return found
 
 
-def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArray:
-    """Return which pairs make a spanning forest of greatest weight, ascending; of equal ones the first."""
-    rank = np.empty(len(coupling))
-    order = np.argsort(-coupling, kind="stable")
-    rank[order] = np.arange(1.0, len(coupling) + 1.0)
-    found = minimum_spanning_tree(coo_matrix((rank, tuple(ends.T)), shape=(count, count)).tocsr())
-    return np.sort(order[found.data.astype(np.int64) - 1])
+#: Pairs whose right candidate is at least this probable agree with the answer.
+INLIER_PROBABILITY = 0.5
 
 
-def _factor(matrix: csc_matrix) -> SuperLU:
-    """Factor a symmetric positive definite matrix, without the pivoting that it does not need."""
-    return splu(
-        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+def solve_block(
+    graph: PairGraph, fixed: Mapping[int, FloatArray]
+) -> tuple[FloatArray, IntArray, BoolArray, State]:
+    """Find the poses of a connected group.
+
+    Returns
+    -------
+    frames : ndarray, shape (N, b, b)
+    choice : ndarray of int, shape (E,)
+    inlier : ndarray of bool, shape (E,)
+    state : State
+        The answer with the model fitted to it.
+    """
+    state = find_poses(graph, fixed)
+    squared = squared_distances(graph, state.frames)
+    right = state.model.responsibilities(squared).sum(axis=1)
+    return state.frames, best_candidates(squared, state.model), right >= INLIER_PROBABILITY, state
+
+
+def restricted(graph: PairGraph, index: IntArray, choice: IntArray | None = None) -> PairGraph:
+    """Return the graph of one block of coordinates.
+
+    Parameters
+    ----------
+    graph : PairGraph
+    index : ndarray of int, shape (b,)
+        Coordinates of the block, adjacent.
+    choice : ndarray of int, shape (E,), optional
+        The candidate of each pair that the graph keeps; all of them by default.
+    """
+    special = any(
+        start == index[0] and stop == index[-1] + 1 for start, stop in graph.pattern.special_blocks
+    )
+    part = graph.candidates[:, :, index[:, None], index]
+    block = replace(
+        graph,
+        candidates=part,
+        pattern=RotationPattern.from_user(None, len(index), "SO" if special else "O"),
+    )
+    if choice is None:
+        return block
+    rows = np.arange(graph.num_edges)
+    energies = None if graph.energies is None else graph.energies[rows, choice][:, None]
+    return replace(
+        block,
+        candidates=part[rows, choice][:, None],
+        present=np.ones((len(rows), 1), dtype=bool),
+        energies=energies,
+        log_odds=None,
     )
 
 
-def _conjugate_gradients(
-    matrix: csc_matrix, precondition: Callable[[FloatArray], FloatArray], force: FloatArray
-) -> FloatArray | None:
-    """Return the solution for all columns by preconditioned conjugate gradients; None if they are too slow.
-
-    The preconditioner is the matrix with the couplings of a spanning tree of greatest weight alone (Vaidya 1990, with
-    the whole diagonal): it solves chains at once, and weights that differ by orders of magnitude do not matter to it.
-    """
-    solution, residual = np.zeros_like(force), force.copy()
-    direction = precondition(residual)
-    energy = (residual * direction).sum(axis=0)
-    goal = CG_TOL**2 * np.maximum(energy, 1e-300)
-    for _ in range(MAX_CG_STEPS):
-        image = matrix @ direction
-        step = energy / np.maximum((direction * image).sum(axis=0), 1e-300)
-        solution += step * direction
-        residual -= step * image
-        preconditioned = precondition(residual)
-        fresh = (residual * preconditioned).sum(axis=0)
-        if (fresh <= goal).all():
-            return solution
-        direction = preconditioned + fresh / np.maximum(energy, 1e-300) * direction
-        energy = fresh
-    return None
-
-
-#: No pair weighs less than this share of the heaviest: the equations keep full rank.
-LEAST_SHARE = 1e-9
-
-#: Steps of the likelihood at most; they end with a step shorter than this, radians.
-MAX_LIKELIHOOD_STEPS, LIKELIHOOD_STEP = 30, 1e-4
-
-#: Every pair's lowest candidate keeps this share of the heaviest pair's weight: no shape is left without any.
-UNTRUSTED_SHARE = 1e-7
-
-
-def maximise_likelihood(
-    model: EdgeModel,
-    frames: FloatArray,
-    free: BoolArray,
-    *,
-    estimate: bool = True,
-) -> tuple[EdgeModel, FloatArray]:
-    """Alternate the candidates' probabilities, the model's parameters and one Gauss-Newton step of the frames.
+def robust_synchronization(
+    graph: PairGraph, fixed: Mapping[int, FloatArray], reference: int
+) -> SynchronizationResult:
+    """Synchronize every connected group; the rotation block decides candidates, other blocks follow its choice.
 
     Parameters
     ----------
-    model : EdgeModel
-    frames : ndarray, shape (N, d, d)
-    free : ndarray of bool, shape (N,)
-    estimate : bool
-        Whether the parameters are estimated as well.
+    graph : PairGraph
+    fixed : mapping of int to ndarray (d, d)
+        ``R_common_i`` of shapes set by hand.
+    reference : int
+        Shape whose pose is the identity where no shape is fixed.
     """
-    graph = model.graph
-    for _ in range(MAX_LIKELIHOOD_STEPS):
-        squared = squared_distances(graph, frames)
-        if estimate:
-            model = model.updated(squared)
-        share = model.responsibilities(squared) / model.variances[:, None]
-        weights = share.sum(axis=1)
-        floor = UNTRUSTED_SHARE * weights.max(initial=0.0)
-        targets = np.einsum("ek,ekab->eab", share, graph.candidates)
-        targets += floor * graph.candidates[:, 0]
-        frames, step = gauss_newton_step(frames, graph.edges, targets, weights + floor, free)
-        if step < LIKELIHOOD_STEP:
-            break
-    return model, frames
+    full = graph.with_constraints(fixed)
+    components = full.connected_components()
+    draft = _Draft.empty(full)
+    for members in components:
+        part, kept = full.subgraph(members)
+        local = {int(np.searchsorted(members, i)): fixed[i].T for i in fixed if i in members}
+        if part.num_edges:
+            _solve_component(draft, part, members, kept, local)
+    poses = fix_gauge(
+        transposed(draft.frames),
+        components,
+        reference=reference,
+        fixed=fixed,
+        pattern=graph.pattern,
+    )
+    return _result(graph, full, draft, poses, components)
 
 
-def weighted_start(model: EdgeModel) -> FloatArray:
-    """Return the eigenprojection (N, d, d) of the best candidates, weighted by the evidence of their energies."""
-    graph = model.graph
-    chance = np.exp(model.log_prior[np.arange(graph.num_edges), graph.best_choice])
-    return spectral_frames(graph, graph.chosen(graph.best_choice), chance / model.variances)
+@dataclass(kw_only=True, eq=False)
+class _Draft:
+    """The result while it is filled group by group; frames and what is said about them have no common gauge yet."""
+
+    frames: FloatArray
+    choice: IntArray
+    inlier: BoolArray
+    confidence: FloatArray
+    alternatives: list[tuple[Alternative, ...]]
+
+    @classmethod
+    def empty(cls, graph: PairGraph) -> _Draft:
+        return cls(
+            frames=np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1)),
+            choice=graph.best_choice.copy(),
+            inlier=np.zeros(graph.num_edges, dtype=bool),
+            confidence=np.full(graph.num_shapes, np.nan),
+            alternatives=[()] * graph.num_shapes,
+        )
 
 
-#: Residuals below this count as this, degrees: finer than any two ways to measure a rotation agree.
-SMALLEST_RESIDUAL_DEG = 3.0
-#: Reweightings at most; they end with a step shorter than this, radians.
-MAX_ROUNDS, SETTLED_RAD = 40, 1e-6
+def _solve_component(
+    draft: _Draft, part: PairGraph, members: IntArray, kept: IntArray, fixed: dict[int, FloatArray]
+) -> None:
+    """Solve one component: the rotation block with its doubts, then the other blocks by the same candidates."""
+    for number, index in enumerate(part.pattern.components):
+        block = restricted(part, index, draft.choice[kept] if number else None)
+        given = {i: frame[index[:, None], index] for i, frame in fixed.items()}
+        frames, choice, inlier, state = solve_block(block, given)
+        draft.frames[np.ix_(members, index, index)] = frames
+        if number:
+            continue
+        draft.choice[kept], draft.inlier[kept] = choice, inlier
+        free = np.ones(len(members), dtype=bool)
+        free[list(fixed)] = False
+        draft.confidence[members], alternatives = assess(state, frames, free)
+        for shape, own in zip(members, alternatives, strict=True):  # in the component's own frame
+            draft.alternatives[shape] = own
 
 
-@one_blas_thread()
-def average_frames(
-    frames: FloatArray, edges: IntArray, measured: FloatArray, weights: FloatArray, free: BoolArray
-) -> FloatArray:
-    """Return the frames of least weighted absolute deviations from all measurements, next to some frames.
-
-    Iteratively reweighted least squares of the sum of ``w_em |R_em - P_i P_j^T|`` (Hartley, Aftab and Trumpf 2011;
-    Chatterjee and Govindu 2013), a deviation below :data:`SMALLEST_RESIDUAL_DEG` counting as its square.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (N, 3, 3)
-        ``R_i_common``, where to start.
-    edges : ndarray of int, shape (E, 2)
-        Each unordered pair once.
-    measured : ndarray, shape (E, m, 3, 3)
-        ``R_i_j``, m measurements of each pair.
-    weights : ndarray, shape (E, m)
-        Their trust, 0 where a pair was not measured so.
-    free : ndarray of bool, shape (N,)
-        Shapes that may move; at least one of each part that the edges connect may not.
-    """
-    heaviest = float(weights.max(initial=0.0))
-    if not heaviest > 0:
-        return frames
-    floor = LEAST_SHARE * heaviest
-    for _ in range(MAX_ROUNDS):
-        residuals = np.maximum(residuals_deg(frames, edges, measured), SMALLEST_RESIDUAL_DEG)
-        current = weights * SMALLEST_RESIDUAL_DEG / residuals
-        targets = np.einsum("em,emab->eab", current, measured) + floor * relative(frames, edges)
-        frames, step = gauss_newton_step(frames, edges, targets, current.sum(axis=1) + floor, free)
-        if step < SETTLED_RAD:
-            break
-    return frames
+def _result(
+    graph: PairGraph,
+    full: PairGraph,
+    draft: _Draft,
+    poses: FloatArray,
+    components: tuple[IntArray, ...],
+) -> SynchronizationResult:
+    """Bring what the draft says to the reported gauge."""
+    count, index = graph.num_edges, graph.pattern.components[0]
+    nearest = np.argmin(
+        np.where(graph.present, squared_distances(graph, transposed(poses)), np.inf), axis=1
+    )
+    choice = np.where(full.fixed[:count], nearest, draft.choice[:count])
+    gauge = (poses @ draft.frames)[:, index[:, None], index]
+    return SynchronizationResult(
+        rotations=read_only(poses),
+        confidence=read_only(draft.confidence),
+        edge_inlier=read_only(draft.inlier[:count]),
+        edge_choice=read_only(choice),
+        parts=components,
+        components=components,
+        alternatives=_posed_alternatives(draft, poses, gauge, index),
+        warnings=connectivity_warnings(len(components)),
+    )
 
 
-def residuals_deg(frames: FloatArray, edges: IntArray, measured: FloatArray) -> FloatArray:
-    """Return how far every measurement is from some frames, shape (E, m), degrees."""
-    return np.asarray(np.rad2deg(chordal_angles(measured, relative(frames, edges)[:, None])))
+def _posed_alternatives(
+    draft: _Draft, poses: FloatArray, gauge: FloatArray, index: IntArray
+) -> tuple[tuple[Alternative, ...], ...]:
+    """Return the alternatives as full poses in the reported gauge."""
+    return tuple(
+        tuple(
+            Alternative(
+                rotation=_embedded(rotation @ other.rotation, pose, index), log_odds=other.log_odds
+            )
+            for other in others
+        )
+        for others, pose, rotation in zip(draft.alternatives, poses, gauge, strict=True)
+    )
+
+
+def _embedded(block: FloatArray, around: FloatArray, index: IntArray) -> FloatArray:
+    """Return a copy of a (d, d) matrix with one diagonal block replaced, read-only."""
+    matrix = around.copy()
+    matrix[index[:, None], index] = block
+    return read_only(matrix)
+
+
+def connectivity_warnings(num_components: int) -> tuple[Note, ...]:
+    """Return the note that says that components are not connected, where there are several."""
+    if num_components == 1:
+        return ()
+    return (Note("unconnected", values={"num": num_components}),)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collalign.synchronization.averaging import maximise_likelihood
 from collalign.synchronization.graph import PairGraph, degrees
 from collalign.synchronization.hypotheses import (
     Hypotheses,
@@ -16,7 +17,7 @@ from collalign.synchronization.hypotheses import (
     propose_hypotheses,
 )
 from collalign.synchronization.model import PRIORS, EdgeModel
-from collalign.synchronization.robust import maximise_likelihood, weighted_start
+from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import BoolArray, FloatArray
 
 #: Costs that fall by less than this, nats, have not fallen.
@@ -60,6 +61,13 @@ def find_poses(graph: PairGraph, fixed: Mapping[int, FloatArray]) -> State:
     free[list(gauge)], is_fixed[list(fixed)] = False, True
     model = EdgeModel(graph=graph)
     return improve(model, _in_gauge(weighted_start(model), gauge, graph), free, is_fixed)
+
+
+def weighted_start(model: EdgeModel) -> FloatArray:
+    """Return the eigenprojection (N, d, d) of the best candidates, weighted by the evidence of their energies."""
+    graph = model.graph
+    chance = np.exp(model.log_prior[np.arange(graph.num_edges), graph.best_choice])
+    return spectral_frames(graph, graph.chosen(graph.best_choice), chance / model.variances)
 
 
 def common_costs(states: list[State]) -> FloatArray:

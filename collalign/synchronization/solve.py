@@ -8,13 +8,13 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.synchronization.blockwise import (
+from collalign.synchronization.frames import angles_rad, fix_gauge, relative, transposed
+from collalign.synchronization.graph import GraphArguments, PairGraph, check_pattern
+from collalign.synchronization.robust import (
     SynchronizationResult,
     connectivity_warnings,
     robust_synchronization,
 )
-from collalign.synchronization.frames import angles_rad, fix_gauge, relative, transposed
-from collalign.synchronization.graph import GraphArguments, PairGraph, check_pattern
 from collalign.synchronization.spectral import spectral_frames
 from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import check_choice

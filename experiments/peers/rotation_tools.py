@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from collalign.synchronization import synchronize
-from collalign.synchronization.robust import average_frames
+from collalign.synchronization.averaging import average_frames
 from data_tools.arrays import FloatArray
 from experiments.peers.planted_pairs import Planted
 

@@ -20,8 +20,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.stages.poses.agreement import solve_again
 from collalign.synchronization import SynchronizationResult
+from collalign.synchronization.averaging import average_frames, residuals_deg
 from collalign.synchronization.frames import transposed
-from collalign.synchronization.robust import average_frames, residuals_deg
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG

@@ -15,11 +15,11 @@ from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
+from collalign.output.certificates import CERTIFIER, PROOF_FILE
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import save_evidence
 from collalign.output.loading import load
 from collalign.output.report.page import write_report
-from collalign.output.verification import CERTIFIER, PROOF_FILE
 from collalign.output.verify import verify_result
 from collalign.output.write import REPORT_FILE, WRITER, report_title
 from collalign.products.trust import DOUBT

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from collalign.output.verification import write_certificates
+from collalign.output.certificates import write_certificates
 from collalign.output.verify import verify_result
 from collalign.products.pair import AlignedPair
 from data_tools.datasets.synthetic_shapes import sphere_mesh

@@ -14,8 +14,8 @@ from collalign.products.shapes import Constraints
 from collalign.stages.poses.bent import _nearest_map, _trust, numbers_of_samples, with_first_samples
 from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_pairs
+from collalign.synchronization.averaging import average_frames, residuals_deg
 from collalign.synchronization.frames import transposed
-from collalign.synchronization.robust import average_frames, residuals_deg
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.collalign.stages.test_pose_refinement import posed_crowns
 from tests.products import pair_of

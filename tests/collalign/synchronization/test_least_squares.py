@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from collalign.synchronization import robust
-from collalign.synchronization.robust import _solve_laplacian
+from collalign.synchronization import averaging
+from collalign.synchronization.averaging import _solve_laplacian
 from collalign.synchronization.spectral import DENSE_LIMIT
 
 GRAPHS = {
@@ -60,12 +60,12 @@ def test_graphs_with_random_pairs_are_never_factored(spread, monkeypatch):
         sizes.append(factor.L.nnz)
         return factor
 
-    monkeypatch.setattr(robust, "splu", counted)
+    monkeypatch.setattr(averaging, "splu", counted)
     edges, weights, free, force = problem("random", spread)
     _solve_laplacian(edges, weights, len(free), free, force)
     assert max(sizes) < 2 * len(
         free
     )  # of a tree; the graph's own factor has hundreds of entries per shape
-    monkeypatch.setattr(robust, "MAX_CG_STEPS", 1)
+    monkeypatch.setattr(averaging, "MAX_CG_STEPS", 1)
     _solve_laplacian(edges, weights, len(free), free, force)
     assert max(sizes) > 50 * len(free)

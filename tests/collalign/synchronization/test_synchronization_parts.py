@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
-from collalign.synchronization.blockwise import connectivity_warnings, restricted
 from collalign.synchronization.clusters import pair_affinity, part_rotations, spectral_clusters
 from collalign.synchronization.frames import fix_gauge, relative, transposed
 from collalign.synchronization.hypotheses import (
@@ -32,6 +31,7 @@ from collalign.synchronization.model import (
     relative_weights,
     squared_distances,
 )
+from collalign.synchronization.robust import connectivity_warnings, restricted
 from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
