@@ -52,6 +52,8 @@ _GIVEN, _TEMPLATES = "given", "templates"
 #: The command, in the manifest of that folder.
 _WRITER = "open"
 _DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv", "templates.csv"
+#: Files that may be tables of labels.
+_TABLES = (".csv", ".tsv", ".txt")
 _SOURCES_FILE = "sources.txt"
 
 
@@ -108,8 +110,15 @@ class Workspace:
         file = resolved(self.out / name)
         return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
 
-    def put(self, name: str, content: bytes) -> None:
+    def put(self, name: str, content: bytes) -> dict[str, str]:
         """Keep decisions, labels, where the files are now, or landmarks, which become templates.
+
+        A table that holds no landmarks is one of labels, whatever it is called, if it names a shape.
+
+        Returns
+        -------
+        dict
+            Under ``kept``, the kind of file that it was kept as.
 
         Raises
         ------
@@ -118,21 +127,37 @@ class Workspace:
         """
         collection = load(self.out)
         names = collection.names
-        folders = [] if name in (_DECISIONS_FILE, _LABELS_FILE, _SOURCES_FILE) else [_TEMPLATES]
 
-        def check(staged: Path) -> None:
-            if name == _DECISIONS_FILE:
-                fixed_by([read_corrections(staged)], names)
-            elif name == _LABELS_FILE:
-                read_labels(staged)
-            elif name == _SOURCES_FILE:
-                collection.with_sources(_folder_in(content))
-            elif others := sorted({*read_templates([staged], names)} - {*names}):
+        def check_landmarks(staged: Path) -> None:
+            if others := sorted({*read_templates([staged], names)} - {*names}):
                 raise InputError(
                     f"{name}: {others[0]!r} is no shape of the collection; call the file like its shape"
                 )
 
-        self._keep((*folders, name), content, check)
+        def check_labels(staged: Path) -> None:
+            known = read_labels(staged).columns_for(names)
+            if not known and name != _LABELS_FILE:
+                raise InputError(f"{name}: none of its rows belongs to a shape")
+
+        checks: dict[str, Callable[[Path], object]] = {
+            _DECISIONS_FILE: lambda staged: fixed_by([read_corrections(staged)], names),
+            _LABELS_FILE: check_labels,
+            _SOURCES_FILE: lambda _: collection.with_sources(_folder_in(content)),
+        }
+        if name in checks:
+            self._keep((name,), content, checks[name])
+            return {"kept": Path(name).stem}
+        try:
+            self._keep((_TEMPLATES, name), content, check_landmarks)
+        except InputError as no_landmarks:
+            if Path(name).suffix.lower() not in _TABLES:
+                raise
+            try:
+                self._keep((_LABELS_FILE,), content, check_labels)
+            except InputError:
+                raise no_landmarks from None
+            return {"kept": "labels"}
+        return {"kept": "landmarks"}
 
     def words(self, task: str, request: Mapping[str, Any]) -> list[str]:
         """Return the command line of a task, with names to ``exclude`` or ``incomplete`` ones, or a ``format``."""
@@ -227,7 +252,10 @@ class Workspace:
         with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
             staged = write_atomic(given.stage(*parts), content)
             if check is not None:
-                check(staged)
+                try:
+                    check(staged)
+                except InputError as error:  # the staged copy is nobody's file
+                    raise InputError(str(error).replace(str(staged), parts[-1])) from None
             given.publish()
 
     def _load(self) -> Collection:

@@ -193,7 +193,8 @@ def test_all_coordinates_have_a_text(kind):
 
 def test_the_command_that_counts_one_of_many_copies_can_be_given_as_it_is():
     few, many = (
-        note_text(Note("copies", (*names,), {"kind": "identical"})) for names in ("ab", "abcdefghijkl")
+        note_text(Note("copies", (*names,), {"kind": "identical"}))
+        for names in ("ab", "abcdefghijkl")
     )
     assert few.endswith("add --exclude b.")
     assert many.endswith("leave the others out (--exclude).")

@@ -248,8 +248,8 @@ def check_tests(
     if odd and any(SIZE_TERM in term for term in model):
         names = " ".join(map(shlex.quote, odd))
         raise InputError(
-            f"model: size cannot be tested, because files are probably in another unit: {listed([*odd])}. Convert them "
-            f"and align again, or leave them out (--exclude {names})"
+            f"model: size cannot be tested, because files are probably in another unit: {listed([*odd])}. Convert "
+            f"them and align again, or leave them out (--exclude {names})"
         )
     return model, odd
 

@@ -153,6 +153,19 @@ def test_files_of_the_user_are_not_overwritten(out, tmp_path):
     assert (copy / "given" / "templates" / "chair2.csv").read_bytes() == b"0,0,0\n1,1,2\n"
 
 
+def test_a_table_is_one_of_labels_whatever_it_is_called(out, tmp_path):
+    shutil.copytree(out, copy := tmp_path / "out")
+    workspace = Workspace(copy)
+    table = b"specimen,sex,age\nchair1,f,3\nchair2,m,4\n"
+    assert workspace.put("specimens.csv", table) == {"kept": "labels"}
+    assert (copy / "given" / "labels.csv").read_bytes() == table
+    assert workspace.put("chair2.csv", b"0,0,0\n1,1,1\n") == {"kept": "landmarks"}
+    with pytest.raises(InputError, match=r"^others\.csv: ") as refused:
+        workspace.put("others.csv", b"specimen,sex,age\ngull,f,3\n")
+    assert "staging" not in str(refused.value)
+    assert (copy / "given" / "labels.csv").read_bytes() == table
+
+
 def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out):
     result = collalign.load(out)
     frame = {one: R.tolist() for one, R in zip(result.names, result.rotations, strict=True)}
@@ -198,7 +211,7 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
     folder, out, hostile = tmp_path / "shapes", tmp_path / "shapes-aligned", "<b>'$(x)"
     write_collection(folder, chairs(3))
     (folder / "chair3.ply").rename(folder / f"{hostile}.ply")
-    (tmp_path / "labels.csv").write_text("name,kind\nchair1,a\nchair2,b\n")
+    (tmp_path / "specimens.csv").write_text("name,kind\nchair1,a\nchair2,b\n")
     points = read_shape(folder / "chair1.ply", AS_STORED).vertices[::40]
     rows = "".join(f"{name},{x},{y},{z}\n" for name, (x, y, z) in enumerate(points))
     (tmp_path / "chair1.csv").write_text(f"label,x,y,z\n{rows}")
@@ -226,8 +239,10 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
         press(page, "Take back 1 decision and run again", "--corrections")
         assert frame("align").locator(".tag.good").count() == 0
         press(page, "Export", "export")
-        page.locator("#files").set_input_files([tmp_path / "labels.csv", tmp_path / "chair1.csv"])
-        page.locator("#said", has_text="Kept in the result: labels.csv, chair1.csv").wait_for()
+        page.locator("#files").set_input_files(
+            [tmp_path / "specimens.csv", tmp_path / "chair1.csv"]
+        )
+        page.locator("#said", has_text="specimens.csv (labels), chair1.csv (landmarks)").wait_for()
         press(page, "Transfer landmarks", "given/templates/chair1.csv")
         assert hostile in page.locator("#shapes").text_content()
         assert page.locator("#shapes b").count() == 0

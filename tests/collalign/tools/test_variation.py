@@ -257,9 +257,7 @@ def test_size_is_not_tested_where_a_unit_is_off(variation):
         ({"model": "size + sex"}, "another unit: shape_003"),
     ],
 )
-def test_tests_that_cannot_be_made_are_refused_before_anything_is_registered(
-    tmp_path, tests, said
-):
+def test_tests_that_cannot_be_made_are_refused_before_anything_is_registered(tmp_path, tests, said):
     view = view_of()  # its files do not exist
     marks = np.random.default_rng(3).standard_normal((10, 5, 3))
     marks[3] *= 1000
