@@ -22,6 +22,8 @@ BoolArray = NDArray[np.bool_]
 
 #: Largest ``|R^T R - I|`` entry accepted as an orthogonal matrix given by a user.
 ORTHOGONAL_TOL = 1e-6
+#: Entries of an array that work in slabs holds at once: what fits the processor's cache is fastest.
+CACHED_ENTRIES = 50_000
 
 
 @dataclass(frozen=True, kw_only=True)

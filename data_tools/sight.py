@@ -132,8 +132,8 @@ def lines_of_sight(points: FloatArray) -> FloatArray:
     few = slice(None, None, -(-len(points) // TUNED.most_normals))
     directions = half_sphere(TUNED.num_directions)
     cosines = np.abs(normals[few] @ directions.T)
-    steepest = np.partition(cosines, int(0.03 * len(cosines)), axis=0)[int(0.03 * len(cosines))]
-    likely = np.flatnonzero(steepest >= TUNED.steepest)
+    num_steep = np.count_nonzero(cosines < TUNED.steepest, axis=0)
+    likely = np.flatnonzero(num_steep <= int(0.03 * len(cosines)))
     if not len(likely):
         return np.empty((0, 3))
     is_inner = variances[few, 0] < TUNED.flat * variances[few, 1]

@@ -113,13 +113,12 @@ def _outward(surface: WorkingSurface) -> IntArray:
 def _bulges(points: FloatArray, normals: FloatArray, mass: FloatArray) -> FloatArray:
     """Return how far outward the mean of each vertex's neighbourhood lies, by its radius, shape (v, radii)."""
     tree, found = cKDTree(points), []
+    weighted = mass[:, None] * np.column_stack([points, np.ones(len(points))])
     for radius in BULGE_RADII:
-        near = tree.query_pairs(radius, output_type="ndarray")
-        rows, columns = np.concatenate([near, near[:, ::-1]]).T
-        weights = coo_array(
-            (mass[columns], (rows, columns)), shape=(len(points), len(points))
-        ).tocsr()
-        mean = (weights @ points + mass[:, None] * points) / (weights.sum(axis=1) + mass)[:, None]
+        rows, columns = tree.query_pairs(radius, output_type="ndarray").T
+        near = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points), len(points)))
+        sums = near @ weighted + near.T @ weighted + weighted
+        mean = sums[:, :3] / sums[:, 3:]
         found.append(np.einsum("vd,vd->v", mean - points, normals) / radius)
     return np.column_stack(found)
 

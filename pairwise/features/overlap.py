@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.arrays import CACHED_ENTRIES, FloatArray, Holds, IntArray, read_only
 from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.threads import one_blas_thread
@@ -34,8 +34,6 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30
-#: Entries of the distances that are held at once.
-_SLAB_ENTRIES = 60_000
 #: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
 #: The last is added to the share of consistent matches there, of which views from different sides have none.
 NUM_EXTENTS, CONFLICT_POWER, UNMATCHED = 24, 4.0, 0.1
@@ -316,7 +314,7 @@ def _partners(
     facing[..., :3] = -_FAR * (normals @ back)
     homogeneous, facing = homogeneous.reshape(-1, 4), facing.reshape(-1, 4)
     least, nearest = np.empty(len(facing), dtype=np.float32), np.empty(len(facing), dtype=np.int64)
-    slab = max(1, _SLAB_ENTRIES // len(theirs))
+    slab = max(1, CACHED_ENTRIES // len(theirs))
     squares, lacking = np.empty((2, slab, len(theirs)), dtype=np.float32)
     for first in range(0, len(facing), slab):
         rows = slice(first, min(first + slab, len(facing)))

@@ -13,11 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, Rows
+from data_tools.arrays import CACHED_ENTRIES, BoolArray, FloatArray, IntArray, Rows
 from pairwise.problem.problem import Problem
-
-#: Entries of the cost matrices that are held at once: what fits the processor's cache is fastest.
-_CHUNK_ENTRIES = 50_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +44,7 @@ class MatchingCosts:
         fixed = problem.weights * (problem.target**2).sum(axis=1)[:, None] + problem.constant_cost
         self._fixed = np.where(problem.allowed, fixed, np.inf).T.copy()
         self._source = -2.0 * problem.weights[:, None] * problem.source
-        self.chunk = max(1, _CHUNK_ENTRIES // (problem.num_source * problem.num_target))
+        self.chunk = max(1, CACHED_ENTRIES // (problem.num_source * problem.num_target))
 
     def __call__(self, rotations: FloatArray) -> FloatArray:
         """Return costs of shape (m, k, n) for rotations (m, d, d), but for a constant of each source point."""

@@ -18,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import CACHED_ENTRIES, BoolArray, FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
 from pairwise.local.rotation_sets import (
@@ -32,8 +32,8 @@ from pairwise.problem.problem import Problem
 
 Singles: TypeAlias = NDArray[np.float32]
 
-#: Entries of the cost matrices that are held at once, and poses at least: fast are batches that fit the cache.
-_CHUNK_ENTRIES, _LEAST_CHUNK = 50_000, 48
+#: Poses whose costs are made at once, at least.
+_LEAST_CHUNK = 48
 
 
 class NearestCosts:
@@ -60,7 +60,7 @@ class NearestCosts:
         self._source_t = np.ascontiguousarray(
             (-2.0 * weights[:, None] * source).T, dtype=np.float32
         )
-        self.chunk = max(_LEAST_CHUNK, _CHUNK_ENTRIES // fixed.size)
+        self.chunk = max(_LEAST_CHUNK, CACHED_ENTRIES // fixed.size)
 
     def lower_bounds(self, rotations: FloatArray) -> FloatArray:
         """Return lower bounds of the least energy of rotations (m, d, d), shape (m,).
@@ -156,10 +156,8 @@ _SAME_RAD = np.deg2rad(4.0)
 #: Share of the rotations that meet exact assignment where they cover what is searched, and where they do not (higher
 #: dimensions); for so many steps; share of these that are minimised to the end.
 _TRIED, _TRIED_UNCOVERED, _TRIAL_STEPS, _KEPT = 0.07, 0.16, 1, 0.25
-#: So many rotations go on at each of these steps at least.
-_LEAST = 20
-#: Of two chiralities, each has at least this share of the poses that go on.
-_CHIRALITY_SHARE = 0.25
+#: So many rotations go on at each of these steps at least; of two chiralities, each has at least this share of them.
+_LEAST, _CHIRALITY_SHARE = 20, 0.25
 #: The second look: around how many distinct minima, up to which multiple of the least energy, with how many rotations
 #: each, by which angle.
 _NUM_CENTRES, _CENTRE_FACTOR, _NUM_AROUND, _ANGLE_AROUND_RAD = 6, 1.25, 12, np.deg2rad(15.0)

@@ -123,30 +123,41 @@ def extra_points(
     """
     step = -(-len(partners) // NUM_PARTNERS)
     pose = refined_on(partners[::step], surface)
-    points = pose.apply(surface.points)[0]
-    gaps = np.median([distances(one.points, one.normals, points) for one in partners], axis=0)
+    own = Disks(pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T)
+    every = [Disks(one.points, one.normals) for one in partners]
+    gaps = np.median([one.distances(own.points) for one in every], axis=0)
     radius = float(np.median([one.radius for one in partners]))
     far = max(TUNED.far_ratio * float(np.median(gaps)), TUNED.least_far * radius)
-    extra = _largest_piece(points, gaps >= TUNED.grown * far, gaps >= far)
-    normals = surface.normals @ pose.rotation[0].T
+    extra = _largest_piece(own.points, gaps >= TUNED.grown * far, gaps >= far)
+    if not extra.any():
+        return extra
     lacking = np.median(
-        [(distances(points, normals, one.points) >= TUNED.grown * far).mean() for one in partners]
+        [(own.distances(one.points) >= TUNED.grown * far).mean() for one in partners]
     )
     return extra if lacking < most_lacking * extra.mean() else np.zeros_like(extra)
 
 
-def distances(points: FloatArray, normals: FloatArray, places: FloatArray) -> FloatArray:
-    """Return how far places (p, 3) are from a surface given by points and unit normals (l, 3), shape (p,).
+class Disks:
+    """A surface as disks around its points, each in the tangent plane and as wide as points are apart.
 
-    A point stands for a disk in its tangent plane that reaches to the next point.
+    Parameters
+    ----------
+    points, normals : ndarray, shape (l, 3)
+        The normals are of unit length.
     """
-    tree = cKDTree(points)
-    spacing = float(np.median(tree.query(points, k=2)[0][:, 1]))
-    nearest: IntArray = tree.query(places, k=TUNED.num_nearest)[1]
-    arms = places[:, None] - points[nearest]
-    heights = np.einsum("pka,pka->pk", arms, normals[nearest]) ** 2
-    beside = np.sqrt(np.maximum((arms * arms).sum(axis=2) - heights, 0.0))
-    return np.asarray(np.sqrt(heights + np.maximum(beside - spacing, 0.0) ** 2).min(axis=1))
+
+    def __init__(self, points: FloatArray, normals: FloatArray) -> None:
+        self.points, self._normals, self._tree = points, normals, cKDTree(points)
+        self._spacing = float(np.median(self._tree.query(points, k=2)[0][:, 1]))
+
+    def distances(self, places: FloatArray) -> FloatArray:
+        """Return how far places (p, 3) are from the surface, shape (p,)."""
+        nearest: IntArray = self._tree.query(places, k=TUNED.num_nearest)[1]
+        arms = places[:, None] - self.points[nearest]
+        heights = np.einsum("pka,pka->pk", arms, self._normals[nearest]) ** 2
+        beside = np.sqrt(np.maximum((arms * arms).sum(axis=2) - heights, 0.0))
+        gaps = heights + np.maximum(beside - self._spacing, 0.0) ** 2
+        return np.asarray(np.sqrt(gaps.min(axis=1)))
 
 
 def _largest_piece(points: FloatArray, near: BoolArray, core: BoolArray) -> BoolArray:

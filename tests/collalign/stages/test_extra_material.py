@@ -9,7 +9,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, align_collection, load, note_text
 from collalign.engine.session import Session
 from collalign.output.report.content import build_content
-from collalign.stages.incomplete.extra import distances, extra_points, find_extra
+from collalign.stages.incomplete.extra import Disks, extra_points, find_extra
 from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
@@ -154,4 +154,4 @@ def test_distances_are_those_of_disks_in_tangent_planes():
     points = np.stack([x, y, np.zeros(100)], axis=1)
     normals = np.tile([0.0, 0.0, 1.0], (100, 1))
     places = np.array([[4.5, 4.5, 0.0], [4.2, 4.8, 2.0], [12.0, 5.0, 0.0]])
-    assert distances(points, normals, places).tolist() == pytest.approx([0.0, 2.0, 2.0])
+    assert Disks(points, normals).distances(places).tolist() == pytest.approx([0.0, 2.0, 2.0])
