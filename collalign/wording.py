@@ -109,6 +109,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "{factor:.2f} in energy. The surfaces agree. {contradicted:.1%} of the evidence contradicts the sides.",
     "sides-by-surface": "The surfaces of the two sides are mirror images of each other in detail, whatever the "
     "poses.",
+    "sides-in-one-place": lambda of: (
+        "One place of each surface tells its side; the rest hardly differs from its mirror image. An injury looks "
+        f"like this too, so confidences are at most {percent(of.values['most'])}. "
+        "If no specimen should be reflected, use --group SO."
+    ),
     "sides-sampled": "Left and right specimens were looked for among {num} of {total} shapes.",
     "symmetric": lambda of: _symmetric(**of.values),
     "unconnected": "No pairs connect {num} parts of the collection. Poses can be compared within each part only.",

@@ -15,9 +15,11 @@ from typing import Annotated
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
-from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.invariants import HKS_TIMES, NUM_SPECTRUM, heat_kernel_signature
+from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
 from data_tools.surface.normals import orientation_defects, vertex_normals
@@ -38,9 +40,12 @@ NUM_WAVES = 400
 
 _NUM_FEATURES = len(HKS_TIMES) + len(BULGE_RADII)
 _ROWS, _COLUMNS = np.triu_indices(_NUM_FEATURES, 1)
+_NUM_PAIRS = len(_ROWS)
 
 #: Surfaces whose features have less than this share in common are compared as if they had as much: they hardly score.
 LEAST_SHARED = 1e-3
+#: Share of the area that a place of a surface covers whose part in its chirality is asked for.
+PLACE_AREA = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,16 +61,22 @@ class SurfaceChirality:
         or triangles that disagree on a side.
     areas : ndarray, shape (f,)
         Shares of the surface area.
+    centres : ndarray, shape (f, 3)
+        Of the triangles.
     """
 
     features: Annotated[FloatArray, Holds(shape="v 6")]
     faces: Annotated[IntArray, Holds(shape="f 3")]
     areas: Annotated[FloatArray, Holds(shape="f")]
+    centres: Annotated[FloatArray, Holds(shape="f 3")]
 
 
 #: Of a surface without an outer side.
 NO_CHIRALITY = SurfaceChirality(
-    features=np.empty((0, _NUM_FEATURES)), faces=np.empty((0, 3), dtype=np.int32), areas=np.empty(0)
+    features=np.empty((0, _NUM_FEATURES)),
+    faces=np.empty((0, 3), dtype=np.int32),
+    areas=np.empty(0),
+    centres=np.empty((0, 3)),
 )
 
 
@@ -95,6 +106,7 @@ def surface_chirality(shape: Shape) -> SurfaceChirality:
         features=read_only(np.column_stack([heat_kernel_signature(spectrum), bulges])),
         faces=read_only(np.ascontiguousarray(faces, dtype=np.int32)),
         areas=read_only(areas / areas.sum()),
+        centres=read_only(points[faces].mean(axis=1)),
     )
 
 
@@ -143,30 +155,97 @@ def chirality_scores(surfaces: Sequence[SurfaceChirality]) -> FloatArray:
         In [-1, 1], symmetric. NaN for surfaces without an outer side, and on the diagonal.
     """
     scores = np.full((len(surfaces), len(surfaces)), np.nan)
-    known = [i for i, surface in enumerate(surfaces) if len(surface.faces)]
+    known = _with_outer_side(surfaces)
     if len(known) < 2:
         return scores
-    centres = [surfaces[i].features[surfaces[i].faces].mean(axis=1) for i in known]
-    areas = np.concatenate([surfaces[i].areas for i in known])
-    values, axes = np.linalg.eigh(np.cov(np.concatenate(centres).T, aweights=areas, bias=True))
-    whitening = axes / np.sqrt(np.maximum(values, np.finfo(float).eps * values[-1]))
-    mean = np.average(np.concatenate(centres), axis=0, weights=areas)
-    sums = [_turning_and_size(surfaces[i], mean, whitening) for i in known]
-    turning, sizes = (np.stack(each) for each in zip(*sums, strict=True))
-    products = sizes @ sizes.T
-    own = np.sqrt(np.maximum(np.diag(products), np.finfo(float).tiny))
-    scores[np.ix_(known, known)] = (
-        turning @ turning.T / np.maximum(products, LEAST_SHARED * np.outer(own, own))
-    )
+    turning, shared = _compared([surfaces[i] for i in known])
+    scores[np.ix_(known, known)] = turning @ turning.T / shared
     np.fill_diagonal(scores, np.nan)
     return scores
 
 
-def _turning_and_size(
-    surface: SurfaceChirality, mean: FloatArray, whitening: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return a surface's sum of bivectors, and of their lengths, by random Fourier features of whitened features."""
-    corners = ((surface.features - mean) @ whitening)[surface.faces]
+@one_blas_thread()
+def place_shares(surfaces: Sequence[SurfaceChirality], mirrored: BoolArray) -> FloatArray:
+    """Return how much of what tells each surface's side lies in one place of it, shape (N,).
+
+    That is the largest share of its mean score with the others, those of the other side mirrored, that the triangles
+    of one place contribute; more than 1 where other places contradict it.
+
+    Parameters
+    ----------
+    surfaces : sequence of SurfaceChirality
+    mirrored : ndarray of bool, shape (N,)
+        The side of each.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        NaN for surfaces without an outer side, and where no other has one.
+    """
+    shares = np.full(len(surfaces), np.nan)
+    known = _with_outer_side(surfaces)
+    if len(known) < 2:
+        return shares
+    measured = [surfaces[i] for i in known]
+    turning, shared = _compared(measured)
+    signs = np.where(mirrored[known], -1.0, 1.0)
+    weights = np.outer(signs, signs) / shared
+    np.fill_diagonal(weights, 0.0)
+    whitening = _whitening(measured)
+    for i, surface, others in zip(known, measured, weights @ turning, strict=True):
+        bivectors, waves, _ = _turning(surface, whitening)
+        of_faces = np.einsum("fb,fb->f", bivectors, waves @ others.reshape(_NUM_PAIRS, -1).T)
+        shares[i] = (_places(surface) @ of_faces).max() / of_faces.sum()
+    return shares
+
+
+def _with_outer_side(surfaces: Sequence[SurfaceChirality]) -> list[int]:
+    return [i for i, surface in enumerate(surfaces) if len(surface.faces)]
+
+
+def _places(surface: SurfaceChirality) -> BoolArray:
+    """Return which triangles belong to each of some places, evenly spread over a surface, shape (places, f).
+
+    Each triangle belongs to about four places.
+    """
+    points = np.unique(surface.centres, axis=0)
+    num = min(round(4.0 / PLACE_AREA), len(points))
+    starts = points[farthest_points(Shape.from_arrays(points), num, metric="euclidean")]
+    nearest = np.argsort(cdist(starts, surface.centres), axis=1)
+    within = np.cumsum(surface.areas[nearest], axis=1) <= PLACE_AREA
+    places = np.zeros_like(within)
+    np.put_along_axis(places, nearest, within, axis=1)
+    return places
+
+
+def _compared(surfaces: Sequence[SurfaceChirality]) -> tuple[FloatArray, FloatArray]:
+    """Return each surface's sum of bivectors (n, m), and what the products of any two are relative to (n, n)."""
+    whitening = _whitening(surfaces)
+    sums = []
+    for surface in surfaces:
+        bivectors, waves, sizes = _turning(surface, whitening)
+        sums.append(((bivectors.T @ waves).ravel(), sizes @ waves))
+    turning, sizes = (np.stack(each) for each in zip(*sums, strict=True))
+    products = sizes @ sizes.T
+    own = np.sqrt(np.maximum(np.diag(products), np.finfo(float).tiny))
+    return turning, np.maximum(products, LEAST_SHARED * np.outer(own, own))
+
+
+def _whitening(surfaces: Sequence[SurfaceChirality]) -> tuple[FloatArray, FloatArray]:
+    """Return the mean of the features over all surfaces, and the matrix that whitens them."""
+    centres = np.concatenate([surface.features[surface.faces].mean(axis=1) for surface in surfaces])
+    areas = np.concatenate([surface.areas for surface in surfaces])
+    values, axes = np.linalg.eigh(np.cov(centres.T, aweights=areas, bias=True))
+    whitening = axes / np.sqrt(np.maximum(values, np.finfo(float).eps * values[-1]))
+    return np.average(centres, axis=0, weights=areas), whitening
+
+
+def _turning(
+    surface: SurfaceChirality, whitening: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the bivectors of a surface's triangles (f, 15), their Fourier features (f, waves) and lengths (f,)."""
+    mean, axes = whitening
+    corners = ((surface.features - mean) @ axes)[surface.faces]
     first, second = (corners[:, k] - corners[:, 0] for k in (1, 2))
     bivectors = 0.5 * (
         first[:, _ROWS] * second[:, _COLUMNS] - first[:, _COLUMNS] * second[:, _ROWS]
@@ -178,4 +257,4 @@ def _turning_and_size(
     angles = corners.mean(axis=1) @ rng.standard_normal((_NUM_FEATURES, NUM_WAVES)) + phases
     # Random features are far less accurate than single precision, in which a cosine takes a fraction of the time.
     waves = np.cos(angles.astype(np.float32))
-    return ((damped[:, None] * bivectors).T @ waves).ravel(), (damped * lengths) @ waves
+    return damped[:, None] * bivectors, waves, damped * lengths

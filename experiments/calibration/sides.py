@@ -16,9 +16,10 @@ import numpy as np
 from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
 from collalign.stages.chirality import pilot
-from collalign.stages.chirality.surfaces import surface_scores
+from collalign.stages.chirality.surfaces import measure_surfaces
 from collalign.stages.pairs.choose import all_pairs, describe_shapes
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.embedding.chirality import chirality_scores
 from experiments.calibration.matched import matched
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.landmarked import read_dataset
@@ -74,7 +75,7 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
         samples, num = found.shapes.samples, len(found.shapes.names)
         descriptors, scores = (
             describe_shapes(found.shapes),
-            surface_scores(found.session, found.shapes),
+            chirality_scores(measure_surfaces(found.session, found.shapes)),
         )
         energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
         for look, of_pairs in energies.items():

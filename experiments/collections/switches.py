@@ -94,7 +94,7 @@ _ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6])
 #: What takes most of a run after its pairs, and depends on nothing but its arguments: no switch reaches below.
 PURE = (
     "collalign.stages.chirality.pilot.chirality_energies",
-    "collalign.stages.chirality.surfaces.chirality_scores",
+    "collalign.stages.chirality.pilot.chirality_scores",
     "collalign.stages.poses.bent.measure_pair",
     "collalign.stages.poses.refinement.refine_pair",
     f"{_TRUST}.near_symmetries",

@@ -23,6 +23,7 @@ from collalign.confidence.side_model import (
     are_mixed,
     are_one_kind,
     find_sides,
+    lie_in_one_place,
     look_like_posture,
     surface_sides,
     undecided_sides,
@@ -31,10 +32,11 @@ from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.chirality.surfaces import surface_scores
+from collalign.stages.chirality.surfaces import measure_surfaces
 from collalign.stages.pairs.choose import all_pairs
 from collalign.stages.pairs.match import match_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.embedding.chirality import chirality_scores, place_shares
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
 from pairwise.dense import DensePoints, refine_pose
@@ -48,8 +50,8 @@ LOOKS = ((2, 1, 4), (6, 3, 15))
 FIRST_STEPS = 4
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
 MOST_SHAPES = 150
-#: Most confidence in a pose whose mirror image is as likely, and in those of a folder so small that surfaces alone
-#: named the sides.
+#: Most confidence in a pose whose mirror image is as likely, or if one place of each surface tells its side; and in
+#: those of a folder so small that surfaces alone named the sides.
 ONE_OF_TWO, OF_FEW = 0.5, 0.8
 #: The group; notes that say why, none where the user decided; and the most that may be stated of shapes whose side is
 #: in doubt, by position.
@@ -110,11 +112,12 @@ def group_of_shapes(
         )
         notes = (*notes, Note("sides-sampled", values={"num": MOST_SHAPES, "total": num}))
         return group, notes, {int(chosen[i]): limit for i, limit in limits.items()}
-    scores = surface_scores(session, shapes)
+    measured = measure_surfaces(session, shapes)
+    scores = chirality_scores(measured)
     alone = surface_sides(scores)
     if alone.are_clear:
-        limits = dict.fromkeys(range(num), OF_FEW) if num < MIN_SHAPES else {}
-        return "O", _notes_of_surfaces(alone, shapes.names), limits
+        in_one_place = lie_in_one_place(place_shares(measured, alone.mirrored))
+        return _choice_of_surfaces(alone, shapes.names, in_one_place)
     both_kinds = replace(session, options=replace(session.options, group="O"))
 
     def energies_of(
@@ -252,10 +255,18 @@ def _least_energy(
     return min(best.energy, further.energy)
 
 
-def _notes_of_surfaces(sides: SurfaceSides, names: tuple[str, ...]) -> tuple[Note, ...]:
-    """Return the notes about sides that surfaces name alone."""
-    caution = (Note("few-for-sides", values={"most": OF_FEW}),) if len(names) < MIN_SHAPES else ()
-    return (_mixed(sides.mirrored, names), Note("sides-by-surface"), *caution)
+def _choice_of_surfaces(
+    sides: SurfaceSides, names: tuple[str, ...], in_one_place: bool
+) -> GroupChoice:
+    """Return the choice where surfaces name the sides alone."""
+    notes, most = [_mixed(sides.mirrored, names), Note("sides-by-surface")], 1.0
+    if in_one_place:
+        most = ONE_OF_TWO
+        notes.append(Note("sides-in-one-place", values={"most": most}))
+    elif len(names) < MIN_SHAPES:
+        most = OF_FEW
+        notes.append(Note("few-for-sides", values={"most": most}))
+    return "O", tuple(notes), dict.fromkeys(range(len(names)), most) if most < 1.0 else {}
 
 
 def _notes_of_both(sides: Sides, names: tuple[str, ...]) -> tuple[Note, ...]:

@@ -6,11 +6,9 @@ from collalign.engine.jobs.job import Job
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.evidence.map_surfaces import wanted_file
-from data_tools.arrays import FloatArray
 from data_tools.embedding.chirality import (
     NO_CHIRALITY,
     SurfaceChirality,
-    chirality_scores,
     surface_chirality,
 )
 from data_tools.io.shapes import read_shape
@@ -27,12 +25,12 @@ def chirality_of_file(
 
 #: Measures a surface. The version changes whenever the same file would give another result.
 MEASURING = Job(
-    kind="surfaces", version="chirality-1", run=chirality_of_file, reader=SurfaceChirality
+    kind="surfaces", version="chirality-2", run=chirality_of_file, reader=SurfaceChirality
 )
 
 
-def surface_scores(session: AlignSession, shapes: Shapes) -> FloatArray:
-    """Return how far every two surfaces turn the same way, shape (N, N); NaN for those that cannot be measured.
+def measure_surfaces(session: AlignSession, shapes: Shapes) -> list[SurfaceChirality]:
+    """Return the chirality of every surface, :data:`NO_CHIRALITY` of those that cannot be measured.
 
     Parameters
     ----------
@@ -42,4 +40,4 @@ def surface_scores(session: AlignSession, shapes: Shapes) -> FloatArray:
     every = range(len(shapes.names))
     wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every}
     found = session.compute(MEASURING, wanted, time_limit_s=session.run.shape_time_limit_s)
-    return chirality_scores([found.get(i, NO_CHIRALITY) for i in every])
+    return [found.get(i, NO_CHIRALITY) for i in every]

@@ -9,6 +9,7 @@ from itertools import combinations
 from typing import TypedDict
 
 import numpy as np
+from data_tools.percent import listed
 
 from collalign.analysis.procrustes import PrincipalComponents, principal_components
 from collalign.analysis.shape_tests import (
@@ -37,7 +38,6 @@ from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.text_tables import csv_text
 from data_tools.notes import Note
-from data_tools.percent import listed
 from data_tools.surface.outliers import odd_ratios
 
 SCORES_FILE, SYMMETRY_FOLDER = "scores.csv", "symmetry"

@@ -122,6 +122,20 @@ def test_of_too_few_shapes_surfaces_name_the_sides_and_confidence_is_limited(tmp
     assert found.confidence.max() == OF_FEW
 
 
+def test_sides_that_one_place_tells_leave_every_pose_in_doubt(tmp_path):
+    ball, faces = sphere_mesh(900)
+    for i, corner in enumerate(((1, 1, 1), (1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1))):
+        place = np.array([0.55, 0.55, 0.6]) * corner
+        bump = 0.35 * np.exp(-((ball - place) ** 2).sum(axis=1) / 0.125)
+        bump += 0.1 * np.exp(-((ball - [0.98, 0.2, 0.1]) ** 2).sum(axis=1) / 0.05)
+        shape = Shape.from_arrays(ball * (1.0 + bump)[:, None] * [1.0, 0.8, 0.62], faces)
+        noisy = bumped(shape, np.random.default_rng(i), rms=0.005)
+        write_mesh(tmp_path / f"{i}.ply", noisy)
+    found = align_collection(tmp_path, options=OPTIONS, run=ONE)
+    assert only(found.notes, "sides-in-one-place").values["most"] == ONE_OF_TWO
+    assert found.confidence.max() == ONE_OF_TWO
+
+
 def test_points_without_triangles_are_not_mirrored_but_in_doubt(tmp_path):
     for i, side in enumerate((1, -1, 1, 1, -1, 1, 1)):
         shape = deformed_family(
@@ -163,7 +177,8 @@ def test_shapes_of_an_undecided_side_are_limited_to_one_half(
     scores = agreement * np.outer(sides, sides)
     scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
     np.fill_diagonal(scores, np.nan)
-    monkeypatch.setattr(pilot, "surface_scores", lambda session, shapes: 7 / 5 * scores)
+    monkeypatch.setattr(pilot, "measure_surfaces", lambda session, shapes: ())
+    monkeypatch.setattr(pilot, "chirality_scores", lambda measured: 7 / 5 * scores)
     monkeypatch.setattr(
         pilot, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2)))
     )

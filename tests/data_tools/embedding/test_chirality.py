@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic import bent, bumped, mirrored, shuffled
-from data_tools.datasets.synthetic_shapes import blob, figure
-from data_tools.embedding.chirality import chirality_scores, surface_chirality
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
+from data_tools.embedding.chirality import chirality_scores, place_shares, surface_chirality
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
@@ -48,6 +48,26 @@ def test_bilateral_bodies_turn_neither_way_in_any_posture(blobs, rng):
     postures = [bumped(bent(body, rng, angle=0.5), rng, rms=0.002) for _ in range(3)]
     scores = scores_of(*postures)
     assert np.nanmax(np.abs(scores)) < 0.2 * scores_of(*blobs)[0, 1]
+
+
+def test_one_place_tells_the_side_of_a_bilateral_body_with_a_bump(blobs):
+    ball, faces = sphere_mesh(600)
+    corners = np.array([(1, 1, 1), (1, -1, 1), (1, 1, -1), (1, -1, -1), (-1, -1, 1)])
+    injured = []
+    for seed, corner in enumerate(corners):
+        bump = 0.35 * np.exp(-((ball - corner * [0.55, 0.55, 0.6]) ** 2).sum(axis=1) / 0.125)
+        shape = Shape.from_arrays(ball * (1.0 + bump)[:, None] * [1.0, 0.8, 0.62], faces)
+        noisy = bumped(shape, np.random.default_rng(seed), rms=0.005)
+        injured.append(surface_chirality(noisy))
+    sides = corners.prod(axis=1) < 0
+    assert place_shares(injured, sides).min() > 0.5
+    one, other = blobs
+    measured = [surface_chirality(shape) for shape in (mirrored(one), one, other)]
+    assert place_shares(measured, np.array([True, False, False])).max() < 0.4
+    cloud = surface_chirality(Shape.from_arrays(ball))
+    shares = place_shares([cloud, *injured], np.append(False, sides))
+    np.testing.assert_allclose(shares, [np.nan, *place_shares(injured, sides)])
+    assert np.isnan(place_shares([cloud, injured[0]], np.zeros(2, dtype=bool))).all()
 
 
 def test_what_has_no_outer_side_is_unknown(blobs, rng):
