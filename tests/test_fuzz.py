@@ -13,7 +13,6 @@ from tests.fuzz.forgeries import judge as judge_folder
 from tests.fuzz.harness import Report, damaged, fuzz, how_it_ended
 from tests.fuzz.hostile import certificate_endings, honest, judge
 from tests.fuzz.mutations import CHANGES, MARK
-from tests.fuzz.overlaps import overlap_endings, run_case
 from tests.job_functions import end_as_told
 
 #: How many files of each kind are damaged here.
@@ -84,20 +83,6 @@ def test_forged_folders_prove_nothing_false(project, monkeypatch):
     monkeypatch.setattr("collalign.output.verify._check_samples", lambda *_: None)
     monkeypatch.setattr("collalign.output.verify._Result.exceeds", lambda *_: False)
     assert finds(folder_endings(project / "out", 60, seed=7), "false")
-
-
-def test_no_overlap_of_output_and_input_loses_or_mixes_in_anything(project, monkeypatch):
-    report = Report.of(overlap_endings(project, 8, seed=7))
-    assert report.bad == {}
-    assert min(report.counts["done"], report.counts["refused"]) > 0
-    for command, place in (
-        ("align", "apart/mine"),
-        ("export csv", "apart/mine"),
-        ("match", "apart/hard"),
-    ):
-        assert run_case(project, command, place) == "refused"
-    monkeypatch.setattr("data_tools.io.output_folder.refuse_overlap", lambda *_: None)
-    assert run_case(project, "export csv", "meshes/../meshes").startswith("mixed into")
 
 
 def test_the_attack_finds_verifiers_that_trust_types_or_eigenvalues(monkeypatch):

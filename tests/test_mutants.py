@@ -1,13 +1,10 @@
 """Drawn faults fit the code, and the runner tells killed ones from survivors."""
 
 import ast
-import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-from tests.mutants.calls import Calls
 from tests.mutants.draw import Imports, as_mutant, by_package, changes, draw
 from tests.mutants.equivalent import EQUIVALENT
 from tests.mutants.place import MODULE
@@ -100,41 +97,6 @@ def test_the_tests_of_a_module_come_before_those_of_its_users():
     assert "tests/data_tools/test_rotations.py" in tests
     assert "tests/pairwise/test_matching.py" in tests
     assert Imports(ROOT).tests_of("collalign/cli/certify.py")
-
-
-def test_a_fault_is_shown_to_the_tests_that_call_what_it_changes(tmp_path):
-    (tmp_path / "collalign").mkdir()
-    (tmp_path / "collalign" / "__init__.py").write_text("")
-    source = "LIMIT = 3\n\n\ndef small(n):\n    return n < LIMIT\n\n\ndef other():\n    pass\n"
-    (tmp_path / "collalign" / "box.py").write_text(source)
-    tests = """import sys
-import pytest
-sys.path.insert(0, '.')
-from collalign.box import other, small
-
-@pytest.fixture(scope='module')
-def found():
-    return small(2)
-
-def test_first(found): assert found
-def test_second(found): assert found
-def test_neither(): other()
-def test_failing(): assert small(3)
-"""
-    (tmp_path / "test_box.py").write_text(tests)
-    environment = os.environ | {
-        "PYTHONPATH": str(ROOT),
-        "MUTANTS_CALLS": str(tmp_path),
-        "PYTHONSAFEPATH": "1",
-    }
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.mutants.calls", "test_box.py"]
-    subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
-    calls = Calls(tmp_path, tmp_path)
-    names = tuple(f"test_box.py::test_{name}" for name in ("first", "second"))
-    for old, new in (("<", "<="), ("3", "4")):
-        mutant = fault("collalign/box.py", source, old, new)
-        assert sorted(calls.tests_of(mutant, ())) == sorted(names)
-    assert not calls.tests_of(replace(mutant, function="unheard"), ())
 
 
 def test_killed_ones_are_counted_by_package():

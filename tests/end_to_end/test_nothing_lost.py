@@ -109,6 +109,30 @@ def test_exports_do_not_overwrite_originals(finished, tmp_path):
     assert (tmp_path / "landmarks.tps").exists()
 
 
+PAIR = ["shapes/chair1.ply", "shapes/chair2.ply"]
+
+
+@pytest.mark.parametrize("place", ["shapes", "shapes/../shapes", "."])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["align", "shapes", "--out"],
+        ["match", *PAIR, "--no-refine", "--out"],
+        ["match", *PAIR, "--nonrigid", "--out"],
+        ["match", *PAIR, "--partial", "--out"],
+        ["variation", "out", "--to"],
+        ["transfer", "out", "--landmarks", "chair1.csv", "--to"],
+    ],
+    ids=["align", "match", "non-rigid match", "partial match", "variation", "transfer"],
+)
+def test_no_command_writes_among_its_inputs(finished, command, place, monkeypatch):
+    monkeypatch.chdir(finished)
+    (finished / "chair1.csv").write_text("tip,0,0,0\n")
+    before = snapshot(finished)
+    assert main([*command, place]) == 2
+    assert snapshot(finished) == before
+
+
 def test_names_in_forged_evidence_lead_nowhere(finished, tmp_path):
     result, new, out = (
         tmp_path / "a" / "b" / "result",

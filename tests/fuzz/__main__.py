@@ -1,8 +1,7 @@
 """Damages files of every kind by the thousand: ``python -m tests.fuzz shapes=10000 stores=1000 .ply=500``.
 
 Kinds are those of :func:`tests.fuzz.targets.kinds`, among them every reader's suffix. ``certificates=N`` forges N
-certificates of every kind, and compares what they prove with brute force; ``folders=N`` forges N folders of a result;
-``overlaps=N`` runs N of the ways in which output and input overlap.
+certificates of every kind, and compares what they prove with brute force; ``folders=N`` forges N folders of a result.
 """
 
 import argparse
@@ -13,7 +12,6 @@ from pathlib import Path
 from tests.fuzz.forgeries import folder_endings, honest_result
 from tests.fuzz.harness import Report, fuzz
 from tests.fuzz.hostile import certificate_endings
-from tests.fuzz.overlaps import overlap_endings
 from tests.fuzz.targets import kinds
 
 
@@ -27,7 +25,6 @@ def main():
     attacks = {
         "certificates": lambda place, **how: certificate_endings(**how),
         "folders": lambda place, **how: folder_endings(honest_result(place), **how),
-        "overlaps": lambda place, **how: overlap_endings(honest_result(place).parent, **how),
     }
     bad = 0
     for kind, _, num in (word.partition("=") for word in options.kinds):

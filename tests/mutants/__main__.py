@@ -1,19 +1,15 @@
 """Puts random faults into the code, one at a time, and runs the tests: ``python -m tests.mutants --random 200``.
 
 Places are drawn over the three packages by ``--seed``. Prints each verdict, the survivors and the killed share; exits
-1 where that is below the goal. ``--only TEXT`` takes the faults whose description holds the text. ``--record FOLDER``
-runs all tests once and leaves there which functions each calls; with ``--calls FOLDER`` a fault is shown to the tests
-that call what it changes.
+1 where that is below the goal. ``--only TEXT`` takes the faults whose description holds the text.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
-from tests.mutants.calls import Calls
 from tests.mutants.draw import by_package, draw
 from tests.mutants.equivalent import EQUIVALENT
-from tests.mutants.runner import TIME_LIMIT_S, record_calls, run_mutants
+from tests.mutants.runner import TIME_LIMIT_S, run_mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Share of the mutants that tests without data must kill.
@@ -26,25 +22,15 @@ def main():
     parser.add_argument("--random", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--time-limit-s", type=float, default=TIME_LIMIT_S)
-    parser.add_argument("--record", type=Path)
-    parser.add_argument("--calls", type=Path)
     options = parser.parse_args()
-    if options.record:
-        record_calls(ROOT, options.record)
-        return 0
     places = draw(ROOT, options.random, options.seed)
-    if options.calls:
-        calls = Calls(options.calls, ROOT)
-        places = [replace(one, tests=calls.tests_of(one, one.tests) or one.tests) for one in places]
     chosen = [mutant for mutant in places if options.only in str(mutant)]
     for mutant in chosen:
         if str(mutant) in EQUIVALENT:
             print(f"equivalent ({EQUIVALENT[str(mutant)]}): {mutant}")
     chosen = [mutant for mutant in chosen if str(mutant) not in EQUIVALENT]
     verdicts = []
-    for verdict in run_mutants(
-        chosen, ROOT, time_limit_s=options.time_limit_s, known_to_pass=bool(options.calls)
-    ):
+    for verdict in run_mutants(chosen, ROOT, time_limit_s=options.time_limit_s):
         verdicts.append(verdict)
         print(f"{verdict.ending:10} {verdict.seconds:5.1f} s  {verdict.mutant}", flush=True)
     num_killed = sum(verdict.ending == "killed" for verdict in verdicts)

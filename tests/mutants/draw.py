@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from tests.mutants.calls import PACKAGES
 from tests.mutants.place import MODULE, Mutant, function_spans
+
+PACKAGES = ("collalign", "data_tools", "pairwise")
 
 _COMPARISONS = {
     ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==",

@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -19,7 +18,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.calls import CALLS
 from tests.mutants.place import Mutant
 
 #: What the tests of a mutant need of the project.
@@ -58,10 +56,10 @@ class Verdict:
     seconds: float
 
 
-def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False):
+def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S):
     """Run the tests of one mutant after the other, in a copy of the project, where they pass without it.
 
-    The project at ``root`` is only read; ``known_to_pass`` says that the tests passed in such a copy before.
+    The project at ``root`` is only read.
     """
     warm_up()
     with _copy(root) as copy:
@@ -69,9 +67,7 @@ def run_mutants(mutants, root, *, time_limit_s=TIME_LIMIT_S, known_to_pass=False
         for mutant in mutants:
             start_s, ending = time.monotonic(), "no verdict"
             if mutant.tests not in passes:
-                passes[mutant.tests] = (
-                    known_to_pass or _ending(copy, mutant.tests, time_limit_s) == "survived"
-                )
+                passes[mutant.tests] = _ending(copy, mutant.tests, time_limit_s) == "survived"
             if passes[mutant.tests]:
                 ending = _ending_of(copy, mutant, time_limit_s)
             yield Verdict(mutant, ending, time.monotonic() - start_s)
@@ -93,17 +89,6 @@ def _copy(root):
             elif source.exists():
                 shutil.copy(source, copy / name)
         yield copy
-
-
-def record_calls(root, folder, num_workers=2):
-    """Run all tests without data in a copy, and leave in a folder which functions each of them calls."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with _copy(root) as copy:
-        command = ["-p", "tests.mutants.calls", "-m", "not data", "-n", str(num_workers), "tests"]
-        environment = os.environ | {"PYTHONPATH": str(copy), CALLS: str(folder.resolve())}
-        subprocess.run(
-            [sys.executable, "-m", "pytest", *command], cwd=copy, env=environment, check=False
-        )
 
 
 def _ending_of(copy, mutant, time_limit_s):
