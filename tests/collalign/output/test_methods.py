@@ -25,8 +25,10 @@ def test_figures_are_those_of_the_result():
     assert "incomplete" not in said
     by_hand = methods_paragraph(dataclasses.replace(view, by_hand={view.names[0]: 0.1}))
     assert "1 of 6 poses was set by hand" in by_hand
-    unknown = methods_paragraph(dataclasses.replace(view, confidence=np.full(6, np.nan)))
-    assert "confidence" not in unknown
+    some = np.where(np.arange(6) < 5, np.nan, view.confidence)
+    for confidence, is_known in ((some, True), (np.full(6, np.nan), False)):
+        told = methods_paragraph(dataclasses.replace(view, confidence=confidence))
+        assert ("confidence" in told) == is_known
 
 
 def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, capsys):

@@ -17,12 +17,13 @@ from collalign.output import report
 from collalign.output.members import statistics_members
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.page import page_members, report_pages, shown_part, write_report
-from collalign.output.report.payload import MISSING, pack_mesh, quaternions
+from collalign.output.report.payload import MISSING, pack_mesh, quaternions, sample_colors
 from collalign.output.report.sections import offered_poses, shape_map
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.pair import Alternative
 from collalign.products.shapes import Incomplete
 from collalign.wording import note_text
+from data_tools.embedding.copies import Copies
 from data_tools.notes import Note
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
@@ -134,6 +135,11 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
         view, include_doubtful=True, include_incomplete=True, one_part=False
     )
     assert (everyone.chosen.tolist(), everyone.notes) == (list(range(9)), ())
+    pairs = tuple(
+        Copies(names=names, kind="moved")
+        for names in (("shape_000", "shape_002"), ("shape_001", "shape_003"))
+    )
+    assert statistics_members(dataclasses.replace(view, copies=pairs)).copies == pairs[:1]
     unknown = dataclasses.replace(view, confidence=np.full(9, np.nan), incomplete=())
     assert statistics_members(unknown).chosen.tolist() == list(
         range(8)
@@ -194,7 +200,10 @@ def test_tiny_collections_say_what_they_cannot_show(num_shapes):
 
 
 def test_pairs_carry_maps_poses_and_words():
+    """Every seventh pair is wrong by half a turn; the first is mirrored."""
     view = view_of(6)
+    first = dataclasses.replace(view.pairs[0], rotations=-view.pairs[0].rotations)
+    view = dataclasses.replace(view, pairs=(first, *view.pairs[1:]))
     document, blobs = build_content(view)
     found = unpack([tuple(field) for field in document["pairFields"]], blobs["pairs"])
     assert found["poseCount"].tolist() == [2] * 15
@@ -203,6 +212,24 @@ def test_pairs_carry_maps_poses_and_words():
     assert maps[3, :3].tolist() == [1, 0, 2]
     assert (maps[0] == -2).all()
     assert document["statuses"][found["status"][-1]] == "Time limit reached."
+    assert np.flatnonzero(found["mirrored"]).tolist() == [0]
+    turned = np.isin(np.arange(15), [0, 3, 10])
+    np.testing.assert_allclose(found["disagreement"], 180 * turned, atol=1e-3)
+
+
+def test_colours_of_labels_span_the_box_of_their_mean_places():
+    places = np.array([[0.0, 5.0, 1.0], [2.0, 5.0, 3.0], [1.0, 5.0, 2.0]])
+    found = sample_colors(np.stack([places - 0.5, places + 0.5, np.full((3, 3), np.nan)]))
+    np.testing.assert_allclose(found, [[0.08] * 3, [0.92, 0.08, 0.92], [0.5, 0.08, 0.5]])
+
+
+def test_one_huge_shape_does_not_make_the_others_small():
+    view = view_of(6)
+    centre = view.landmarks[4].mean(axis=0)
+    huge = 50.0 * (view.vertices[4] - centre) + centre
+    other = dataclasses.replace(view, vertices=(*view.vertices[:4], huge, view.vertices[5]))
+    usual, found = (build_content(one)[0]["camera"]["extent"] for one in (view, other))
+    assert np.max(found) < 2 * np.max(usual)
 
 
 def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):
@@ -220,6 +247,7 @@ def test_doubtful_shapes_are_named_once_above_the_notes():
     head = rendered(view_of(5)).partition("<nav")[0]
     assert "Look at: " in head
     assert note_text(Note("doubtful", ("shape_001",))) not in head
+    assert "<strong>10</strong>pairs compared, 2 against the common poses" in head
 
 
 def test_names_cannot_become_markup():

@@ -65,7 +65,9 @@ def test_colours_tell_where_the_plane_was():
     assert entry["coverage"] == pytest.approx(0.7)
     assert entry["own"] == f"coverage-{BROKEN}"
     whole, broken = (moved_by(view.transforms[at], view.vertices[at]) for at in (0, BROKEN))
-    assert mesh_of(meshes, f"coverage-{BROKEN}")[1].min() == 1.0
+    vertices, shares = mesh_of(meshes, f"coverage-{BROKEN}")
+    assert len(shares) == len(vertices)
+    assert shares.min() == 1.0
     beyond, found = (
         whole[:, 0] - broken[:, 0].max(),
         counterparts_on(broken, view.faces[BROKEN])(whole),

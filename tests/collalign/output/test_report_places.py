@@ -52,6 +52,7 @@ def test_pages_show_the_colours_of_their_shapes():
     shown = view.some(np.array([1, WITHOUT]))
     assert np.array_equal(shown.places[0], view.places[1])
     assert len(shown.places[1]) == 0
+    assert [(pair.target, pair.source) for pair in shown.pairs] == [(0, 1)]
     assert view_of(4).some(np.array([1])).places == ()
 
 
