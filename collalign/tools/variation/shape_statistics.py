@@ -9,7 +9,6 @@ from itertools import combinations
 from typing import TypedDict
 
 import numpy as np
-from data_tools.percent import listed
 
 from collalign.analysis.procrustes import PrincipalComponents, principal_components
 from collalign.analysis.shape_tests import (
@@ -37,7 +36,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.text_tables import csv_text
-from data_tools.notes import Note
+from data_tools.notes import Note, listed
 from data_tools.surface.outliers import odd_ratios
 
 SCORES_FILE, SYMMETRY_FOLDER = "scores.csv", "symmetry"
@@ -190,8 +189,8 @@ def shape_tests(
     pairs: Rows = [_PAIRS_TABLE]
     for name, column in read.items():
         models, disparities = tester.usual_models(column), dict[str, float]()
-        for model in models:
-            anova += tester.anova(model)
+        for usual in models:
+            anova += tester.anova(usual)
         if column.numbers is None:
             if len(column.groups) > 1:
                 disparities, rows = tester.pairs(column)
