@@ -178,17 +178,6 @@ def test_a_time_limit_holds_within_an_iteration_of_the_relaxation():
     assert 0.0 <= result.lower_bound <= result.energy
 
 
-def test_the_same_input_gives_the_same_bytes():
-    rng = np.random.default_rng(9)
-    target, source = rng.random((16, 4)), rng.random((12, 4))
-    first, again = (match(target, source, seed=4) for _ in range(2))
-    assert len(first.candidates) == len(again.candidates)
-    for a, b in zip(first.candidates, again.candidates, strict=True):
-        assert a.R_target_source.tobytes() == b.R_target_source.tobytes()
-        assert a.map_target_source.tobytes() == b.map_target_source.tobytes()
-        assert a.energy == b.energy
-
-
 @pytest.mark.parametrize("num_source", [None, 11])
 def test_relabelling_and_turning_change_labels_and_turns_only(num_source):
     rng = np.random.default_rng(10)
@@ -206,18 +195,6 @@ def test_relabelling_and_turning_change_labels_and_turns_only(num_source):
     np.testing.assert_allclose(
         turns[0].T @ moved.R_target_source @ turns[1], plain.R_target_source, atol=1e-7
     )
-
-
-@pytest.mark.parametrize("unit", [1e-20, 1e20])
-def test_units_change_energies_only(unit):
-    rng = np.random.default_rng(10)
-    problem = planted(rng, rng.random((14, 3)) - 0.5, noise=0.2)
-    plain, scaled = (
-        match(problem.target, problem.source),
-        match(unit * problem.target, unit * problem.source),
-    )
-    np.testing.assert_array_equal(scaled.map_target_source, plain.map_target_source)
-    assert scaled.energy == pytest.approx(plain.energy * unit**2)
 
 
 def test_clouds_with_other_centroids_are_shifted_on_request():
@@ -241,28 +218,18 @@ def test_clouds_with_other_centroids_are_shifted_on_request():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("options", "message"),
     [
-        ({"target": np.ones((3, 3)), "source": np.ones((4, 3))}, "k <= n"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 2))}, "source"),
-        ({"target": np.full((3, 3), np.nan), "source": np.ones((3, 3))}, "target"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "group": "SU"}, "group"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "strategy": "luck"}, "strategy"),
-        (
-            {"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": np.ones((3, 3))},
-            "starts",
-        ),
-        (
-            {"target": np.ones((3, 3)), "source": np.ones((3, 3)), "starts": -np.eye(3)},
-            "reflection",
-        ),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "time_limit_s": 0}, "time_limit_s"),
-        ({"target": np.ones((3, 3)), "source": np.ones((3, 3)), "seed": -1}, "seed"),
+        ({"strategy": "luck"}, "strategy"),
+        ({"starts": np.ones((3, 3))}, "starts"),
+        ({"starts": -np.eye(3)}, "reflection"),
+        ({"time_limit_s": 0}, "time_limit_s"),
+        ({"seed": -1}, "seed"),
     ],
 )
-def test_bad_input_is_refused_by_name(arguments, message):
+def test_bad_options_are_refused_by_name(options, message):
     with pytest.raises((InputError, OptionsError), match=message):
-        match(arguments.pop("target"), arguments.pop("source"), **arguments)
+        match(np.ones((3, 3)), np.ones((3, 3)), **options)
 
 
 @pytest.mark.parametrize(

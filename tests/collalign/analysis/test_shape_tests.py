@@ -1,8 +1,5 @@
 """Tests of shape against other formulas: differences of models, and distances between all shapes (Gower 1966)."""
 
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist, squareform
@@ -185,28 +182,3 @@ def test_slopes_differ_where_they_were_planted():
     assert differences.p[[1, 2]].max() < 0.01 < differences.p[0]
     np.testing.assert_allclose(angles, [0, 90, 90], atol=15)
     np.testing.assert_allclose(differences.values[1:], np.sqrt(2), atol=0.3)
-
-
-def test_sums_of_squares_are_those_of_r(tmp_path):
-    if not shutil.which("Rscript"):
-        pytest.skip("Rscript is not installed")
-    shapes, size, age, sex = unbalanced(np.random.default_rng(5))
-    np.savetxt(tmp_path / "shapes.txt", shapes)
-    np.savetxt(tmp_path / "columns.txt", np.column_stack([size, age, sex == "m"]))
-    (tmp_path / "model.R").write_text(
-        "y <- as.matrix(read.table('shapes.txt')); x <- read.table('columns.txt'); x$V3 <- factor(x$V3)\n"
-        "fit <- lm(y ~ V1 + V3 + V2 + V1:V3, data = x)\n"
-        "each <- sapply(summary(aov(fit)), function(one) one[['Sum Sq']])\n"
-        "cat(format(rowSums(each), digits = 15))\n"
-    )
-    script = ["Rscript", "--vanilla", "model.R"]
-    said = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    male = (sex == "m")[:, None].astype(float)
-    terms = {
-        "size": size[:, None],
-        "sex": male,
-        "age": age[:, None],
-        "size:sex": size[:, None] * male,
-    }
-    found = [row.sum_of_squares for row in procrustes_anova(shapes, terms, permutations=99)[:-1]]
-    np.testing.assert_allclose(found, [float(number) for number in said.split()], rtol=1e-9)

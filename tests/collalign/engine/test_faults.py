@@ -3,7 +3,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,6 @@ from data_tools.datasets.synthetic import write_collection
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
 from tests.finished_runs import chairs
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_command_that_fails_is_not_taken_for_a_survivor():

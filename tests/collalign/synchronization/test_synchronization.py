@@ -127,30 +127,6 @@ def test_whichever_shape_holds_the_gauge_may_be_turned_itself(holder):
     assert pose_errors_deg(found.rotations[order], problem.truth).max() < 30.0
 
 
-def test_reversed_edges_change_nothing():
-    rng = np.random.default_rng(4)
-    problem = flipped_pairs(rng, regular_edges(20, 6, 0), 20, wrong=0.2, num_candidates=4)
-    first = synchronize(problem.edges, problem.rotations, energies=problem.energies)
-    back = synchronize(
-        problem.edges[:, ::-1],
-        np.swapaxes(problem.rotations, 2, 3),
-        energies=problem.energies,
-        num_shapes=20,
-    )
-    assert np.allclose(first.rotations, back.rotations, atol=1e-7)
-
-
-def test_the_same_call_gives_the_same_bits():
-    problem = flipped_pairs(
-        np.random.default_rng(5), regular_edges(20, 4, 0), 20, wrong=0.3, num_candidates=4
-    )
-    first, second = (
-        synchronize(problem.edges, problem.rotations, energies=problem.energies) for _ in range(2)
-    )
-    assert np.array_equal(first.rotations, second.rotations)
-    assert np.array_equal(first.confidence, second.confidence)
-
-
 def test_outliers_do_not_move_the_answer():
     problem = flipped_pairs(
         np.random.default_rng(8), complete_edges(40), 40, wrong=0.5, kind="uniform"

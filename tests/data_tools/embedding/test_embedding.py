@@ -107,15 +107,6 @@ def test_mirror_images_have_mirrored_samples(shape):
     np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
 
 
-def test_calls_repeat_to_the_byte(shape):
-    a, b = sample_shape(shape, FEW, ALL), sample_shape(shape, FEW, ALL)
-    for one, other in ((a, b), (a.local, b.local)):
-        for field in fields(one):
-            x, y = getattr(one, field.name), getattr(other, field.name)
-            if field.name != "local":
-                assert x.tobytes() == y.tobytes() if isinstance(x, np.ndarray) else x == y
-
-
 def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     def indices(s, metric):
         options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)

@@ -5,7 +5,6 @@ from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.sampling import central_extreme, farthest_points
 from data_tools.errors import InputError, OptionsError
-from data_tools.rotations import random_rotation
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.shape import Shape
 
@@ -36,14 +35,6 @@ def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng):
     np.testing.assert_array_equal(farthest_points(shape, 15), many[:15])
     np.testing.assert_array_equal(farthest_points(shape, 40, solver=GeodesicSolver(shape)), many)
     assert not many.flags.writeable
-
-
-def test_samples_turn_with_the_shape(rng):
-    shape = blob(rng, num_vertices=400)
-    moved = Shape.from_arrays(shape.vertices @ random_rotation(rng).T + 5.0, shape.faces)
-    for metric in ("geodesic", "euclidean"):
-        expected = farthest_points(shape, 20, metric=metric)
-        np.testing.assert_array_equal(farthest_points(moved, 20, metric=metric), expected)
 
 
 def test_geodesic_samples_survive_bending_better(rng):

@@ -220,13 +220,6 @@ def test_stl_vertices_are_merged_and_say_so(tmp_path, rng):
     np.testing.assert_array_equal(apart.vertices[back.source_indices], back.vertices)
 
 
-def test_polygons_become_triangles(tmp_path):
-    path = tmp_path / "quad.off"
-    path.write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
-    assert read_shape(path).faces.shape == (2, 3)
-    assert read_shape(path).area == pytest.approx(1.0)
-
-
 def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from pairwise import Certificate, Problem, verify_certificate
+from pairwise import Problem, verify_certificate
 from pairwise.branch_and_bound.bounds import Cells
 from pairwise.branch_and_bound.prove import depths_of, prove, searches_of
 from pairwise.branch_and_bound.tilted import prove_tilted
@@ -52,13 +52,6 @@ def test_the_verifier_finds_the_same_cells(dim):
         cell_corners(cells.faces, cells.depths, cells.paths, dim), cells.reach(), strict=True
     ):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
-
-
-def test_a_certificate_survives_its_file(problem, certificate, tmp_path):
-    certificate.save(tmp_path / "proof.npz")
-    again = Certificate.load(tmp_path / "proof.npz")
-    bound = verify_certificate(problem.target, problem.source, again, problem=problem)
-    assert bound == pytest.approx(certificate.bound, abs=1e-12)
 
 
 def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate):

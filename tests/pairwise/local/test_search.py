@@ -13,7 +13,6 @@ from pairwise.local.rotation_search import (
     initial_rotations,
     leading_problem,
     look_around,
-    mirror_points,
     mirror_rotations,
 )
 from pairwise.local.rotation_sets import random_rotations
@@ -62,11 +61,6 @@ def test_the_mirrored_problem_finds_reflections(rng):
     np.testing.assert_allclose(rotation, reflection, atol=1e-9)
     assert problem.energy(rotation, found.maps[0]) == pytest.approx(found.energies[0], abs=1e-12)
     assert search(of_chirality(problem, reflected=False)).energies[0] > 0.01
-
-
-def test_the_group_of_a_special_problem_is_left_as_it_is(rng):
-    problem = planted(rng, rng.random((6, 3)))
-    assert of_chirality(problem, reflected=False) is problem
 
 
 def test_the_rotation_block_is_the_first_one():
@@ -137,11 +131,6 @@ def test_distinct_goes_on_until_each_chirality_has_its_share():
     np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2), [0, 1])
     np.testing.assert_array_equal(apart_rotations(turns, 0.1, 2, mirrored=mirrored), [0, 1])
     np.testing.assert_array_equal(apart_rotations(turns, 0.1, 3, mirrored=mirrored), [0, 1, 2, 3])
-
-
-def test_the_mirror_negates_the_first_coordinate_alone(rng):
-    points = rng.random((4, 3))
-    np.testing.assert_array_equal(mirror_points(points), points * [-1.0, 1.0, 1.0])
 
 
 def test_starts_of_a_planted_pair_hold_its_rotation_in_the_frames_of_its_axes(rng):

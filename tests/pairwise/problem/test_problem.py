@@ -119,6 +119,8 @@ def test_impossible_problems_are_refused(rng):
         Problem.from_user(q[:, :1], p[:, :1])
     with pytest.raises(OptionsError, match="group"):
         Problem.from_user(q, p, group="U")
+    with pytest.raises(InputError, match="target"):
+        Problem.from_user(q * np.nan, p)
     nothing = np.ones((4, 3), bool)
     nothing[:, 1] = False
     with pytest.raises(InputError, match="source point 1 has none"):

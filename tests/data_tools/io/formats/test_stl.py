@@ -10,7 +10,6 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.formats.stl import read_stl
-from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
 from data_tools.notes import Note
 
@@ -84,12 +83,6 @@ def test_what_is_odd_is_said():
     assert read(text(end="")).notes == (Note("no-endsolid"),)
     assert read(binary(head=b"COLOR=abcd")).notes == not_kept(["colours"])
     assert read(binary()).notes == read(text()).notes == ()
-
-
-def test_vertices_are_merged(tmp_path):
-    (tmp_path / "a.stl").write_bytes(ALIKE["vertex in the name"])
-    shape = read_shape(tmp_path / "a.stl")
-    assert (len(shape.vertices), len(shape.faces)) == (60, NUM)
 
 
 @pytest.mark.parametrize(
