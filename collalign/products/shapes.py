@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from data_tools.arrays import FloatArray, Holds, IntArray
+from data_tools.embedding.chirality import SurfaceChirality
 from data_tools.embedding.embedding import Samples
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -164,6 +165,8 @@ class Shapes:
     keys : tuple of str
         Keys of the shapes' records in the store.
     samples : tuple of Samples
+    chirality : tuple of SurfaceChirality or None
+        Which way each surface turns, where that was found out while it was sampled.
     excluded : tuple of Excluded
     notes : tuple of Note
         What was done otherwise than asked for.
@@ -174,6 +177,7 @@ class Shapes:
     digests: tuple[str, ...]
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]
+    chirality: tuple[SurfaceChirality | None, ...]
     excluded: tuple[Excluded, ...]
     notes: tuple[Note, ...] = ()
 
@@ -186,6 +190,7 @@ class Shapes:
             digests=tuple(self.digests[i] for i in chosen),
             keys=tuple(self.keys[i] for i in chosen),
             samples=tuple(self.samples[i] for i in chosen),
+            chirality=tuple(self.chirality[i] for i in chosen),
         )
 
     def label(self, i: int, j: int) -> str:

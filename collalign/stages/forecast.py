@@ -13,7 +13,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
-from collalign.stages.chirality.pilot import MOST_SHAPES
+from collalign.stages.chirality.surfaces import MOST_SHAPES
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs

@@ -12,6 +12,7 @@ from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.store.file import NUM_FILES
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
+from collalign.stages.chirality.surfaces import MOST_SHAPES
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
@@ -27,7 +28,7 @@ from data_tools.surface.outliers import odd_ratios
 SMALLEST_SHARE = 0.5
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-15", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-16", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
@@ -147,12 +148,14 @@ def _prepare(
     excluded += [
         excluded_file(files[name], name, reason) for name, reason in found.failures.items()
     ]
+    read = [replace(samples, name=name) for name, samples in found.items()]
     return Shapes(
         names=tuple(found),
         files=tuple(files[name] for name in found),
         digests=tuple(wanted[name].arguments["digest"] for name in found),
         keys=tuple(wanted[name].key for name in found),
-        samples=tuple(replace(samples, name=name) for name, samples in found.items()),
+        samples=tuple(replace(samples, chirality=None) for samples in read),
+        chirality=tuple(samples.chirality for samples in read),
         excluded=tuple(excluded),
     )
 
@@ -177,6 +180,8 @@ def wanted_shapes(
 ) -> tuple[dict[str, Wanted], list[Excluded]]:
     """Return what is wanted of the file of every name, and the files that cannot even be opened."""
     wanted, excluded = {}, []
+    # Not part of the key: samples are the same, and what lacks the chirality is measured later.
+    with_chirality = options.group == "auto" and len(listing.files) <= MOST_SHAPES
     settings = {
         "cleaning": options.cleaning,
         "sampling": options.sampling,
@@ -197,6 +202,6 @@ def wanted_shapes(
             label=file.name,
             arguments=settings
             | {"file": file.absolute(), "name": name, "digest": digest}
-            | {"own": own.get(name), "extra": extra.get(name)},
+            | {"own": own.get(name), "extra": extra.get(name), "with_chirality": with_chirality},
         )
     return wanted, excluded

@@ -81,20 +81,22 @@ NO_CHIRALITY = SurfaceChirality(
 
 
 @one_blas_thread()
-def surface_chirality(shape: Shape) -> SurfaceChirality:
+def surface_chirality(shape: Shape, surface: WorkingSurface | None = None) -> SurfaceChirality:
     """Compute the features of a surface that show its chirality.
 
     Parameters
     ----------
     shape : Shape
         Clean, as :func:`data_tools.surface.cleaning.clean` leaves it.
+    surface : WorkingSurface, optional
+        Of this shape, if there is one already.
 
     Raises
     ------
     InputError
         If the surface is too poor for eigenfunctions.
     """
-    surface = WorkingSurface(shape, SamplingOptions())
+    surface = WorkingSurface(shape, SamplingOptions()) if surface is None else surface
     faces = _outward(surface)
     if not len(faces):
         return NO_CHIRALITY

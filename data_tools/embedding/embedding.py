@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
+from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
 from data_tools.embedding.sampling import OwnPoints
@@ -75,6 +76,8 @@ class Samples:
         root mean square radii; None where there are too few.
     notes : tuple of Note
         What a user should know: decimated, which operators.
+    chirality : SurfaceChirality or None
+        Which way the surface turns, where that was asked for.
     """
 
     name: str
@@ -93,6 +96,7 @@ class Samples:
     rim: str
     local: LocalSurface | None = None
     notes: tuple[Note, ...] = ()
+    chirality: SurfaceChirality | None = None
 
     def __post_init__(self) -> None:
         blocks, dim = self.block_sizes, self.coordinates.shape[1]
@@ -308,6 +312,7 @@ def sample_file(
     digest: str | None = None,
     own: OwnPoints | None = None,
     extra: ExtraSurface | None = None,
+    with_chirality: bool = False,
 ) -> Samples:
     """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
 
@@ -326,6 +331,8 @@ def sample_file(
         What the caller gives of this shape.
     extra : ExtraSurface, optional
         Material that does not belong to the shape and is left out.
+    with_chirality : bool
+        Whether to find out which way the surface turns as well, which takes half as long as the rest.
 
     Raises
     ------
@@ -345,4 +352,16 @@ def sample_file(
         surface=surface,
         own=None if own is None else own.of_shape(shape),
     )
-    return replace(samples, vertex_indices=read_only(shape.file_indices[samples.vertex_indices]))
+    return replace(
+        samples,
+        vertex_indices=read_only(shape.file_indices[samples.vertex_indices]),
+        chirality=_chirality(shape, surface) if with_chirality else None,
+    )
+
+
+def _chirality(shape: Shape, surface: WorkingSurface) -> SurfaceChirality:
+    """Return which way a surface turns; nothing of one that is too poor for eigenfunctions."""
+    try:
+        return surface_chirality(shape, surface)
+    except InputError:
+        return NO_CHIRALITY

@@ -308,11 +308,10 @@ def _partners(
     directions = np.ones((4, len(theirs)), dtype=np.float32)
     directions[:3] = others.normals.T
     shape, back = (len(rotations), len(points)), np.swapaxes(rotations, 1, 2)
-    homogeneous = np.ones((*shape, 4), dtype=np.float32)
-    facing = np.full((*shape, 4), _FAR * PARTNER_COSINE, dtype=np.float32)
-    homogeneous[..., :3] = points @ back + (shifts - centre)[:, None]
-    facing[..., :3] = -_FAR * (normals @ back)
-    homogeneous, facing = homogeneous.reshape(-1, 4), facing.reshape(-1, 4)
+    homogeneous = np.ones((shape[0] * shape[1], 4), dtype=np.float32)
+    facing = np.full(homogeneous.shape, _FAR * PARTNER_COSINE, dtype=np.float32)
+    homogeneous[:, :3] = (points @ back + (shifts - centre)[:, None]).reshape(-1, 3)
+    facing[:, :3] = -_FAR * (normals @ back).reshape(-1, 3)
     least, nearest = np.empty(len(facing), dtype=np.float32), np.empty(len(facing), dtype=np.int64)
     slab = max(1, CACHED_ENTRIES // len(theirs))
     squares, lacking = np.empty((2, slab, len(theirs)), dtype=np.float32)

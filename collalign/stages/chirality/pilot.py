@@ -32,7 +32,7 @@ from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.chirality.surfaces import measure_surfaces
+from collalign.stages.chirality.surfaces import MOST_SHAPES, measure_surfaces
 from collalign.stages.pairs.choose import all_pairs
 from collalign.stages.pairs.match import match_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
@@ -48,8 +48,6 @@ from pairwise.dense import DensePoints, refine_pose
 LOOKS = ((2, 1, 4), (6, 3, 15))
 #: Of several poses of a kind, the one that fits best after so many steps is refined to the end.
 FIRST_STEPS = 4
-#: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
-MOST_SHAPES = 150
 #: Most confidence in a pose whose mirror image is as likely, or if one place of each surface tells its side; and in
 #: those of a folder so small that surfaces alone named the sides.
 ONE_OF_TWO, OF_FEW = 0.5, 0.8

@@ -1,4 +1,4 @@
-"""The chirality of every surface by itself, one job per file, each result kept in the store."""
+"""The chirality of every surface by itself: found while it was sampled, or one job per file, kept in the store."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from data_tools.embedding.chirality import (
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.options import CleaningOptions
+
+#: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
+MOST_SHAPES = 150
 
 
 def chirality_of_file(
@@ -38,6 +41,8 @@ def measure_surfaces(session: AlignSession, shapes: Shapes) -> list[SurfaceChira
     shapes : Shapes
     """
     every = range(len(shapes.names))
-    wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every}
-    found = session.compute(MEASURING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    known = {i: found for i, found in enumerate(shapes.chirality) if found is not None}
+    wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every if i not in known}
+    limit_s = session.run.shape_time_limit_s
+    found = known | dict(session.compute(MEASURING, wanted, time_limit_s=limit_s))
     return [found.get(i, NO_CHIRALITY) for i in every]

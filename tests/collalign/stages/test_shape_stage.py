@@ -12,6 +12,7 @@ from collalign.engine.jobs.worker import Call, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
+from collalign.stages.chirality.surfaces import chirality_of_file, surface_scores
 from collalign.stages.shape_stage import common_num_points, prepare_shapes
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.listing import read_folder
@@ -102,3 +103,24 @@ def test_the_number_of_points_follows_the_typical_shape():
     assert common_num_points([41, 64, 64], 64) == 64
     assert common_num_points([41, 64], 64) == 41
     assert common_num_points([], 64) == 64
+
+
+def test_the_chirality_of_surfaces_is_found_with_the_samples_where_sides_are_asked_for(folder):
+    prepared = prepare(folder)
+    file = folder / "s1.ply"
+    alone = chirality_of_file(file, "s1", prepared.digests[1], OPTIONS.cleaning)
+    for name in ("features", "faces", "areas"):
+        np.testing.assert_array_equal(
+            getattr(prepared.some([1]).chirality[0], name), getattr(alone, name)
+        )
+    given = replace(OPTIONS, group="SO")
+    assert prepare(folder, folder.parent / "given", given).chirality == (None,) * 3
+
+
+def test_the_chirality_of_surfaces_is_measured_where_the_store_has_samples_alone(folder):
+    given, store = replace(OPTIONS, group="SO"), folder.parent / "store"
+    prepare(folder, store, given)
+    with Session.open(OPTIONS, RunOptions(jobs=1, store=store)) as session:
+        shapes = prepare_shapes(session, read_folder(folder))
+        assert shapes.chirality == (None,) * 3
+        assert np.isfinite(surface_scores(session, shapes)[0, 1])
