@@ -117,7 +117,7 @@ def faces_per_shape(num_shapes: int) -> int:
 def display_mesh(
     vertices: FloatArray, faces: IntArray, *, max_faces: int
 ) -> tuple[FloatArray, IntArray]:
-    """Decimate a mesh by edge collapses, or thin out a point cloud evenly.
+    """Decimate a mesh, quickly rather than accurately, or thin out a point cloud evenly.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def display_mesh(
     if not len(faces):
         stride = -(-len(vertices) // max_faces)
         return np.ascontiguousarray(vertices[::stride]), np.empty((0, 3), dtype=np.int64)
-    return decimate(vertices, faces, max_faces)
+    return decimate(vertices, faces, max_faces, most_collapsed=5 * max_faces)
 
 
 if TYPE_CHECKING:

@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
-from data_tools.surface import cleaning
 from data_tools.surface.cleaning import decimate
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.topology import counted_edges, face_areas, mesh_edges, vertex_components
-
-
-@pytest.fixture
-def clusters_first(monkeypatch):
-    monkeypatch.setattr(cleaning, "MOST_COLLAPSED", 2_000)
-    monkeypatch.setattr(cleaning, "_NUM_CLUSTERS", 1_500)
 
 
 def largest_gap(points, vertices, faces):
@@ -44,15 +37,14 @@ def test_the_unit_of_length_decides_nothing(rng, unit):
     np.testing.assert_allclose(others / unit, vertices, atol=1e-9)
 
 
-@pytest.mark.usefixtures("clusters_first")
 def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     shape = blob(rng, num_vertices=20_000)
-    clustered, triangles = decimate(shape.vertices, shape.faces, 10**6)
+    clustered, triangles = decimate(shape.vertices, shape.faces, 10**6, most_collapsed=6_000)
     assert 1_000 < len(clustered) < 3_000
     _, num_faces = counted_edges(triangles)
     assert num_faces.min() == 2
     assert (num_faces > 2).mean() < 0.02  # of triangles that lie on each other none is left
-    vertices, faces = decimate(shape.vertices, shape.faces, 800)
+    vertices, faces = decimate(shape.vertices, shape.faces, 800, most_collapsed=6_000)
     assert len(faces) <= 800
     assert largest_gap(shape.vertices, vertices, faces) < 0.05
     assert face_areas(vertices, faces).sum() == pytest.approx(
@@ -60,11 +52,11 @@ def test_clusters_keep_the_surface_and_leave_fewer_collapses(rng):
     )
 
 
-@pytest.mark.usefixtures("clusters_first")
 def test_sheets_that_come_near_stay_apart():
     vertices, faces = sphere_mesh(4_000)
     two = np.concatenate([vertices, 1.002 * vertices])
-    few, triangles = decimate(two, np.concatenate([faces, faces[:, ::-1] + len(vertices)]), 10**6)
+    both = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
+    few, triangles = decimate(two, both, 10**6, most_collapsed=6_000)
     used = np.unique(triangles)
     _, labels = vertex_components(len(few), [mesh_edges(triangles)])
     assert len(np.unique(labels[used])) == 2
