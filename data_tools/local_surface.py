@@ -134,6 +134,16 @@ class LocalSurface:
             sights=read_only(self.sights * flip),
         )
 
+    def reversed(self) -> LocalSurface:
+        """Return the surface with its normals on the other side.
+
+        That negates the second and the third of the three angles of a histogram, which reverses their bins.
+        """
+        histograms = self.histograms.copy()
+        histograms[:, NUM_BINS : 2 * NUM_BINS] = histograms[:, 2 * NUM_BINS - 1 : NUM_BINS - 1 : -1]
+        histograms[:, 2 * NUM_BINS :] = histograms[:, : 2 * NUM_BINS - 1 : -1]
+        return replace(self, normals=read_only(-self.normals), histograms=read_only(histograms))
+
 
 def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:
     """Return the fast point feature histogram of every point, shape (l, 33); each sums to 1.

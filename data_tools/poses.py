@@ -36,6 +36,11 @@ class Similarity:
     shift: FloatArray
 
     @classmethod
+    def rigid(cls, rotations: FloatArray, shifts: FloatArray) -> Similarity:
+        """Return the poses of scale 1 with rotations (p, d, d) and shifts (p, d)."""
+        return cls(rotation=rotations, scale=np.ones(len(shifts)), shift=shifts)
+
+    @classmethod
     def of_transforms(cls, transforms: FloatArray) -> Similarity:
         """Return the poses that transforms are, shape (4, 4) or (p, 4, 4)."""
         scale = scales_of(transforms)

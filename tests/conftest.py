@@ -79,16 +79,12 @@ def quick_search():
     from collalign.nonrigid import portfolio
     from collalign.registration import register
     from collalign.stages import steps
-    from pairwise.partial import match
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RunOptions, "is_alone", property(lambda run: run.scheduler is None))
         patch.setattr(steps, "MOST_SEARCHED", 0)  # the golden of bodies searches
         patch.setattr(register, "TUNED", register.TUNED._replace(num_centres=150))
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
-        patch.setattr(
-            match, "TUNED", match.TUNED._replace(num_rotations=300, num_starts=40, num_refined=10)
-        )
         yield
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import SAME_DEG, keep_apart
+from data_tools.poses import SAME_DEG, Similarity, keep_apart
 from pairwise.features.overlap import closeness, match_overlapping
 from pairwise.features.poses import refine_on_planes
 
@@ -72,8 +72,10 @@ def rigid_overlap(target: Samples, source: Samples, rotations: FloatArray) -> fl
     for rotation in rotations[:, :3, :3]:
         flip = np.array([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
         other = source.local if flip[0] > 0 else source.local.mirrored()
-        pose = refine_on_planes(target.local, other, (rotation * flip)[None], np.zeros((1, 3)))
-        most = max(most, float(np.sqrt(closeness(target.local, other, *pose)[0].prod())))
+        start = Similarity.rigid((rotation * flip)[None], np.zeros((1, 3)))
+        pose = refine_on_planes(target.local, other, start)
+        overlaps = closeness(target.local, other, pose.rotation, pose.shift)[0]
+        most = max(most, float(np.sqrt(overlaps.prod())))
     return most
 
 

@@ -62,7 +62,7 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
         if len(sights):
             normals = planes * np.where(planes @ sights[0] < 0.0, -1.0, 1.0)[:, None]
         else:
-            normals = _oriented(points, planes)
+            normals = one_sided(points, planes)
     points, normals = _cell_means(points, normals, cell)
     if len(points) < FEWEST_POINTS:
         return None
@@ -150,25 +150,6 @@ def _sums(values: FloatArray, which: NDArray[np.int64], num: int) -> FloatArray:
     )
 
 
-def _oriented(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return normals on one side of each connected piece of a cloud, its bulges outwards, shape (l, 3)."""
-    num = len(points)
-    near = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS + 1, num))[1][:, 1:]
-    rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
-    costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
-    tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())
-    oriented, arms = normals.copy(), points - points.mean(axis=0)
-    _, pieces = connected_components(tree, directed=False)
-    for first in np.unique(pieces, return_index=True)[1]:
-        order, before = breadth_first_order(tree, first, directed=False)
-        for at in order[1:]:
-            if oriented[at] @ oriented[before[at]] < 0:
-                oriented[at] = -oriented[at]
-        if np.vdot(oriented[order], arms[order]) < 0:
-            oriented[order] = -oriented[order]
-    return oriented
-
-
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
 #: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
@@ -191,7 +172,7 @@ class OrientedPoints:
         No farther from the mesh's boundary than points lie apart; of a point cloud, those whose neighbours leave a
         wide gap around them.
     oriented : bool
-        Whether all normals point outwards; else their signs mean nothing.
+        Whether all normals point outwards; else each connected piece has them on one side, a guess.
     """
 
     points: Annotated[FloatArray, Holds(shape="l 3")]
@@ -209,7 +190,9 @@ def spread_points(shape: Shape, num: int) -> OrientedPoints:
     points = small.vertices[chosen]
     normals = outward_normals(small, max_defects=MAX_DEFECTS)
     oriented = len(normals) > 0
-    directions = normals[chosen] if oriented else plane_normals(small.vertices, points)
+    directions = (
+        normals[chosen] if oriented else one_sided(points, plane_normals(small.vertices, points))
+    )
     on_rim = _mesh_rim(small, points) if small.is_mesh else cloud_rim(points, directions)
     return OrientedPoints(
         points=read_only(points),
@@ -246,3 +229,25 @@ def plane_normals(cloud: FloatArray, places: FloatArray) -> FloatArray:
     near = cloud[cKDTree(cloud).query(places, k=min(NORMAL_NEIGHBOURS, len(cloud)))[1]]
     moments = near - near.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.swapaxes(moments, 1, 2) @ moments)[1][:, :, 0])
+
+
+def one_sided(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return normals (l, 3) on one side of each connected piece of a cloud, its bulges outwards.
+
+    The side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
+    """
+    num = len(points)
+    near = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS + 1, num))[1][:, 1:]
+    rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
+    costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
+    tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())
+    oriented, arms = normals.copy(), points - points.mean(axis=0)
+    _, pieces = connected_components(tree, directed=False)
+    for first in np.unique(pieces, return_index=True)[1]:
+        order, before = breadth_first_order(tree, first, directed=False)
+        for at in order[1:]:
+            if oriented[at] @ oriented[before[at]] < 0:
+                oriented[at] = -oriented[at]
+        if np.vdot(oriented[order], arms[order]) < 0:
+            oriented[order] = -oriented[order]
+    return oriented

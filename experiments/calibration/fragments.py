@@ -107,7 +107,7 @@ def complete_shapes(
             shift=-rotation @ surface.centre / surface.radius,
         )
         transforms.append(pose.transform)
-    still = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
+    still = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
     for _ in range(2):
         posed = [
             posed_points(one, transform) for one, transform in zip(points, transforms, strict=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from data_tools.arrays import CACHED_ENTRIES, FloatArray, Holds, IntArray, read_only
 from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
+from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.features.conflicts import conflict, sight_conflicts
 from pairwise.features.extents import extent_poses
@@ -188,10 +189,10 @@ def match_overlapping(
             extent_poses(target, other, NUM_EXTENTS),
             strict=True,
         )
-        poses = refine_on_planes(target, other, *map(np.concatenate, starts))
-        rotations.append(poses[0] * [flip, 1.0, 1.0])
-        shifts.append(poses[1])
-        evidence.append(_evidence(target, other, *poses, matches))
+        poses = refine_on_planes(target, other, Similarity.rigid(*map(np.concatenate, starts)))
+        rotations.append(poses.rotation * [flip, 1.0, 1.0])
+        shifts.append(poses.shift)
+        evidence.append(_evidence(target, other, poses.rotation, poses.shift, matches))
     found = _local_poses(
         np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence)
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import pose_angle_deg
+from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import nearest_orthogonal
 
 _Floats: TypeAlias = NDArray[np.floating[Any]]
@@ -37,8 +37,8 @@ MATCH_COSINE = 0.6
 SAME_POSE_DEG, SAME_POSE_CELLS = 15.0, 5.0
 #: Cutoffs of the refinement's steps, in cells; cosine of normals from which two points count.
 STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0, 1.2, 1.2, 1.2), 0.5
-#: Most that a step of the refinement rotates, in radians, and points that a step needs.
-LONGEST_STEP_RAD, FEWEST_POINTS = 0.3, 12
+#: Most that a step of the refinement rotates, in radians, and scales, as a logarithm; points that a step needs.
+LONGEST_STEP_RAD, LONGEST_STEP, FEWEST_POINTS = 0.3, 0.1, 12
 
 
 def feature_distances(
@@ -124,47 +124,64 @@ def consensus_poses(
 
 
 def refine_on_planes(
-    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Refine rigid poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
+    target: LocalSurface,
+    source: LocalSurface,
+    poses: Similarity,
+    *,
+    scale_range: tuple[float, float] | None = None,
+) -> Similarity:
+    """Refine poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
 
     Parameters
     ----------
     target, source : LocalSurface
-    rotations : ndarray, shape (p, 3, 3)
-        Of determinant 1.
-    shifts : ndarray, shape (p, 3)
-        Source coordinates to those of the target, with the rotations.
+    poses : Similarity
+        Several, of determinant 1; source coordinates to those of the target.
+    scale_range : pair of float, optional
+        The least and the largest scale; without it, scales stay.
     """
     cell = max(target.cell, source.cell)
     points, normals = source.points[source.compared], source.normals[source.compared]
+    rotations, scales, shifts = poses.rotation, np.asarray(poses.scale), poses.shift
+    num_free = 6 if scale_range is None else 7
     for cutoff in STEPS:
-        placed = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
+        back = np.swapaxes(rotations, 1, 2)
+        placed = points @ (scales[:, None, None] * back) + shifts[:, None]
         distances, nearest = target.tree.query(
             placed.reshape(-1, 3), distance_upper_bound=cutoff * cell
         )
         is_near = np.isfinite(distances).reshape(placed.shape[:2])
         nearest = np.where(is_near, nearest.reshape(placed.shape[:2]), 0)
         planes = target.normals[nearest]
-        cosines = (planes * (normals @ np.swapaxes(rotations, 1, 2))).sum(axis=2)
+        cosines = (planes * (normals @ back)).sum(axis=2)
         weights = (is_near & (cosines > STEP_COSINE)).astype(np.float64)
         counts = weights.sum(axis=1)
         means = (weights[:, None] @ placed)[:, 0] / np.maximum(counts, 1.0)[:, None]
+        arms = placed - means[:, None]
         gaps = ((target.points[nearest] - placed) * planes).sum(axis=2)
-        rows = np.concatenate([np.cross(placed - means[:, None], planes), planes], axis=2)
+        columns = [np.cross(arms, planes), planes]
+        if scale_range is not None:
+            columns.append((arms * planes).sum(axis=2, keepdims=True))
+        rows = np.concatenate(columns, axis=2)
         weighted = np.swapaxes(rows * weights[:, :, None], 1, 2)
         moments = weighted @ rows
         # What no plane holds (a sphere rotates in itself) stays.
         damping = 1e-6 * np.trace(moments, axis1=1, axis2=2) + np.finfo(float).tiny
-        moments += damping[:, None, None] * np.eye(6)
+        moments += damping[:, None, None] * np.eye(num_free)
         steps = np.linalg.solve(moments, weighted @ gaps[:, :, None])[:, :, 0]
         steps[counts < FEWEST_POINTS] = 0.0
         lengths = np.linalg.norm(steps[:, :3], axis=1, keepdims=True)
         steps[:, :3] *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, LONGEST_STEP_RAD))
         corrections = rotations_by(steps[:, :3])
-        shifts = (corrections @ (shifts - means)[:, :, None])[:, :, 0] + means + steps[:, 3:]
+        moved = (corrections @ (shifts - means)[:, :, None])[:, :, 0]
+        if scale_range is not None:
+            before = scales
+            grown = np.exp(np.clip(steps[:, 6], -LONGEST_STEP, LONGEST_STEP))
+            scales = np.clip(before * grown, *scale_range)
+            moved *= (scales / before)[:, None]
+        shifts = moved + means + steps[:, 3:6]
         rotations = corrections @ rotations
-    return rotations, shifts
+    return Similarity(rotation=rotations, scale=scales, shift=shifts)
 
 
 def poses_apart(

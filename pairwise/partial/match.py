@@ -1,9 +1,8 @@
-"""Matches two surfaces that overlap in part: rotations, shifts and scales searched, then trimmed closest points.
+"""Matches two surfaces that overlap in part, at any scale.
 
-Centroids and sizes of different parts of a shape say nothing, so all seven unknowns are searched: a low-discrepancy
-set of rotations, the places where a part of the source's size has its centroid, a few scales. The best are refined by
-closest points of both surfaces, of which those without a counterpart have no say, and compared by the energy of
-:class:`pairwise.partial.counterparts.Counterparts`.
+Centroids and sizes of different parts of a shape say nothing. Poses on which neighbourhoods agree at a few scales are
+refined by closest points of both surfaces, of which those without a counterpart have no say, and compared by the
+energy of :class:`pairwise.partial.counterparts.Counterparts`.
 """
 
 from __future__ import annotations
@@ -12,13 +11,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
+from data_tools.local_surface import PART_CELL, LocalSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
-from pairwise.local.rotation_sets import rotation_set
+from pairwise.features.poses import (
+    consensus_poses,
+    feature_distances,
+    match_features,
+    refine_on_planes,
+)
 from pairwise.partial.counterparts import counterparts, step
 from pairwise.partial.surface import PartialSurface
 from pairwise.partial.tuning import TUNED
@@ -57,7 +61,7 @@ def match_partial(
     scale_range: tuple[float, float] | None = None,
     num_candidates: int = 16,
 ) -> tuple[SearchedPose, ...]:
-    """Return distinct poses of a source on a target, the least energy first.
+    """Return distinct poses of a source on a target, the least energy first; none where no neighbourhoods agree.
 
     Parameters
     ----------
@@ -65,8 +69,8 @@ def match_partial(
     group : {"SO", "O"}
         O looks among mirror images as well.
     scale_range : pair of float, optional
-        The least and the largest factor of the source; (1, 1) where both have the same units. Without it, those of
-        shapes of about the same size.
+        The least and the largest factor of the source; (1, 1) where both have the same units. Without it, those at
+        which either may be a part of the other.
     num_candidates : int
         At most so many poses.
 
@@ -75,19 +79,13 @@ def match_partial(
     OptionsError
         If the group is unknown.
     """
-    check_choice("group", group, ("SO", "O"))
-    scale_range = scale_range or scales_allowed([target], source)
-    starts = _starts(target, source, group, scale_range)
-    few, many = TUNED.num_points
-    poses = refine(
-        [target], source, starts, TUNED.few_steps, num_points=few, scale_range=scale_range
-    )
-    found = counterparts(target, source, poses, few)
-    poses = poses[distinct_similarities(poses, found.energies, TUNED.num_refined, target.radius)]
-    poses = refine(
-        [target], source, poses, TUNED.many_steps, num_points=many, scale_range=scale_range
-    )
-    found = counterparts(target, source, poses, many)
+    ratio, (least, _) = target.radius / source.radius, TUNED.scale_range
+    scale_range = scale_range or (ratio * least, ratio / least)
+    proposed = propose_poses(target, source, group=group, scale_range=scale_range)
+    if not len(proposed):
+        return ()
+    poses = refine([target], source, proposed, scale_range=scale_range)
+    found = counterparts(target, source, poses, TUNED.num_points[1])
     energies, overlaps = found.energies, found.overlaps()
     return tuple(
         SearchedPose(
@@ -100,10 +98,75 @@ def match_partial(
     )
 
 
+@one_blas_thread()
+def propose_poses(
+    target: PartialSurface,
+    source: PartialSurface,
+    *,
+    group: str = "SO",
+    scale_range: tuple[float, float],
+) -> Similarity:
+    """Return poses on which neighbourhoods of two surfaces agree, at a few scales of the source.
+
+    Where the outer side of a surface is not known, either side of the source may face that of the target.
+
+    Parameters
+    ----------
+    target, source : PartialSurface
+    group : {"SO", "O"}
+        O looks among mirror images as well.
+    scale_range : pair of float
+        The least and the largest factor of the source.
+
+    Raises
+    ------
+    OptionsError
+        If the group is unknown.
+    """
+    check_choice("group", group, ("SO", "O"))
+    num_scales = 1 + int(np.log(scale_range[1] / scale_range[0]) / TUNED.scale_step)
+    rotations, scales, shifts = [np.empty((0, 3, 3))], [np.empty(0)], [np.empty((0, 3))]
+    for scale in np.geomspace(*scale_range, num_scales + 2)[1:-1].tolist():
+        to, of = describe_both(target, source, scale)
+        limits = scale_range[0] / scale, scale_range[1] / scale
+        for flip in (1.0,) if group == "SO" else (1.0, -1.0):
+            mirrored = of if flip > 0 else of.mirrored()
+            for one in (
+                (mirrored,)
+                if target.oriented and source.oriented
+                else (mirrored, mirrored.reversed())
+            ):
+                matches = match_features(feature_distances(to.features, one.features))
+                first = Similarity.rigid(*consensus_poses(to, one, matches, TUNED.num_proposed))
+                found = refine_on_planes(to, one, first, scale_range=limits)
+                rotations.append(found.rotation * [flip, 1.0, 1.0])
+                scales.append(scale * found.scale)
+                shifts.append(found.shift)
+    return Similarity(
+        rotation=np.concatenate(rotations),
+        scale=np.concatenate(scales),
+        shift=np.concatenate(shifts),
+    )
+
+
+def describe_both(
+    target: PartialSurface, source: PartialSurface, scale: float = 1.0
+) -> tuple[LocalSurface, LocalSurface]:
+    """Return the neighbourhoods of a target and of a source, scaled by a factor, in cells of one size.
+
+    Points lie one cell apart, or less densely where a surface has not so many: cells are so small that even a small
+    source has enough of them.
+    """
+    cell = max(PART_CELL * target.radius, float(target.gaps[-1]), scale * float(source.gaps[-1]))
+    few = min(TUNED.least_described, len(source.gaps))
+    cell = min(cell, scale * float(source.gaps[few - 1]))
+    return target.described(cell), source.described(cell, scale)
+
+
 def scales_allowed(
     targets: Sequence[PartialSurface], source: PartialSurface
 ) -> tuple[float, float]:
-    """Return the least and the largest factor of a source of unknown size."""
+    """Return the least and the largest factor of a source of unknown size that is a part of the targets, or whole."""
     ratios = [target.radius / source.radius for target in targets]
     return TUNED.scale_range[0] * min(ratios), TUNED.scale_range[1] * max(ratios)
 
@@ -112,7 +175,7 @@ def refine(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Similarity,
-    cutoffs: Sequence[float | None] = TUNED.many_steps,
+    cutoffs: Sequence[float | None] = TUNED.steps,
     *,
     num_points: int = TUNED.num_points[1],
     scale_range: tuple[float | FloatArray, float | FloatArray],
@@ -149,48 +212,3 @@ def distinct_similarities(
         if len(kept) == num:
             break
     return np.array(kept, dtype=np.int64)
-
-
-def _starts(
-    target: PartialSurface, source: PartialSurface, group: str, scale_range: tuple[float, float]
-) -> Similarity:
-    """Return the best pose of each rotation, the most promising rotations."""
-    from pairwise.partial.screen import screen_similarities  # compiled, and loads Numba
-
-    rotations = rotation_set(3, TUNED.num_rotations)
-    if group == "O":
-        rotations = np.concatenate([rotations, -rotations])
-    # Surfaces are searched about their centres, in radii of the target.
-    to, of = target.centred(target.radius), source.centred(target.radius)
-    num_scales = 1 + int(np.log(scale_range[1] / scale_range[0]) / TUNED.scale_step)
-    scales = np.geomspace(*scale_range, num_scales + 2)[1:-1]
-    shifts = [centres_of_parts(to, float(scale) * of.radius) for scale in scales]
-    found = [
-        screen_similarities(to, of, rotations, *each) for each in zip(shifts, scales, strict=True)
-    ]
-    which = np.argmin([costs for costs, _ in found], axis=0)
-    costs = np.array([found[s][0][r] for r, s in enumerate(which)])
-    best = np.argsort(costs, kind="stable")[: TUNED.num_starts * (2 if group == "O" else 1)]
-    places = np.array([shifts[which[r]][found[which[r]][1][r]] for r in best])
-    rotations, factors = rotations[best], scales[which[best]]
-    shift = target.centre + target.radius * places - factors[:, None] * (rotations @ source.centre)
-    return Similarity(rotation=rotations, scale=factors, shift=shift)
-
-
-def centres_of_parts(surface: PartialSurface, radius: float) -> FloatArray:
-    """Return where shapes of this root mean square radius may have their centroids on a surface about its origin.
-
-    Large ones lie on it as a whole, on a lattice; smaller ones are parts of it.
-    """
-    if radius >= TUNED.part:
-        steps = np.arange(-TUNED.reach, TUNED.reach + 1e-9, TUNED.shift)
-        lattice = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
-        return np.asarray(lattice[np.linalg.norm(lattice, axis=1) <= TUNED.reach + 1e-9])
-    points = surface.points[: TUNED.num_points[1]]
-    near = cKDTree(points).query_ball_point(points[: TUNED.num_points[0]], TUNED.extent * radius)
-    means = np.concatenate([np.zeros((1, 3)), [points[members].mean(axis=0) for members in near]])
-    kept, gaps = [0], np.linalg.norm(means, axis=1)
-    while len(kept) < TUNED.most_shifts and gaps.max() > TUNED.spacing * radius:
-        kept.append(int(gaps.argmax()))
-        gaps = np.minimum(gaps, np.linalg.norm(means - means[kept[-1]], axis=1))
-    return np.asarray(means[kept])

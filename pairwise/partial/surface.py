@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_points, read_only
 from data_tools.errors import InputError
+from data_tools.local_surface import LocalSurface
 
 #: Cells of the grid along the longest side of the box.
 GRID_CELLS = 40
@@ -36,7 +39,7 @@ class PartialSurface:
     radius : float
         Root mean square distance of the points from the centre.
     oriented : bool
-        Whether the normals' signs are known.
+        Whether the normals' signs are known; else those of each connected piece agree.
     grid : ndarray of int32, shape (a, b, c)
         The point nearest to the centre of each cell, -1 where none is within reach.
     corner : ndarray, shape (3,)
@@ -115,13 +118,13 @@ class PartialSurface:
         found = self.grid[cells[..., 0], cells[..., 1], cells[..., 2]]
         return np.where(inside, found, -1).astype(np.int64)
 
-    def centred(self, unit: float) -> PartialSurface:
-        """Return the surface about its centre, in the given unit of length."""
-        return replace(
-            self,
-            points=read_only((self.points - self.centre) / unit),
-            centre=read_only(np.zeros(3)),
-            radius=self.radius / unit,
-            corner=read_only((self.corner - self.centre) / unit),
-            cell=self.cell / unit,
-        )
+    @cached_property
+    def gaps(self) -> FloatArray:
+        """How far each point, in the order of farthest point sampling, is from those before it, shape (l - 1,)."""
+        distances = cdist(self.points[1:], self.points)
+        return np.asarray(np.where(np.tri(*distances.shape) > 0, distances, np.inf).min(axis=1))
+
+    def described(self, cell: float, scale: float = 1.0) -> LocalSurface:
+        """Return the neighbourhoods of the surface, scaled by a factor, of points that lie one cell apart or more."""
+        num = 1 + int((scale * self.gaps >= cell).sum())
+        return LocalSurface.from_user(scale * self.points[:num], self.normals[:num], cell)

@@ -114,7 +114,8 @@ def _merged(
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        confidence[i] = min(pose_chance(record), STRANGE_LIMIT if strange[i] else 1.0)
+        is_known = not (strange[i] or np.isnan(mismatches[i]))
+        confidence[i] = min(pose_chance(record), 1.0 if is_known else STRANGE_LIMIT)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)

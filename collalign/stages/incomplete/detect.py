@@ -15,7 +15,7 @@ from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_re
 from data_tools.arrays import FloatArray
 from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
-from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, plane_normals
+from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
 from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.partial.match import refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
@@ -128,7 +128,11 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
     points = moved_by(transform, raw)
     rotation = transform[:3, :3] / scales_of(transform)
     is_oriented = len(samples.dense_normals) > 0
-    normals = samples.dense_normals @ rotation.T if is_oriented else plane_normals(points, points)
+    normals = (
+        samples.dense_normals @ rotation.T
+        if is_oriented
+        else one_sided(points, plane_normals(points, points))
+    )
     return OrientedPoints(
         points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented
     )
@@ -141,7 +145,7 @@ def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) ->
 
 def refined_on(partners: Sequence[PartialSurface], surface: PartialSurface) -> Similarity:
     """Return the pose of a surface that lies among its partners, refined by what has a counterpart there."""
-    start = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
+    start = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
     scales = scales_allowed(partners, surface)
     return refine(partners, surface, start, _STEPS, num_points=NUM_POINTS, scale_range=scales)
 

@@ -24,12 +24,12 @@ from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.poses import Similarity, pose_angle_deg, scales_of
 from data_tools.threads import one_blas_thread
 from pairwise.partial.counterparts import Counterparts, counterparts
-from pairwise.partial.match import distinct_similarities, match_partial, refine, scales_allowed
+from pairwise.partial.match import distinct_similarities, propose_poses, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 from pairwise.partial.tuning import TUNED
 
-#: Partners that propose poses, those that each proposes, and those of all that are refined on all partners.
-NUM_PROPOSERS, NUM_PROPOSED, NUM_REFINED = 4, 8, 24
+#: Partners that propose poses, and those of all poses that are refined on all partners.
+NUM_PROPOSERS, NUM_REFINED = 4, 24
 #: The least and the largest scale.
 Sizes: TypeAlias = tuple[float, float]
 
@@ -67,12 +67,16 @@ def place_shape(
     asked = [sizes] * (NUM_PROPOSERS - 1) + [
         sizes if not estimate_scale else None
     ]  # files may be of one size each
-    alone = [
-        match_partial(target, source, group=group, scale_range=size, num_candidates=NUM_PROPOSED)
+    found = [
+        propose_poses(
+            target, source, group=group, scale_range=size or scales_allowed([target], source)
+        ).transform
         for target, size in zip(targets, asked, strict=False)
     ]
-    proposed = np.stack([found.pose.transform for poses in alone for found in poses])
-    poses = settle(targets, source, Similarity.of_transforms(proposed), sizes=sizes, fixed=fixed)
+    centred = np.eye(4)[None]  # where nothing is proposed
+    centred[0, :3, 3] = targets[0].centre - source.centre
+    proposed = Similarity.of_transforms(np.concatenate(found) if any(map(len, found)) else centred)
+    poses = settle(targets, source, proposed, sizes=sizes, fixed=fixed)
     return pose_record(targets, source, poses)
 
 
@@ -181,7 +185,7 @@ def pose_evidence(
 
 def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[FloatArray]:
     """Return the logarithm of what each target's points cost on the others, by their median, each (l,)."""
-    still = Similarity(rotation=np.eye(3)[None], scale=np.ones(1), shift=np.zeros((1, 3)))
+    still = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
     costs: list[list[FloatArray]] = [[] for _ in targets]
     for (a, first), (b, second) in combinations(enumerate(targets), 2):
         found = counterparts(first, second, still, num_points)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.jobs.job import Job, Results
@@ -19,10 +18,11 @@ from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
-from data_tools.local_surface import FEWEST_POINTS, PART_CELL, LocalSurface
+from data_tools.local_surface import FEWEST_POINTS
 from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.features.overlap import closeness
+from pairwise.partial.match import describe_both
 from pairwise.partial.surface import MOST_POINTS, PartialSurface
 
 
@@ -34,7 +34,7 @@ def points_of_file(
 
 
 #: Reads a surface. The version changes whenever the same file would give other points.
-READING = Job(kind="surfaces", version="points-2", run=points_of_file, reader=OrientedPoints)
+READING = Job(kind="surfaces", version="points-3", run=points_of_file, reader=OrientedPoints)
 
 
 def prepare_points(
@@ -71,31 +71,23 @@ def part_mismatch(
 ) -> float:
     """Return how the neighbourhoods of a surface mismatch those of the most similar partner at the first pose.
 
-    The mismatch of any two neighbourhoods is 1. All surfaces are described by points that lie equally far apart. What
-    the surface lacks of a partner does not count. NaN where the points are too few, or the outer side of a surface is
-    not known.
+    The mismatch of any two neighbourhoods is 1. What the surface lacks of a partner does not count. NaN where the
+    points are too few.
     """
-    moved = pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T
-    every = [moved, *((one.points, one.normals) for one in partners)]
-    apart = [_gaps(points) for points, _ in every]
-    cell = max(
-        PART_CELL * float(np.mean([one.radius for one in partners])), *(gaps[-1] for gaps in apart)
-    )
-    counts = [1 + int((gaps >= cell).sum()) for gaps in apart]
-    if min(counts) < FEWEST_POINTS or not all(one.oriented for one in (surface, *partners)):
-        return float("nan")
-    own, *others = (
-        LocalSurface.from_user(points[:num], normals[:num], cell)
-        for (points, normals), num in zip(every, counts, strict=True)
+    moved = PartialSurface.from_user(
+        pose.apply(surface.points)[0],
+        surface.normals @ pose.rotation[0].T,
+        oriented=surface.oriented,
     )
     still, there = np.eye(3)[None], np.zeros((1, 3))
-    return min(float(closeness(other, own, still, there)[1][0, 1]) for other in others)
-
-
-def _gaps(points: FloatArray) -> FloatArray:
-    """Return how far each of points, the farthest first, is from those before it, shape (l - 1,)."""
-    distances = cdist(points[1:], points)
-    return np.asarray(np.where(np.tri(*distances.shape) > 0, distances, np.inf).min(axis=1))
+    found = []
+    for partner in partners:
+        to, own = describe_both(partner, moved)
+        if len(own.points) < FEWEST_POINTS:
+            return float("nan")
+        sides = (own,) if partner.oriented and surface.oriented else (own, own.reversed())
+        found += [float(closeness(to, one, still, there)[1][0, 1]) for one in sides]
+    return min(found)
 
 
 def surface_from_record(record: Record, name: str) -> PartialSurface:

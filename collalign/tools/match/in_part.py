@@ -139,9 +139,8 @@ def match_in_part(
     """Match two shapes of which each may lack what the other has.
 
     Neither centroids nor sizes of different parts say anything. Poses on which neighbourhoods of both surfaces agree
-    are found at the sizes of the files first. If none of them is convincing, rotations, shifts and scales are
-    searched by closest points. That search is left out if ``options.sampling.normalisation`` is "none", as for scans
-    of one object.
+    are found at the sizes of the files first. If none of them is convincing, they are looked for at other sizes as
+    well. Sizes stay if ``options.sampling.normalisation`` is "none", as for scans of one object.
 
     Parameters
     ----------
@@ -206,13 +205,15 @@ def _posed(
     target: Shape, source: Shape, group: str, *, known_sizes: bool
 ) -> tuple[PartialPose, ...]:
     """Return distinct poses of a source on a target, the most probable first."""
-    local = _poses_by_neighbourhoods(target, source, group)
-    if known_sizes and not local:
+    poses = _poses_by_neighbourhoods(target, source, group)
+    is_convincing = bool(poses) and _chance_of_first(poses) >= DOUBT
+    if not known_sizes and not is_convincing:
+        poses = _poses_of_any_size(target, source, group)
+    if not poses:
         raise InputError(
             f"{source.name} on {target.name}: no pose was found, because no parts of the surfaces match"
         )
-    is_convincing = bool(local) and _chance_of_first(local) >= DOUBT
-    return local if known_sizes or is_convincing else _poses_by_search(target, source, group)
+    return poses
 
 
 def _chance_of_first(poses: Sequence[PartialPose]) -> float:
@@ -243,8 +244,8 @@ def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[
     )
 
 
-def _poses_by_search(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
-    """Return poses of any size, found by closest points of the surfaces."""
+def _poses_of_any_size(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
+    """Return poses on which neighbourhoods agree at some size, compared by closest points."""
     surfaces = []
     for shape in (target, source):
         read = spread_points(shape, MOST_POINTS)
@@ -252,6 +253,8 @@ def _poses_by_search(target: Shape, source: Shape, group: str) -> tuple[PartialP
             PartialSurface.from_user(read.points, read.normals, read.on_rim, oriented=read.oriented)
         )
     searched = match_partial(*surfaces, group=group, num_candidates=NUM_POSES)
+    if not searched:
+        return ()
     odds = -PAIR_WEIGHT * np.log([found.energy for found in searched])
     shares = np.exp(odds - odds.max())
     return tuple(

@@ -19,7 +19,8 @@ from collalign.stages.incomplete.detect import (
     named_incomplete,
     open_among_closed,
 )
-from collalign.stages.incomplete.place import nearest_labels, sizes_of_complete
+from collalign.stages.incomplete.place import nearest_labels, place_shape, sizes_of_complete
+from collalign.stages.incomplete.posed_points import posed_points
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _tries_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
@@ -27,6 +28,7 @@ from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, chair, crown
+from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
@@ -99,6 +101,39 @@ def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
     assert note.values["reasons"] == ("named",) * len(BROKEN)
     assert note.values["coverages"] == tuple(one.coverage for one in aligned.incomplete)
     assert np.isfinite(aligned.consensus).all()
+
+
+def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
+    teeth = [read_shape(file) for file in sorted(planted[0].glob("*.ply"))]
+    clouds = [spread_points(replace(one, faces=np.empty((0, 3), int)), 300) for one in teeth]
+    assert not any(cloud.oriented for cloud in clouds)
+    poses = [
+        Similarity(
+            rotation=turn.T,
+            scale=1.0 / posed_points(cloud).radius,
+            shift=-turn.T @ cloud.points.mean(axis=0) / posed_points(cloud).radius,
+        ).transform
+        for cloud, turn in zip(clouds, planted[1], strict=True)
+    ]
+    whole = [0, 1, 3, 4]
+    found = place_shape(
+        clouds[2], tuple(clouds[i] for i in whole), np.stack(poses)[whole], "SO", True
+    )
+    assert rotation_angle_deg(found["rotations"][0], planted[1][2].T) < 15
+    assert found["mismatch"] < 0.6
+
+
+def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
+    tooth = posed_points(spread_points(read_shape(planted[0] / "tooth0.ply"), 300))
+    other = OrientedPoints(
+        points=tooth.points, normals=tooth.normals, on_rim=tooth.on_rim, oriented=True
+    )
+    few = replace(
+        other, points=other.points[:4], normals=other.normals[:4], on_rim=other.on_rim[:4]
+    )
+    found = place_shape(few, (other, other), np.tile(np.eye(4), (2, 1, 1)), "SO", False)
+    assert len(found["rotations"]) == 1
+    assert np.isnan(found["mismatch"])
 
 
 def test_missing_regions_have_no_labels(aligned):

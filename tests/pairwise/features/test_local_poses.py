@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import surface_cells
 from data_tools.local_surface import LocalSurface
-from data_tools.poses import pose_angle_deg
+from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import random_rotation
 from pairwise.features.poses import (
     MOST_MATCHES,
@@ -82,17 +82,31 @@ def test_refinement_removes_some_degrees_and_cells(surface, rng):
     rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
     source = placed(surface, rotation, shift)
     starts = Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation
-    rotations, shifts = refine_on_planes(surface, source, starts, shift + 0.7 * CELL * np.eye(3))
-    assert pose_angle_deg(rotations, rotation).max() < 0.2
-    assert np.linalg.norm(shifts - shift, axis=1).max() < 0.02 * CELL
+    first = Similarity.rigid(starts, shift + 0.7 * CELL * np.eye(3))
+    found = refine_on_planes(surface, source, first)
+    assert pose_angle_deg(found.rotation, rotation).max() < 0.2
+    assert np.linalg.norm(found.shift - shift, axis=1).max() < 0.02 * CELL
+
+
+def test_refinement_finds_the_scale_within_its_range(surface, rng):
+    rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
+    source = placed(surface, rotation, shift)
+    first = Similarity(
+        rotation=Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation,
+        scale=np.full(3, 0.85),
+        shift=shift + 0.7 * CELL * np.eye(3),
+    )
+    found = refine_on_planes(surface, source, first, scale_range=(0.5, 2.0))
+    assert pose_angle_deg(found.rotation, rotation).max() < 0.5
+    np.testing.assert_allclose(found.scale, 1.0, atol=0.01)
+    assert refine_on_planes(surface, source, first, scale_range=(0.5, 0.9)).scale.max() <= 0.9
 
 
 def test_surfaces_that_are_far_apart_stay_where_they_are(surface):
-    rotations, shifts = refine_on_planes(
-        surface, surface, np.eye(3)[None], np.array([[50.0, 0.0, 0.0]])
-    )
-    np.testing.assert_allclose(rotations[0], np.eye(3))
-    np.testing.assert_allclose(shifts[0], [50.0, 0.0, 0.0])
+    far = Similarity.rigid(np.eye(3)[None], np.array([[50.0, 0.0, 0.0]]))
+    found = refine_on_planes(surface, surface, far)
+    np.testing.assert_allclose(found.rotation, far.rotation)
+    np.testing.assert_allclose(found.shift, far.shift)
 
 
 def test_poses_that_differ_little_in_rotation_and_place_are_one(surface):

@@ -12,7 +12,7 @@ from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from pairwise.partial.counterparts import _apart, counterparts
-from pairwise.partial.match import match_partial, refine, scales_allowed
+from pairwise.partial.match import describe_both, match_partial, refine, scales_allowed
 from pairwise.partial.surface import PartialSurface
 
 NUM = 400
@@ -77,6 +77,26 @@ def test_clouds_without_signs_of_normals_match_as_well(whole):
     assert not cloud.oriented
     best = match_partial(surface(whole), cloud)[0]
     assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
+
+
+def test_a_third_of_unknown_size_finds_its_place(whole):
+    turn = random_rotation(np.random.default_rng(8))
+    third = moved(cut(whole, np.array([0.3, 1.0, 0.2]), 0.67), turn, 0.7, np.ones(3))
+    to, of = surface(whole), surface(third)
+    assert of.radius / 0.7 < 0.75 * to.radius
+    best = match_partial(to, of)[0]
+    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
+    assert best.pose.scale == pytest.approx(1 / 0.7, rel=0.05)
+
+
+def test_small_surfaces_are_described_in_small_cells(whole):
+    to, of = surface(whole), surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.9))
+    usual, small = describe_both(to, to), describe_both(to, of)
+    assert small[0].cell == small[1].cell < usual[0].cell
+    assert len(small[1].points) >= 100
+    half = describe_both(to, of, 0.5)
+    assert half[1].cell == pytest.approx(0.5 * small[1].cell)
+    np.testing.assert_allclose(half[1].points, 0.5 * small[1].points)
 
 
 def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole):
