@@ -13,6 +13,8 @@ and names the sides of strongly chiral shapes by itself.
 The thresholds of fits were set on molars of both sides, of one side, and with single mirrored specimens, and on
 chairs, glasses, ants, teddies, human bodies and skull landmarks, in random subsets of 6 to 116 shapes, and on
 generated crowns; ``python -m experiments calibrate sides`` tries others on subsets of 24 shapes of most of these.
+There they score .995, of 1 for right verdicts alone. No other value of one of them scores more than .996, and chosen
+without the collection that is judged none more than .9954.
 """
 
 from __future__ import annotations
