@@ -106,10 +106,14 @@ def missing_vertices(target: RegistrationSurface, vertices: FloatArray) -> BoolA
         With its rim, see :func:`with_cloud_rim`.
     vertices : ndarray, shape (v, 3)
     """
+    return lies_beyond(*nearest_on(target, vertices), target.radius)
+
+
+def nearest_on(target: RegistrationSurface, vertices: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return distances (v,) of vertices to the nearest point of a target, and whether it is on its rim, (v,)."""
     places = target.locator.closest(vertices)
     on_rim = np.asarray((target.on_rim[places.corners] | (places.weights <= 0.0)).all(axis=1))
-    distances = np.linalg.norm(places.on(target.vertices) - vertices, axis=1)
-    return lies_beyond(distances, on_rim, target.radius)
+    return np.linalg.norm(places.on(target.vertices) - vertices, axis=1), on_rim
 
 
 def mean_of_what_is_there(

@@ -218,12 +218,12 @@ def measure_few(cell: Cell) -> Record:
             for _ in range(settings["sets"]):
                 chosen = [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
                 for name in (name for name in templates if name not in chosen):
-                    points, evidence, nothing = carrier.predict(
+                    points, evidence, lost = carrier.predict(
                         name, [templates[one] for one in chosen]
                     )
                     errors = carrier.errors(name, points) / evidence.unit
                     found["variation"] = evidence.variation / evidence.unit
-                    rows.append(np.column_stack([errors, evidence.shown()])[~nothing])
+                    rows.append(np.column_stack([errors, evidence.shown()])[lost == ""])
             every = np.concatenate(rows)
             found[f"errors {k}"], found[f"shown {k}"] = every[:, 0], every[:, 1:]
     return {**found, "processor_s": elapsed.processor_s}

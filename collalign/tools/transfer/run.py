@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from collalign.confidence.radius_model import (
     Calibration,
@@ -39,9 +40,9 @@ from collalign.landmarks.templates import (
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.products.trust import DOUBT
-from collalign.registration.surface import RegistrationSurface, missing_vertices, with_cloud_rim
+from collalign.registration.surface import RegistrationSurface, nearest_on, with_cloud_rim
 from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
-from data_tools.arrays import BoolArray, FloatArray, read_only
+from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
@@ -50,6 +51,7 @@ from data_tools.io.shapes import CoordinateSystem, read_shape
 from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.poses import moved_by
+from data_tools.surface.closest import lies_beyond
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -62,6 +64,7 @@ from data_tools.threads import one_blas_thread
     UNKNOWN,
     MISSING_PLACE,
     NO_COUNTERPART,
+    NOT_REACHED,
     OUT_OF_RANGE,
 ) = (
     "placed by an expert",
@@ -71,6 +74,7 @@ from data_tools.threads import one_blas_thread
     "abstained: no template has it",
     "missing: the shape is incomplete there",
     "abstained: the surface ends before it",
+    "abstained: the mean surface does not reach the specimen there",
     "abstained: the surface fits worse there than on any template",
 )
 
@@ -317,10 +321,10 @@ class LandmarkCarrier:
         )
         reasons = np.where(known, MISSING_PLACE, UNKNOWN)
         if reason is None and not placed.all():
-            predicted, evidence, nothing = self.predict(name, self.templates)
+            predicted, evidence, lost = self.predict(name, self.templates)
             vague = beyond_range(calibration, evidence)
-            predicted[nothing | vague] = np.nan
-            reasons = np.where(nothing, NO_COUNTERPART, np.where(vague, OUT_OF_RANGE, reasons))
+            predicted[(lost != "") | vague] = np.nan
+            reasons = np.where(lost != "", lost, np.where(vague, OUT_OF_RANGE, reasons))
             inverse = np.linalg.inv(self._collection.transforms[self._collection.index(name)])
             points[~placed] = moved_by(inverse, predicted)[~placed]
             radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
@@ -337,7 +341,7 @@ class LandmarkCarrier:
 
     def predict(
         self, name: str, templates: list[Template]
-    ) -> tuple[FloatArray, RadiusEvidence, BoolArray]:
+    ) -> tuple[FloatArray, RadiusEvidence, NDArray[np.str_]]:
         """Predict the landmarks of a specimen from some templates.
 
         Returns
@@ -345,8 +349,8 @@ class LandmarkCarrier:
         points : ndarray, shape (l, 3)
             In the common frame.
         evidence : RadiusEvidence
-        nothing : ndarray of bool, shape (l,)
-            Where the specimen's surface is missing.
+        lost : ndarray of str, shape (l,)
+            Why a landmark has no place on the specimen's surface; empty where it has one.
         """
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
@@ -361,7 +365,7 @@ class LandmarkCarrier:
             template_residual=template_residual,
         )
         surface = self._surface(name)
-        nothing = _without_counterpart(surface, points) & ~off_surface(templates)
+        lost = np.where(off_surface(templates), "", _lost(surface, points))
         placed = on_surface(points, templates, surface.locator)
         for curve in self._semilandmarks:
             rows = list(curve.rows)
@@ -370,7 +374,7 @@ class LandmarkCarrier:
                 placed[rows] = on_surface(
                     spaced, [item.only(rows) for item in templates], surface.locator
                 )
-        return placed, evidence, nothing
+        return placed, evidence, lost
 
     def errors(self, name: str, points: FloatArray) -> FloatArray:
         """Return how far predicted landmarks are from a template's own, in the common frame, shape (l,)."""
@@ -393,19 +397,17 @@ class LandmarkCarrier:
         places, words = [], []
         for at, name in enumerate(self._collection.names):
             reason = self._abstention(name)
-            points = np.full((num, 3), np.nan)
+            points, lost = np.full((num, 3), np.nan), np.full(num, reason or "")
             if reason is None:
                 copies = self._dense.vertices[self._rows[name]][chosen]
                 surface = self._surface(name)
-                there = np.isfinite(copies).all(axis=1) & ~_without_counterpart(surface, copies)
+                lost = _lost(surface, copies)
+                there = np.isfinite(copies).all(axis=1) & (lost == "")
                 points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
                 points = moved_by(np.linalg.inv(self._collection.transforms[at]), points)
             places.append(points)
-            words.append(
-                np.where(
-                    np.isfinite(points).all(axis=1), CARRIED, reason or NO_COUNTERPART
-                ).tolist()
-            )
+            why = np.where(lost == "", NO_COUNTERPART, lost)
+            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, why).tolist())
         rows = SemilandmarkRows(
             SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num))
         )
@@ -434,9 +436,9 @@ class LandmarkCarrier:
         return moved_by(self._collection.transforms[self._collection.index(name)], points)
 
 
-def _without_counterpart(surface: RegistrationSurface, points: FloatArray) -> BoolArray:
-    """Return which of the points that are known lie where the surface has nothing, shape (l,)."""
+def _lost(surface: RegistrationSurface, points: FloatArray) -> NDArray[np.str_]:
+    """Return why points that are known have no place on a surface, shape (l,); empty where they have one."""
     known = np.asarray(np.isfinite(points).all(axis=1))
-    nothing = np.zeros(len(points), dtype=bool)
-    nothing[known] = missing_vertices(surface, points[known])
-    return nothing
+    distances, on_rim = nearest_on(surface, np.where(known[:, None], points, surface.vertices[0]))
+    beyond = known & lies_beyond(distances, on_rim, surface.radius)
+    return np.where(beyond, np.where(on_rim, NO_COUNTERPART, NOT_REACHED), "")

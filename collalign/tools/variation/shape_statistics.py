@@ -177,13 +177,13 @@ def shape_tests(
     """
     shapes, sizes = procrustes_scores(variation.components), np.log(variation.centroid_sizes)
     whole = dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True))
-    model, odd = check_tests(options, columns, whole)
+    own_model, odd = check_tests(options, columns, whole)
     read = {
         name: read_column(name, values, variation.names, as_factor=name in options.factors)
         for name, values in columns.items()
     }
     tester = _Tester(shapes, sizes, variation.names, read, options, with_size=not odd)
-    asked_for = tester.of_model(model) if model else []
+    asked_for = tester.of_model(own_model) if own_model else []
     anova: Rows = [_ANOVA_TABLE, *asked_for, *tester.anova([(SIZE_TERM,)])]
     groups: Rows = [["column", "group", "shapes", "disparity"]]
     pairs: Rows = [_PAIRS_TABLE]
