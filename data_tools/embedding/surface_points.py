@@ -31,6 +31,14 @@ LEAST_NORMAL = 0.3
 CLOUD_CELL = 0.1
 #: Neighbours along which the side of a cloud's normals spreads.
 NUM_NEIGHBOURS = 10
+#: Larger meshes are decimated to so many triangles: their vertices are what is matched.
+MAX_FACES = 40_000
+#: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
+MAX_DEFECTS = 0.01
+#: Neighbours that a plane is fitted to where there are no triangles.
+NORMAL_NEIGHBOURS = 30
+#: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.
+RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
 
 def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
@@ -148,16 +156,6 @@ def _sums(values: FloatArray, which: NDArray[np.int64], num: int) -> FloatArray:
     return np.stack(
         [np.bincount(which, weights=column, minlength=num) for column in values.T], axis=1
     )
-
-
-#: Larger meshes are decimated to so many triangles: their vertices are what is matched.
-MAX_FACES = 40_000
-#: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
-MAX_DEFECTS = 0.01
-#: Neighbours that a plane is fitted to where there are no triangles.
-NORMAL_NEIGHBOURS = 30
-#: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.
-RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
