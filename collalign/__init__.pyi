@@ -69,6 +69,7 @@ from .reexported import SolveFailed as SolveFailed
 from .reexported import Source as Source
 from .reexported import Status as Status
 from .reexported import StoreError as StoreError
+from .reexported import SurfaceChirality as SurfaceChirality
 from .reexported import UnavailableError as UnavailableError
 from .reexported import UnknownName as UnknownName
 from .stages.poses.synchronize import pair_graph as pair_graph

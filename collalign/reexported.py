@@ -1,5 +1,6 @@
 """Types and errors of the two lower packages that can be imported from ``collalign`` as well."""
 
+from data_tools.embedding.chirality import SurfaceChirality as SurfaceChirality
 from data_tools.embedding.copies import Copies as Copies
 from data_tools.embedding.embedding import Samples as Samples
 from data_tools.errors import CollalignError as CollalignError
