@@ -17,7 +17,7 @@ import collalign
 from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
-from collalign.cli.config import read_marks, read_own
+from collalign.cli.own_file import read_marks, read_own
 from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
