@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from collalign.output.views import camera, draw_panels, principal_view, seen_panel
+from collalign.output.views import camera, display_mesh, draw_panels, principal_view, seen_panel
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.html_pages import new_figure
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _GREY = np.full(3, 0.6)
+#: Triangles of a mesh that are drawn, about; a panel has some 300 pixels a side.
+_MOST_DRAWN = 20_000
 #: Half turn about the vertical axis of the picture.
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
@@ -104,16 +107,23 @@ def match_figure(
     axes.set_title(title, parse_math=False)
     axes.set_axis_off()
     panels = []
-    for column, (shape, colours, frame, name) in enumerate(shown):
+    for column, (shape, of_vertices, frame, name) in enumerate(shown):
+        vertices, faces, colours = _drawn(shape, of_vertices)
         for place, behind in enumerate((np.eye(3), _FROM_BEHIND)):
             corner = np.array([2.0 * column + place, 0.0])
-            panels.append(
-                seen_panel(shape.vertices @ (behind @ frame).T, shape.faces, corner, colours)
-            )
+            panels.append(seen_panel(vertices @ (behind @ frame).T, faces, corner, colours))
             words = "from behind" if place else name
             axes.text(corner[0], 1.05, words, fontsize="small", parse_math=False)
     draw_panels(axes, panels)
     return figure
+
+
+def _drawn(shape: Shape, colours: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return vertices, triangles and colours of vertices of what is drawn of a shape."""
+    if len(shape.faces) <= _MOST_DRAWN:
+        return shape.vertices, shape.faces, colours
+    vertices, faces = display_mesh(shape.vertices, shape.faces, max_faces=_MOST_DRAWN)
+    return vertices, faces, colours[cKDTree(shape.vertices).query(vertices)[1]]
 
 
 def _confidence_colours(confidence: FloatArray) -> FloatArray:
