@@ -59,7 +59,7 @@ class GeodesicSolver:
         """
         sources = as_indices(sources, "sources", upper=self._num_vertices, shape=(None,))
         if self._heat is None:
-            return dijkstra(self._graph, directed=False, indices=sources, min_only=True)
+            return dijkstra(self._graph, indices=sources, min_only=True)
         if len(sources) == 1:
             return np.array(self._heat.compute_distance(int(sources[0])))
         return np.array(self._heat.compute_distance_multisource([int(s) for s in sources]))
@@ -67,6 +67,12 @@ class GeodesicSolver:
     def from_vertex(self, source: int) -> FloatArray:
         """Return the distance of every vertex to one vertex, shape (v,)."""
         return self.from_vertices(np.array([source]))
+
+    def from_each(self, sources: IntArray) -> FloatArray:
+        """Return the distance of every vertex to each of some vertices, shape (s, v)."""
+        if self._heat is None:
+            return np.asarray(dijkstra(self._graph, indices=sources))
+        return np.stack([self.from_vertex(int(source)) for source in sources])
 
 
 def neighbour_edges(points: FloatArray) -> IntArray:
@@ -77,14 +83,15 @@ def neighbour_edges(points: FloatArray) -> IntArray:
     _, neighbours = cKDTree(points).query(points, k=num + 1)
     pairs = np.column_stack([np.repeat(np.arange(len(points)), num), neighbours[:, 1:].ravel()])
     pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    return np.unique(pairs, axis=0)
+    return np.column_stack(np.divmod(np.unique(pairs @ [len(points), 1]), len(points)))
 
 
 def edge_graph(vertices: FloatArray, edges: IntArray) -> csr_array:
-    """Return the sparse matrix of edge lengths, shape (v, v), upper triangle only."""
+    """Return the symmetric sparse matrix of edge lengths, shape (v, v)."""
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    num = len(vertices)
-    return coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(num, num)).tocsr()
+    both = np.concatenate([edges, edges[:, ::-1]])
+    entries = (np.concatenate([lengths, lengths]), (both[:, 0], both[:, 1]))
+    return coo_array(entries, shape=(len(vertices),) * 2).tocsr()
 
 
 def average_geodesic_distance(
@@ -104,7 +111,7 @@ def average_geodesic_distance(
     sources : ndarray of int, shape (s,)
         Well spread vertices, for instance 64 Euclidean farthest points.
     """
-    distances = np.stack([solver.from_vertex(int(s)) for s in sources])
+    distances = solver.from_each(sources)
     reachable = np.isfinite(distances)
     distances = np.where(reachable, distances, distances.max(initial=0.0, where=reachable))
     areas = vertex_areas(shape)
@@ -161,7 +168,7 @@ def _heat_solver(
         distances = np.asarray(solver.compute_distance(0))
     except RuntimeError:
         return None
-    along_edges = dijkstra(graph, directed=False, indices=0)
+    along_edges = dijkstra(graph, indices=0)
     is_plausible = np.isfinite(distances).all() and np.median(np.abs(distances - along_edges)) <= (
         HEAT_AGREEMENT * np.median(along_edges)
     )
