@@ -39,6 +39,7 @@ from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
 from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_tables import READABLE
+from data_tools.percent import listed
 
 #: Pages that are shown, by the command that writes them.
 _PAGES = {
@@ -302,11 +303,7 @@ def _found(listing: FolderListing) -> str:
         Path(location(file)).suffix.lower().removeprefix(".") or "folder" for file in listing.files
     )
     counts = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common())
-    skipped = (
-        f" {len(listing.skipped_names)} other files are left aside."
-        if listing.skipped_names
-        else ""
-    )
+    skipped = f" Not shapes: {listed(listing.skipped_names)}." if listing.skipped_names else ""
     return f"{len(listing.files)} shapes ({counts}).{skipped}"
 
 
