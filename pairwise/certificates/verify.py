@@ -135,7 +135,8 @@ def verify_certificate(
     if not isinstance(claim, float | int | np.floating) or not abs(claim) <= sys.float_info.max:
         raise InputError(f"certificate: claims {claim!r}, which is no bound")
     with np.errstate(over="ignore"):
-        squares = (stated.target**2).sum() + (stated.weights * (stated.source**2).sum(axis=1)).sum()
+        squares = _largest(stated.weights) * (stated.target**2).sum()
+        squares += (stated.weights * (stated.source**2).sum(axis=1)).sum()
         scale = min(float(squares) + _largest(stated.constant_cost), np.finfo(np.float64).max)
     if not bound >= claim - CLAIM_TOL * (scale + abs(claim)):
         raise InputError(f"certificate: claims the bound {claim:.12g} but proves {bound:.12g}")

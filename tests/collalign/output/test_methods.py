@@ -40,9 +40,14 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
     assert record["options"]["space"] == "unscaled"
     assert {"version", "date"} <= record.keys()
     tests = {"model": "size + sex", "sums_of_squares": "II", "permutations": 9999, "seed": 4}
-    made = {"tool": "variation", "options": {"tests": tests, "num_shapes": 5, "num_vertices": 800}}
-    (tmp_path / "variation").mkdir()
-    (tmp_path / "variation" / "run-variation.json").write_text(json.dumps(made))
+    options = {
+        "variation": {"tests": tests, "num_shapes": 5, "num_vertices": 800},
+        "transfer": {"templates": ["s1"], "num_landmarks": 7},
+    }
+    for tool, given in options.items():
+        (tmp_path / tool).mkdir()
+        record = {"tool": tool, "options": given}
+        (tmp_path / tool / f"run-{tool}.json").write_text(json.dumps(record))
     capsys.readouterr()
     assert main(["status", str(tmp_path), "--cite"]) == 0
     said = capsys.readouterr().out
@@ -50,6 +55,7 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
     assert "(type II) and 9999 random permutations" in said
     assert "shape ~ size + sex" in said
     assert "RRPP" in said
+    assert "7 landmarks were carried to all specimens from 1 template (s1)." in said
 
 
 def test_a_call_from_python_has_no_command(tmp_path):

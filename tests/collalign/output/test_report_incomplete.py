@@ -67,6 +67,8 @@ def test_colours_tell_where_the_plane_was():
     whole, broken = (moved_by(view.transforms[at], view.vertices[at]) for at in (0, BROKEN))
     vertices, shares = mesh_of(meshes, f"coverage-{BROKEN}")
     assert len(shares) == len(vertices)
+    lengths = {name: length for name, _, length in meshes[f"coverage-{BROKEN}"][0]["fields"]}
+    assert lengths["samples"] == 0
     assert shares.min() == 1.0
     beyond, found = (
         whole[:, 0] - broken[:, 0].max(),

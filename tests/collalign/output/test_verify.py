@@ -37,12 +37,22 @@ class Certified:
 
 @pytest.fixture(scope="module")
 def certified():
+    return certified_pairs()
+
+
+def certified_pairs(num_functions=0):
+    """Pairs of samples with as many coordinates besides those of space."""
     rng = np.random.default_rng(3)
     coordinates, invariants = rng.standard_normal((3, K, 3)), 0.1 * rng.standard_normal((3, K, 2))
     coordinates -= coordinates.mean(axis=1, keepdims=True)
     coordinates /= np.linalg.norm(coordinates, axis=(1, 2), keepdims=True)
+    functions = rng.standard_normal((3, K, num_functions))
+    coordinates = np.concatenate([coordinates, functions], axis=2)
     certificate = solve_relaxation(
-        coordinates[0], coordinates[2], invariants=(invariants[0], invariants[2])
+        coordinates[0],
+        coordinates[2],
+        rotation_pattern=(3, num_functions) if num_functions else None,
+        invariants=(invariants[0], invariants[2]),
     ).certificate
     known = {
         "lower_bound": certificate.bound,
@@ -66,7 +76,7 @@ def summary(certified, normalisation):
         transform[:3, :3] = 2.0 * random_rotation(rng, 3, reflected=i == 1) / unit
         transform[:3, 3] = i
         shapes.append({"name": name, "transform": transform.tolist()})
-        positions.append((unit * x + 7.0) @ transform[:3, :3].T + transform[:3, 3])
+        positions.append((unit * x[:, :3] + 7.0) @ transform[:3, :3].T + transform[:3, 3])
     options = {"sampling": {"normalisation": normalisation}}
     return {"shapes": shapes, "decided": {"group": "SO"}, "options": options}, np.array(positions)
 
@@ -79,7 +89,11 @@ def rewrite_table(folder, change):
 
 @pytest.fixture
 def folder(certified, tmp_path):
-    with OutputFolder.open(tmp_path / "out", writer="align") as output:
+    return write_folder(certified, tmp_path / "out")
+
+
+def write_folder(certified, folder):
+    with OutputFolder.open(folder, writer="align") as output:
         write_certificates(certified.pairs, certified, output)  # type: ignore[arg-type]
         record, positions = summary(certified, "centroid")
         np.savez(output.stage("correspondences.npz"), positions=positions)
@@ -89,7 +103,14 @@ def folder(certified, tmp_path):
         ]
         output.stage("pairs.csv").write_text(csv_text([COLUMNS, *rows]))
         output.publish()
-    return tmp_path / "out"
+    return folder
+
+
+def test_samples_may_have_more_coordinates_than_those_of_space(tmp_path):
+    certified = certified_pairs(num_functions=2)
+    found = verify_result(write_folder(certified, tmp_path / "out"))
+    assert found.holds
+    assert found.pairs[0].proven == pytest.approx(certified.pairs[1].lower_bound, rel=1e-9)
 
 
 def test_certificates_hold_and_the_rest_is_called_a_word(folder, certified):

@@ -234,6 +234,7 @@ def test_disconnected_graphs_are_groups():
     assert codes(found.warnings) == ["unconnected"]
     assert np.isnan(found.confidence[5:]).all()
     assert np.allclose(found.rotations[3], np.eye(3), atol=1e-12)
+    assert len(synchronize([], np.empty((0, 3, 3)), num_shapes=2).components) == 2
 
 
 def test_weights_zero_cut_edges():

@@ -31,7 +31,7 @@ from collalign.synchronization.model import (
     relative_weights,
     squared_distances,
 )
-from collalign.synchronization.robust import connectivity_warnings, restricted
+from collalign.synchronization.robust import connectivity_warnings, evidence, restricted
 from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
@@ -178,6 +178,23 @@ def test_a_shape_without_affinities_is_a_part_of_its_own():
     assert spectral_clusters(affinity, 2).tolist() == [0] * 6 + [1]
 
 
+def test_pairs_that_choose_among_equal_candidates_are_no_evidence():
+    edges, frames = complete_edges(6), np.tile(np.eye(3), (6, 1, 1))
+    beliefs = np.ones((6, 1))
+    for num, is_evidence in ((1, True), (3, False)):
+        graph = PairGraph.from_user(edges, np.tile(np.eye(3), (15, num, 1, 1)))
+        found = evidence(
+            State(
+                model=EdgeModel(graph=graph),
+                frames=frames,
+                beliefs=beliefs,
+                alternatives=turn_set(THIRD, num=6, rate=0.0),
+            )
+        )
+        assert (found > 0.1).all() == is_evidence
+        assert is_evidence or found == pytest.approx(np.zeros(6), abs=1e-9)
+
+
 def test_modes_are_apart_and_the_heaviest_first():
     rng = np.random.default_rng(3)
     flip = np.diag([1.0, -1.0, -1.0])
@@ -293,17 +310,18 @@ def test_parts_are_numbered_by_their_first_shape():
     assert spectral_clusters(affinity, 3).tolist() == expected
 
 
-def test_parts_are_turned_to_each_other_and_some_stay():
-    edges = complete_edges(6)
-    truth = random_rotations(np.random.default_rng(6), 6)
+@pytest.mark.parametrize("num", [3, 17], ids=["few pairs", "more pairs than modes"])
+def test_parts_are_turned_to_each_other_and_some_stay(num):
+    edges = complete_edges(2 * num)
+    truth = random_rotations(np.random.default_rng(6), 2 * num)
     graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
     labels, own = (
-        np.repeat([0, 1], 3),
-        np.repeat(random_rotations(np.random.default_rng(7), 2), 3, axis=0),
+        np.repeat([0, 1], num),
+        np.repeat(random_rotations(np.random.default_rng(7), 2), num, axis=0),
     )
     for stay in (0, 1):
         turns = part_rotations(graph, labels, own @ truth, {stay})
-        np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (3, 1, 1)))
+        np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (num, 1, 1)))
         np.testing.assert_allclose(
             exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8
         )

@@ -5,6 +5,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import OptionsError
 from experiments.datasets import read_teeth
 from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
+from pairwise.certificates.verify import verify_certificate
 from pairwise.problem.problem import Problem, chiralities, energy_scale
 from pairwise.results import Candidate, Status
 from tests.oracles import brute_force, check_pose
@@ -28,6 +29,17 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
         assert problem.pattern.special_blocks == ()
         worse = [p for mirrored, p in chiralities(problem) if mirrored != pose.reflected]
         assert brute_force(worse[0]).energy > pose.energy
+
+
+@pytest.mark.parametrize("at_origin", ["target", "source"])
+def test_points_that_all_lie_at_the_origin_have_a_true_bound(at_origin, rng):
+    points = {"target": rng.random((4, 3)), "source": rng.random((3, 3))}
+    points[at_origin] *= 0.0
+    problem = Problem.from_user(**points)
+    proof = prove(problem, time_limit_s=0.3, record=True)
+    optimum = brute_force(problem).energy
+    assert 0.0 < proof.lower_bound <= optimum * (1 + 1e-12)
+    assert verify_certificate(*points.values(), proof.certificate) <= optimum
 
 
 @pytest.mark.parametrize("seed", range(8))

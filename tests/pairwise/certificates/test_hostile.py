@@ -129,14 +129,23 @@ def test_row_sums_of_target_points_that_a_map_can_leave_out_are_refused():
         check(problem, forged(certificate, row_u=row_u))
 
 
-@pytest.mark.parametrize("unit", [1e-60, 1e-12, 1.0, 1e12, 1e60])
-def test_every_unit_of_length_is_proven_alike(problem, unit):
+@pytest.mark.parametrize(
+    ("unit", "weight"),
+    [*((unit, 1.0) for unit in (1e-60, 1e-12, 1.0, 1e12, 1e60)), (1.0, 1e-90), (1.0, 1e90)],
+)
+def test_every_unit_is_proven_alike_and_claims_no_more(problem, unit, weight):
     optimum = brute_force(problem).energy
     for solve in (solve_pm_sdp, partial(prove, record=True)):
-        scaled = replace(problem, target=unit * problem.target, source=unit * problem.source)
-        result = solve(scaled)
-        share = check(scaled, result.certificate) / unit / unit / optimum
+        weights = weight * problem.weights
+        scaled = replace(
+            problem, target=unit * problem.target, source=unit * problem.source, weights=weights
+        )
+        proof = solve(scaled).certificate
+        scale = unit * unit * weight
+        share = check(scaled, proof) / scale / optimum
         assert 0.5 < share <= 1.0
+        with pytest.raises(InputError, match="claims the bound"):
+            check(scaled, replace(proof, bound=1.001 * scale * optimum))
 
 
 def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path):

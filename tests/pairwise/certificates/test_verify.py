@@ -26,6 +26,8 @@ def test_no_poses_fall_below_the_gram_bound_whatever_the_diagonal_and_some_come_
     pulls = -np.swapaxes(known[edges[:, 0]], 1, 2) @ known[edges[:, 1]]
     tight = gram_bound(edges, pulls, np.tile(2.0 * np.eye(3), (5, 1, 1)))
     assert tight == pytest.approx(-30.0, abs=1e-9)
+    nothing = gram_bound(edges, np.zeros_like(tilts), np.tile(np.eye(3) / 3.0, (5, 1, 1)))
+    assert nothing < -5.0 < nothing + 1e-9, "rounding is allowed for"
     assert np.array_equal(
         gram_matrix(edges, tilts, diagonal), gram_matrix(edges, tilts, diagonal).T
     )
