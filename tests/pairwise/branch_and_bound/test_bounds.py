@@ -6,7 +6,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from data_tools.rotations import rotation_angles
-from pairwise.branch_and_bound.bounds import Cells, QuasiBounds
+from pairwise.branch_and_bound.bounds import Cells, Curvature, QuasiBounds
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem.problem import Problem, chiralities, energy_scale
 from tests.oracles import every_pose
@@ -75,6 +75,18 @@ def test_the_loss_is_all_that_a_turn_about_an_axis_of_symmetry_costs(axis):
         reach = -turn.as_quat()[None, None, :3]
         found = evaluate(Problem.from_user(points, points), turn.as_matrix()[None], reach)
         assert found[0][0] == pytest.approx(0.0, abs=1e-4 * angle)
+
+
+def test_the_loss_is_as_large_as_the_curvature_where_that_is_largest(rng):
+    sums = [points.T @ points for points in rng.standard_normal((2, 5, 3)) * [3.0, 2.0, 1.0]]
+    curvature = Curvature(*sums)
+    (_, own), (_, other) = map(np.linalg.eigh, (curvature._source, curvature._target))
+    other[:, 1] *= np.linalg.det(own) * -np.linalg.det(other)
+    worst = other @ own[:, ::-1].T
+    reach = 0.1 * own[:, -1]
+    form = curvature._source - worst.T @ curvature._target @ worst
+    assert np.linalg.det(worst) == pytest.approx(1.0)
+    assert curvature.losses(worst[None], reach[None, None])[0] >= reach @ form @ reach
 
 
 def test_what_a_mask_forbids_is_not_what_is_bounded():

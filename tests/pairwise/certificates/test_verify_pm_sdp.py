@@ -143,6 +143,11 @@ def test_eigenvalues_of_singular_matrices_are_not_called_positive():
         assert _eigenvalue_floor(-size * np.eye(4)) <= -size
 
 
+def test_eigenvalues_that_a_library_calls_too_large_are_not_believed(monkeypatch):
+    monkeypatch.setattr(np.linalg, "eigvalsh", lambda matrix: np.array([1.5]))
+    assert _eigenvalue_floor(np.diag([1.0, 2.0, 3.0])) <= 1.0
+
+
 def test_quadratic_forms_are_bounded_for_vectors_known_in_part():
     rng = np.random.default_rng(8)
     for condition in (1.0, 1e6, 1e12):

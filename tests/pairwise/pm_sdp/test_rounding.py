@@ -46,7 +46,9 @@ def test_all_four_starts_are_the_pose_where_the_relaxation_is_exact(rng, dim):
 
 def test_the_sign_of_the_rank_one_factors_is_that_of_probabilities(rng):
     problem, turn, point_map = planted_pose(rng)
-    entries, probabilities = rank_one_factors(mixture(problem, turn[None], point_map[None]))
+    exact = mixture(problem, turn[None], point_map[None])
+    entries, probabilities = rank_one_factors(exact)
+    np.testing.assert_allclose(np.einsum("r,nk->krn", entries, probabilities), exact.B, atol=1e-9)
     assert probabilities.sum() > 0
     np.testing.assert_array_equal(nearest_map(problem, probabilities), point_map)
     np.testing.assert_allclose(
