@@ -72,14 +72,6 @@ def test_impossible_values_are_refused_by_name(kind, field, value):
         kind(**{field: value})
 
 
-def test_kinds_say_what_they_need():
-    needs = {
-        kind: EmbeddingOptions(kind=kind) for kind in ("xyz", "xyz+lb", "xyz+invariants", "all")
-    }
-    assert [o.has_eigenfunctions for o in needs.values()] == [False, True, False, True]
-    assert [o.has_invariants for o in needs.values()] == [False, False, True, True]
-
-
 def test_there_are_as_many_workers_as_asked_for_but_no_more_than_cores(monkeypatch):
     monkeypatch.setattr(joblib, "cpu_count", lambda: 4)
     assert [RunOptions(jobs=jobs).num_workers for jobs in (-1, 1, 3, 16)] == [4, 1, 3, 4]
