@@ -15,6 +15,7 @@ from collalign.synchronization.hypotheses import (
     Hypotheses,
     _add_own_hypotheses,
     _directed_flips,
+    _flipped_pairs,
     _modes,
     _rotated_distances,
     aligned_candidates,
@@ -23,6 +24,7 @@ from collalign.synchronization.hypotheses import (
 from collalign.synchronization.model import (
     PRIORS,
     EdgeModel,
+    _fitted_candidates,
     _fitted_noise,
     _fitted_power,
     candidate_features,
@@ -113,6 +115,17 @@ def test_the_power_of_the_energy_is_found():
     assert _fitted_power(model, ones, np.full((len(edges), 1), 0.01)) == pytest.approx(
         0.0, abs=0.05
     )
+
+
+def test_what_energies_say_of_candidates_is_found():
+    edges = complete_edges(60)
+    energies = np.exp(np.random.default_rng(2).random((len(edges), 3)))
+    stay = np.tile(np.eye(3), (len(edges), 3, 1, 1))
+    graph = PairGraph.from_user(edges, stay, energies=energies)
+    planted = np.array([0.7, 1.5])
+    chance = np.exp(-candidate_features(graph) @ planted)
+    share = chance / chance.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(_fitted_candidates(EdgeModel(graph=graph), share), planted, atol=0.1)
 
 
 def test_features_energies_and_weights_are_relative():
@@ -274,6 +287,13 @@ def test_rotated_distances_are_those_of_their_definition(shared):
             for a, b in itertools.product(range(alternatives.rotations.shape[1]), repeat=2):
                 T = alternatives.rotations[i, a].T @ aligned[e, 0] @ alternatives.rotations[j, b]
                 assert found[e, 0, a, b] == pytest.approx(((T - target) ** 2).sum(), abs=1e-9)
+
+
+def test_pairs_are_wrong_by_a_common_rotation_as_far_as_they_are_not_right():
+    model, aligned = turned_by(THIRD, 2, 5)
+    is_turned = (model.graph.edges == 2).any(axis=1)
+    found = _flipped_pairs(model, aligned, THIRD[None], np.full(len(is_turned), 0.25))
+    np.testing.assert_allclose(found[:, 0], 0.75 * is_turned)
 
 
 def test_turns_that_are_not_offered_cost_too_much():
