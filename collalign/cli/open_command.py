@@ -20,8 +20,6 @@ from threading import Lock, Thread
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-from data_tools.percent import listed
-
 from collalign.analysis.label_table import read_labels
 from collalign.console.messages import say
 from collalign.landmarks.templates import read_templates
@@ -41,6 +39,7 @@ from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
 from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_tables import READABLE
+from data_tools.notes import listed
 
 #: Pages that are shown, by the command that writes them.
 _PAGES = {
