@@ -178,7 +178,7 @@ def sample_shape(
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         signature=shape_signature(shape),
         rim=surface.rim,
-        local=_local_surface(surface.shape),
+        local=_local_surface(surface.shape if shape.is_mesh else shape),
         notes=shape.notes + surface.notes,
     )
 
