@@ -6,7 +6,8 @@ import json
 import numpy as np
 
 from collalign.cli import main
-from collalign.output.provenance import methods_paragraph
+from collalign.options import AlignOptions
+from collalign.output.provenance import methods_paragraph, option_words
 from collalign.tools.export.run import export
 from tests.view_problems import view_of, write_result
 
@@ -61,3 +62,8 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
 def test_a_call_from_python_has_no_command(tmp_path):
     export(view_of(6), "csv", tmp_path)
     assert json.loads((tmp_path / "run-export-csv.json").read_text())["command"] == ""
+
+
+def test_options_are_said_where_they_are_not_as_by_default():
+    options = AlignOptions(seed=3, sampling={"num_points": 30})
+    assert {*option_words(options)} == {"--seed=3", "--sampling.num-points=30"}
