@@ -29,8 +29,8 @@ from data_tools.surface.laplacian import (
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import face_areas, is_open_surface
 
-#: Larger point clouds are thinned to this many points; samples stay points of the original. With 20 000, noisy clouds of
-#: guns, chairs and fish took three times as long, for median errors of 6.1, 2.7 and 3.1 degrees (now 6.1, 1.7, 3.3).
+#: Larger point clouds are thinned to this many points; samples stay points of the original. With 20 000, noisy clouds
+#: of guns, chairs and fish took three times as long, for median errors of 6.1, 2.7, 3.1 degrees (now 6.1, 1.7, 3.3).
 MOST_CLOUD_POINTS = 6_000
 #: A decimated mesh has at least four vertices for each sample to choose from.
 FACES_PER_SAMPLE = 8
