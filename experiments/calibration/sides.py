@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from collalign.stages.chirality import pilot
 from collalign.stages.chirality.surfaces import measure_surfaces
 from collalign.stages.pairs.choose import all_pairs, describe_shapes
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.embedding.chirality import chirality_scores
+from data_tools.embedding.chirality import SurfaceChirality, chirality_scores, place_shares
 from experiments.calibration.matched import matched
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.landmarked import read_dataset
@@ -33,17 +34,27 @@ FALSE_ALARM = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subset:
-    """Some shapes, the energies of their pairs by look, the scores of their surfaces, and which are mirrored."""
+    """Some shapes, the energies of their pairs by look, the scores of their surfaces, and which are mirrored.
+
+    Energies and scores are those with the ``swapped`` shapes mirrored; the surfaces are as they are.
+    """
 
     descriptors: FloatArray
     energies: dict[tuple[int, int], FloatArray]
     scores: FloatArray
     mirrored: BoolArray
+    surfaces: tuple[SurfaceChirality, ...]
+    swapped: BoolArray
+
+    @cached_property
+    def place_shares(self) -> FloatArray:
+        """How much of what tells each surface's side lies in one place."""
+        return place_shares(self.surfaces, sides.surface_sides(self.scores).mirrored ^ self.swapped)
 
     def verdict(self) -> float:
         """Return 1 where the sides are judged rightly, 0 where they are missed, less where there are none.
 
-        One half where none is mirrored but one whole side is in doubt; of one side, the share not in doubt.
+        One half where the sides are there, but in doubt; of one side, the share not in doubt.
         """
         num = len(self.mirrored)
 
@@ -59,6 +70,8 @@ class Subset:
         by_surfaces = sides.surface_sides(self.scores, found.mirrored)
         alone = sides.surface_sides(self.scores)
         are_both = self.mirrored.any() and not self.mirrored.all()
+        if alone.are_clear and sides.lie_in_one_place(self.place_shares):
+            return 0.5 if are_both else 0.0
         if alone.are_clear or sides.are_mixed(found, by_surfaces):
             return 1.0 if are_both else -FALSE_ALARM
         one_kind = sides.are_one_kind(alone.mirrored, compared, energies)
@@ -73,10 +86,9 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
     num = NUM_QUICK_SHAPES if quick else NUM_SHAPES
     with matched(data, collection, num, AlignOptions(group="O")) as found:
         samples, num = found.shapes.samples, len(found.shapes.names)
-        descriptors, scores = (
-            describe_shapes(found.shapes),
-            chirality_scores(measure_surfaces(found.session, found.shapes)),
-        )
+        descriptors = describe_shapes(found.shapes)
+        surfaces = measure_surfaces(found.session, found.shapes)
+        scores = chirality_scores(surfaces)
         energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
         for look, of_pairs in energies.items():
             for pair in found.pairs:
@@ -105,7 +117,12 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
             seen = np.where(between[..., 0], -1.0, 1.0) * scores[np.ix_(some, some)]
             subsets.append(
                 Subset(
-                    descriptors=descriptors[some], energies=rotated, scores=seen, mirrored=wanted
+                    descriptors=descriptors[some],
+                    energies=rotated,
+                    scores=seen,
+                    mirrored=wanted,
+                    surfaces=tuple(surfaces[i] for i in some),
+                    swapped=swapped,
                 )
             )
     return subsets
@@ -138,6 +155,7 @@ CALIBRATION = Calibration(
         "LEAST_OPEN",
         "LEAST_OPEN_ALONE",
         "LEAST_ALONE",
+        "LARGEST_PLACE",
         "LIKELY_BETWEEN",
         "LIKELY_BALANCE",
         "LEAST_OBVIOUS",
