@@ -83,7 +83,7 @@ def test_the_loss_is_as_large_as_the_curvature_where_that_is_largest(rng):
     (_, own), (_, other) = map(np.linalg.eigh, (curvature._source, curvature._target))
     other[:, 1] *= np.linalg.det(own) * -np.linalg.det(other)
     worst = other @ own[:, ::-1].T
-    reach = 0.1 * own[:, -1]
+    reach = 0.7 * own[:, -1]
     form = curvature._source - worst.T @ curvature._target @ worst
     assert np.linalg.det(worst) == pytest.approx(1.0)
     assert curvature.losses(worst[None], reach[None, None])[0] >= reach @ form @ reach
