@@ -292,8 +292,9 @@ def _procrustes(
     return Similarity(rotation=rotation, scale=scale, shift=mean_to - scale * rotation @ mean_of)
 
 
-#: Normals pull bent limbs off the pose that most of a shape agrees on; more steps than these let bent shapes drift.
-_NORMAL_WEIGHT, _MAX_ITERATIONS = 0.0, 8
+#: For ranking candidates: normals pull bent limbs off the pose that most of a shape agrees on; more steps than these
+#: let bent shapes drift.
+_RANKING_NORMAL_WEIGHT, _RANKING_ITERATIONS = 0.0, 8
 
 
 def ranked_on_dense(
@@ -337,6 +338,6 @@ def _refined_on_dense(
         *dense,
         candidate.R_target_source[:block, :block],
         estimate_scale=False,
-        normal_weight=_NORMAL_WEIGHT,
-        max_iterations=_MAX_ITERATIONS,
+        normal_weight=_RANKING_NORMAL_WEIGHT,
+        max_iterations=_RANKING_ITERATIONS,
     )
