@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_MISMATCH
-from collalign.confidence.incomplete_model import log_odds
+from collalign.confidence.incomplete_model import is_unlike, log_odds
 from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
 from collalign.engine.store.records import Record
 from collalign.options import AlignSession
@@ -114,8 +114,8 @@ def _merged(
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        is_known = not (strange[i] or np.isnan(mismatches[i]))
-        confidence[i] = min(pose_chance(record), 1.0 if is_known else STRANGE_LIMIT)
+        may_be_stranger = strange[i] or is_unlike(mismatches[i], float(record["likeness"]))
+        confidence[i] = min(pose_chance(record), STRANGE_LIMIT if may_be_stranger else 1.0)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)

@@ -30,6 +30,8 @@ from pairwise.partial.tuning import TUNED
 
 #: Partners that propose poses, and those of all poses that are refined on all partners.
 NUM_PROPOSERS, NUM_REFINED = 4, 24
+#: The pose that changes nothing.
+_STILL = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
 #: The least and the largest scale.
 Sizes: TypeAlias = tuple[float, float]
 
@@ -55,7 +57,8 @@ def place_shape(
         ``rotations`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
         (2, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
-        :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`.
+        :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`; ``likeness``, the share
+        of the shape with a counterpart, relative to what complete shapes have of each other.
     """
     source = posed_points(shape)
     targets = [
@@ -105,6 +108,7 @@ def pose_record(
         "evidence": pose_evidence(targets, source, poses, found, complete=complete),
         "energies": np.stack([item.energies for item in found], axis=1),
         "overlaps": np.stack([item.overlaps()[0] for item in found]),
+        "likeness": _likeness(targets, found),
         "beyond": beyond_rim(source, targets, poses),
         "mismatch": part_mismatch(source, targets, poses),
     }
@@ -183,12 +187,21 @@ def pose_evidence(
     return np.stack([own, others])
 
 
+def _likeness(targets: Sequence[PartialSurface], found: Sequence[Counterparts]) -> float:
+    """Return which share of a shape has a counterpart at the first pose, relative to the targets on each other."""
+    own = np.median([one.overlaps()[0, 1] for one in found])
+    usual = [
+        counterparts(first, second, _STILL, TUNED.num_points[1]).overlaps()
+        for first, second in combinations(targets, 2)
+    ]
+    return float(own / np.median(usual)) if np.any(usual) else float("nan")
+
+
 def _usual_costs(targets: Sequence[PartialSurface], num_points: int) -> list[FloatArray]:
     """Return the logarithm of what each target's points cost on the others, by their median, each (l,)."""
-    still = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
     costs: list[list[FloatArray]] = [[] for _ in targets]
     for (a, first), (b, second) in combinations(enumerate(targets), 2):
-        found = counterparts(first, second, still, num_points)
+        found = counterparts(first, second, _STILL, num_points)
         costs[a].append(found.target_costs[0])
         costs[b].append(found.source_costs[0])
     costs = (

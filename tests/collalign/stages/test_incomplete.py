@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.confidence.incomplete_model import log_odds, share_of_best
+from collalign.confidence.incomplete_model import is_unlike, log_odds, share_of_best
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
@@ -121,6 +121,15 @@ def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
     )
     assert rotation_angle_deg(found["rotations"][0], planted[1][2].T) < 15
     assert found["mismatch"] < 0.6
+    assert found["likeness"] > 0.8
+    assert not is_unlike(found["mismatch"], found["likeness"])
+    small = chair(np.random.default_rng(0))
+    small = spread_points(replace(small, vertices=0.5 * small.vertices), 300)
+    stranger = place_shape(
+        small, tuple(clouds[i] for i in whole), np.stack(poses)[whole], "SO", True
+    )
+    assert stranger["likeness"] < 0.8
+    assert is_unlike(0.3, stranger["likeness"])
 
 
 def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
@@ -134,6 +143,7 @@ def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
     found = place_shape(few, (other, other), np.tile(np.eye(4), (2, 1, 1)), "SO", False)
     assert len(found["rotations"]) == 1
     assert np.isnan(found["mismatch"])
+    assert is_unlike(found["mismatch"], 1.0)
 
 
 def test_missing_regions_have_no_labels(aligned):
