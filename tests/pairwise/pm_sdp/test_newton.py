@@ -1,4 +1,4 @@
-"""A Newton step against the equations that it solves: linearised by differences, not by the solver's own formulas."""
+"""Where Newton steps begin, how far they go and how they are formed; what they lead to is compared elsewhere."""
 
 from dataclasses import fields
 
@@ -11,7 +11,7 @@ from pairwise.pm_sdp.interior_point import _InteriorPoint
 from pairwise.pm_sdp.moment_basis import cauchy_factors
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.steps import aim, longest_dual, longest_primal
-from pairwise.pm_sdp.variables import Direction, move_dual, move_primal
+from pairwise.pm_sdp.variables import Direction
 from pairwise.problem.problem import Problem
 
 #: Points of target and source, coordinates, and options; the fourth has more matches than moments.
@@ -43,30 +43,6 @@ def point(request):
         solver._measure()
         assert solver._advance()
     return solver
-
-
-def symmetric(matrices):
-    return 0.5 * (matrices + np.swapaxes(matrices, -1, -2))
-
-
-def complementarity(data, primal, dual):
-    """Return what a central point has equal to mu, or to zero: it is linear in each of both points."""
-    bent = np.swapaxes(dual.F @ np.swapaxes(primal.B, 1, 2), 1, 2) - primal.x[..., None] * dual.w
-    return {
-        "products": np.where(data.valid, primal.x * dual.s, 0.0),
-        "slacks": np.where(data.equality, 0.0, -primal.slack * dual.beta),
-        "ratio": np.where(data.valid[..., None], bent, 0.0),
-    }
-
-
-def along(solver, step, size):
-    moved = (
-        move_primal(solver.data, solver.primal, step, size),
-        move_dual(solver.data, solver.dual, step, size),
-    )
-    assert moved[0] is not None
-    assert moved[1] is not None
-    return complementarity(solver.data, *moved)
 
 
 def share_of_primal(solver, step, size):
@@ -115,96 +91,6 @@ def test_longest_steps_keep_the_share_and_no_longer_ones_do(point, stretch):
         assert size == 1.0 or share_of(point, step, 1.02 * size) < least
     assert stretch != 30.0 or max(sizes) < 1.0
     assert stretch != 0.01 or min(sizes) == 1.0
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3])
-def test_a_step_solves_the_linearised_equations(point, share):
-    data, primal, dual, basis = point.data, point.primal, point.dual, point.basis
-    mu, size = share * point._complementarity(), 1e-5
-    step = NewtonSystem(data, basis, primal, dual).solve(aim(data, primal, dual, mu))
-    here, ahead, behind = (along(point, step, t) for t in (0.0, size, -size))
-    wanted = {"products": mu * data.valid, "slacks": mu * ~data.equality, "ratio": 0.0}
-    for name, value in here.items():
-        slope = (ahead[name] - behind[name]) / (2.0 * size)
-        np.testing.assert_allclose(
-            value + slope, wanted[name], atol=1e-5 * np.abs(value).max(initial=1e-3)
-        )
-    targets = aim(data, primal, dual, mu)
-    b = np.concatenate([np.where(data.valid, 1.0, 0.0)[..., None], dual.mean], axis=2)
-    means = np.concatenate([b[..., :1], primal.mean], axis=2)
-    H = np.einsum("kc,kca,kcb->kab", primal.x, means, means)
-    H[:, 1:, 1:] += 0.5 * primal.G
-    E, delta, moments = np.zeros_like(H), np.zeros_like(H), np.zeros(H.shape[1:])
-    E[:, 1:, 1:] = dual.inverse
-    delta[:, 0, 0], delta[:, 0, 1:], delta[:, 1:, 0], delta[:, 1:, 1:] = (
-        -step.alpha,
-        step.u,
-        step.u,
-        step.F,
-    )
-    moments[0, 1:], moments[1:, 0], moments[1:, 1:] = step.R, step.R, step.C
-    left = H @ delta @ E + E @ delta @ H - np.einsum("kc,kca,kcb->kab", step.x, b, b) + moments
-    shifts = np.concatenate(
-        [np.zeros((*step.x.shape, 1)), step.g[data.index] @ dual.inverse], axis=2
-    )
-    left += 2.0 * symmetric(np.einsum("kc,kca,kcb->kab", primal.x, means, shifts))
-    np.testing.assert_allclose(left, targets.moments, atol=1e-8 * np.abs(targets.moments).max())
-    turned = data.lifted.quaternion_change(step.R) + symmetric(dual.Y_inverse @ step.Y @ primal.Y)
-    np.testing.assert_allclose(primal.Y + turned, mu * dual.Y_inverse, atol=1e-8)
-
-
-def test_a_full_step_makes_up_for_what_linear_constraints_miss(point):
-    data, primal, dual, basis = point.data, point.primal, point.dual, point.basis
-    step = NewtonSystem(data, basis, primal, dual).solve(aim(data, primal, dual, 0.0))
-    np.testing.assert_allclose((primal.x + step.x).sum(axis=1), 1.0, atol=1e-8)
-    np.testing.assert_allclose(
-        data.row_sums(primal.x + step.x) + primal.slack + step.slack, 1.0, atol=1e-7
-    )
-    np.testing.assert_allclose(
-        (primal.B + step.B).sum(axis=1), np.tile(primal.R + step.R, (len(primal.B), 1)), atol=1e-7
-    )
-    rows = data.row_sums(primal.B + step.B)[data.tied]
-    np.testing.assert_allclose(rows, np.tile(primal.R + step.R, (len(rows), 1)), atol=1e-7)
-    moments = np.block([[np.zeros((1, 1)), step.R[None]], [step.R[:, None], step.C]])
-    np.testing.assert_allclose(
-        np.einsum("mab,ab->m", data.lifted.equations, moments), 0.0, atol=1e-8
-    )
-    sums = basis.sum_of_points(
-        data.lifted, dual.F + step.F, dual.u + step.u, dual.g + step.g, dual.Y + step.Y
-    )
-    np.testing.assert_allclose(basis.split(sums)[1], 0.0, atol=1e-6 * np.abs(dual.F).max())
-
-
-def test_slacks_of_matches_change_along_a_step_as_it_says(point):
-    data, dual = point.data, point.dual
-    step = NewtonSystem(data, point.basis, point.primal, dual).solve(
-        aim(data, point.primal, dual, 0.0)
-    )
-    size = 0.5 * point._sizes(step)[1]
-    solved = np.linalg.solve(dual.F + size * step.F, np.swapaxes(step.bend, 1, 2))
-    expected = (
-        dual.s + size * step.ds - size**2 * (np.swapaxes(solved, 1, 2) * step.bend).sum(axis=2)
-    )
-    found = move_dual(data, dual, step, size)
-    assert found is not None
-    np.testing.assert_allclose(
-        found.s[data.valid], expected[data.valid], atol=1e-9 * np.abs(dual.s).max()
-    )
-
-
-def test_terms_of_second_order_of_a_former_step_are_made_up_for(point):
-    data, primal, dual = point.data, point.primal, point.dual
-    plain = aim(data, primal, dual, 0.0)
-    former = NewtonSystem(data, point.basis, primal, dual).solve(plain)
-    corrected = aim(data, primal, dual, 0.0, former, 0.5)
-    here, ahead, behind = (along(point, former, t) for t in (0.0, 1e-3, -1e-3))
-    for name, value in here.items():
-        bend = (ahead[name] + behind[name] - 2.0 * value) / (2.0 * 1e-3**2)
-        change = np.where(np.isfinite(bend), getattr(corrected, name) - getattr(plain, name), 0.0)
-        keep = bend != 0.0
-        np.testing.assert_allclose(
-            change[keep], -0.5 * bend[keep], atol=1e-3 * np.abs(bend).max(initial=1e-3)
-        )
 
 
 @pytest.mark.parametrize("case", [0, 1, 2, 3])
