@@ -24,17 +24,16 @@ _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 #: .15, and .3 % of 1530 landmarks of 30 mouse skulls, which err as all do.
 #: Variations below it are below those that radii of few templates were fitted to: errors are the hand's.
 LEAST_RANGE = 0.05
-#: What radii of few templates follow says no more below these. The floor of residuals was chosen on skulls, planes
-#: and teddies; with .003 the rank correlation on molars, left out, is .41 instead of .46.
-LEAST_SHOWN = (1e-3, 0.01, 0.01, 1e-3)
-#: Of one, two and three templates: a factor, and the powers of relief, residual, residual on the templates and
-#: spread. ``python -m experiments calibrate few_radii`` fits them to molars, skulls, teddies, fish, planes and birds.
-#: With each left out in turn, the rank correlation of radius and error is .47, .39, .51, .41, .08 and .00 with one
-#: template, and .53, .46, .70, .29, .46 and .40 with three; 72 to 100 % of the errors are within (results/radii.md).
+#: What radii of few templates follow says no more below these.
+LEAST_SHOWN = (1e-3, 0.01, 1e-3, 1e-3)
+#: Of one, two and three templates: a factor, and powers of relief, slip, misfit and spread. ``python -m experiments
+#: calibrate few_radii`` fits them to specimens, generated bones, objects and animals with landmarks. Held out in turn,
+#: molars, teddies, fish, planes and birds have rank correlations of radius and error of .37, .70, .43, .47 and .29
+#: with one template, and .57, .74, .42, .60 and .51 with three; 75 to 100 % of the errors are within.
 OF_FEW = (
-    (4.39, -0.243, 0.207, 0.152, 0.0),
-    (8.88, -0.243, 0.207, 0.152, 0.302),
-    (11.3, -0.243, 0.207, 0.152, 0.483),
+    (11.2, -0.21, 0.482, 0.233, 0.0),
+    (12.6, -0.21, 0.482, 0.233, 0.15),
+    (12.7, -0.21, 0.482, 0.233, 0.249),
 )
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 1 + len(OF_FEW)
@@ -56,9 +55,13 @@ class RadiusEvidence:
         Root mean square radius, in the unit of all of these.
     variation : float
         Root mean square distance of corresponding points of all shapes from their mean.
-    template_residual, relief : ndarray, shape (l,)
-        The residual on the templates themselves, and how far their surface around each landmark is from flat
-        (:func:`collalign.landmarks.carry.reliefs`); means over the templates.
+    relief : ndarray, shape (l,)
+        How far the templates' surfaces around each landmark are from flat
+        (:func:`collalign.landmarks.carry.reliefs`); the mean over the templates.
+    slip, misfit : ndarray, shape (l,)
+        Distance of the prediction from where a rigid fit of its surroundings on a template takes the landmark, and
+        how well these fit (:func:`collalign.landmarks.local_fit.fit_surroundings`); means over the templates. NaN
+        with four templates or more, which are calibrated on each other.
     """
 
     spread: FloatArray
@@ -66,8 +69,9 @@ class RadiusEvidence:
     residual: FloatArray
     unit: float
     variation: float
-    template_residual: FloatArray
     relief: FloatArray
+    slip: FloatArray
+    misfit: FloatArray
 
     def expected(self, landmark_error: FloatArray) -> FloatArray:
         """Return a number in proportion to the error to expect, given each landmark's error elsewhere, shape (l,)."""
@@ -87,9 +91,9 @@ class RadiusEvidence:
     def shown(self) -> FloatArray:
         """Return what radii of few templates follow, shape (l, 4).
 
-        Columns are relief, residual, residual on the templates, and spread, in radii.
+        Columns are relief, slip, misfit and spread, in radii.
         """
-        lengths = (self.residual, self.template_residual, self.spread)
+        lengths = (self.slip, self.misfit, self.spread)
         return np.column_stack([self.relief, *(one / self.unit for one in lengths)])
 
     def least_variation(self) -> float:

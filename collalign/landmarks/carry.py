@@ -30,14 +30,11 @@ class Template:
         Where its landmarks are on the mean; row for row those of ``landmarks``, anything where there is none.
     offsets : ndarray, shape (l, 3)
         From the registered mean to each landmark, zero for landmarks on the surface; NaN where there is none.
-    gaps : ndarray, shape (l,)
-        How far landmarks on the surface are from the registered mean, which then does not reach them; else zero.
     """
 
     shape: int
     places: SurfacePoints
     offsets: FloatArray
-    gaps: FloatArray
 
     def only(self, rows: Sequence[int]) -> Template:
         """Return the template with some of its landmarks."""
@@ -45,9 +42,7 @@ class Template:
         places = SurfacePoints(
             corners=self.places.corners[chosen], weights=self.places.weights[chosen]
         )
-        return Template(
-            shape=self.shape, places=places, offsets=self.offsets[chosen], gaps=self.gaps[chosen]
-        )
+        return Template(shape=self.shape, places=places, offsets=self.offsets[chosen])
 
 
 def template(
@@ -81,9 +76,7 @@ def template(
     is_on = np.minimum(gaps, heights) <= OFF_SURFACE * radius
     offsets[is_on] = 0.0
     offsets[~known] = np.nan
-    return Template(
-        shape=shape, places=places, offsets=offsets, gaps=np.where(is_on & known, gaps, 0.0)
-    )
+    return Template(shape=shape, places=places, offsets=offsets)
 
 
 def carried(templates: Sequence[Template], vertices: FloatArray) -> FloatArray:

@@ -24,8 +24,6 @@ from data_tools.io.source import Source
 
 #: Rows from which the columns of a table without a heading are tried for being numbered.
 _MIN_NUMBERED_ROWS = 3
-#: Bytes at the beginning of a file by which it is told what it holds.
-_NUM_READ = 4096
 #: First line of PTS files of landmarks.
 _VERSION = re.compile(r"version\b", re.IGNORECASE)
 _WORD = re.compile(r"[^\d\s.,eE+-]")
@@ -120,7 +118,7 @@ def is_table_of_specimens(path: Path) -> bool:
 def _beginning(path: Path) -> str:
     """Return the first characters of a file, none if it is unreadable."""
     with suppress(InputError), open_regular(path, sys.maxsize) as stream:
-        return stream.read(_NUM_READ).decode("utf-8-sig", "replace")
+        return stream.read(io.DEFAULT_BUFFER_SIZE).decode("utf-8-sig", "replace")
     return ""
 
 

@@ -18,8 +18,8 @@ from experiments.experiment import Cell
 #: Shapes of each collection, drawn at random, and random sets of one, two and three templates.
 SETTINGS = {"num": 12, "seed": 77, "sets": 12}
 QUICK_SETTINGS = {"num": 5, "seed": 77, "sets": 2}
-#: Collections with landmarks: two of specimens, and classes of objects and animals.
-COLLECTIONS = ("teeth", "mouse skulls", "teddy", "fish", "plane", "bird")
+#: Collections with landmarks: specimens, generated bones, and classes of objects and animals.
+COLLECTIONS = ("teeth", "mouse skulls", "long bones", "teddy", "fish", "plane", "bird")
 #: What the rows of the table are called.
 FEW = ("OF_FEW[0]", "OF_FEW[1]", "OF_FEW[2]")
 #: Errors below it, in the variation of the shapes, are the hand's.

@@ -21,7 +21,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import PlantedCollection, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import smooth_field, sphere_mesh
-from data_tools.rotations import rotation_angle_deg
+from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 
 SEED = 5
@@ -71,6 +71,25 @@ def bones(num_vertices: int, num: int) -> PlantedCollection:
     return planted_collection(
         [bone(directions, faces, rng, f"bone{i:03d}") for i in range(num)], rng
     )
+
+
+def landmarked_bones(num: int, num_vertices: int = 3000) -> tuple[list[Shape], FloatArray]:
+    """Return bones that no vertices share, always the same, and their landmarks, shape (num, 16, 3).
+
+    Landmarks are on the joints and evenly spread, and mostly between vertices.
+    """
+    rng = np.random.default_rng(SEED)
+    directions, faces = sphere_mesh(num_vertices)
+    joints = [np.array(axis) / np.linalg.norm(axis) for axis, _, _ in _JOINTS]
+    marked = np.concatenate([joints, sphere_mesh(12)[0]])
+    shapes, landmarks = [], []
+    for number in range(num):
+        turned = directions @ random_rotation(rng).T
+        both = np.concatenate([turned, marked])
+        made = bone(both, faces, rng, f"bone{number:03d}").vertices
+        shapes.append(Shape.from_arrays(made[: len(turned)], faces, name=f"bone{number:03d}"))
+        landmarks.append(made[len(turned) :])
+    return shapes, np.array(landmarks)
 
 
 @dataclass(frozen=True, kw_only=True)

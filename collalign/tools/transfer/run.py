@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.confidence.radius_model import (
+    MIN_TEMPLATES,
     Calibration,
     RadiusEvidence,
     beyond_range,
@@ -29,6 +30,7 @@ from collalign.landmarks.carry import (
     template,
     template_distance,
 )
+from collalign.landmarks.local_fit import Surroundings, fit_surroundings
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, evenly_spaced, landmark_table
 from collalign.landmarks.templates import (
@@ -248,13 +250,11 @@ class LandmarkCarrier:
         ]
         if not self.templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
-        self._shown = {
-            item.shape: (
-                reliefs(item, dense.mean, dense.completed[item.shape], radius),
-                np.fmax(at_places([item], dense.residual[item.shape])[0], item.gaps),
-            )
+        self._reliefs = {
+            item.shape: reliefs(item, dense.mean, dense.completed[item.shape], radius)
             for item in self.templates
         }
+        self._around = {item.shape: self._surroundings(item) for item in self.templates}
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
         self._scale = {
             name: float(scale)
@@ -296,8 +296,9 @@ class LandmarkCarrier:
                     residual=nothing,
                     unit=1.0,
                     variation=0.0,
-                    template_residual=nothing,
                     relief=nothing,
+                    slip=nothing,
+                    misfit=nothing,
                 )
             ]
         errors, evidence = [], []
@@ -354,16 +355,6 @@ class LandmarkCarrier:
         """
         row, dense = self._rows[name], self._dense
         points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        relief, template_residual = self._shown_by(templates)
-        evidence = RadiusEvidence(
-            spread=spreads,
-            distance=template_distance(templates, row, dense.vertices),
-            residual=at_places(templates, dense.residual[row]).mean(axis=0),
-            unit=self._radius,
-            variation=self._variation,
-            relief=relief,
-            template_residual=template_residual,
-        )
         surface = self._surface(name)
         lost = np.where(off_surface(templates), "", _lost(surface, points))
         placed = on_surface(points, templates, surface.locator)
@@ -374,17 +365,66 @@ class LandmarkCarrier:
                 placed[rows] = on_surface(
                     spaced, [item.only(rows) for item in templates], surface.locator
                 )
+        slip, misfit = self._local_fits(templates, row, placed, surface)
+        evidence = RadiusEvidence(
+            spread=spreads,
+            distance=template_distance(templates, row, dense.vertices),
+            residual=at_places(templates, dense.residual[row]).mean(axis=0),
+            unit=self._radius,
+            variation=self._variation,
+            relief=self._mean_known(templates, [self._reliefs[item.shape] for item in templates]),
+            slip=slip,
+            misfit=misfit,
+        )
         return placed, evidence, lost
 
     def errors(self, name: str, points: FloatArray) -> FloatArray:
         """Return how far predicted landmarks are from a template's own, in the common frame, shape (l,)."""
         return np.asarray(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
 
-    def _shown_by(self, templates: list[Template]) -> FloatArray:
-        """Return relief and residual at each landmark of templates, means of those that have it, shape (2, l)."""
+    def _surroundings(self, item: Template) -> Surroundings:
+        name, mean = self._dense.names[item.shape], self._dense.mean
+        return Surroundings.of(
+            self._posed(name, self._known[name]),
+            item.places.on(mean),
+            self._surface(name).vertices,
+            mean,
+            self._radius,
+        )
+
+    def _local_fits(
+        self,
+        templates: list[Template],
+        row: int,
+        placed: FloatArray,
+        surface: RegistrationSurface,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return slip and misfit of :class:`RadiusEvidence`, shape (l,) each."""
+        if len(templates) >= MIN_TEMPLATES:
+            return np.full(len(placed), np.nan), np.full(len(placed), np.nan)
+        copies, normals = self._dense.completed, surface.normals(surface.vertices)
+        fits = [
+            fit_surroundings(
+                self._around[item.shape],
+                copies[item.shape],
+                copies[row],
+                surface.locator,
+                normals,
+                self._radius,
+            )
+            for item in templates
+        ]
+        slips = [np.linalg.norm(places - placed, axis=1) for places, _ in fits]
+        return self._mean_known(templates, slips), self._mean_known(
+            templates, [misfits for _, misfits in fits]
+        )
+
+    @staticmethod
+    def _mean_known(templates: list[Template], values: list[FloatArray]) -> FloatArray:
+        """Return the mean of values (l,) of templates over those that have the landmark, shape (l,)."""
         known = np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
-        shown = np.stack([self._shown[item.shape] for item in templates], axis=1)
-        return np.where(known, shown, 0.0).sum(axis=1) / np.maximum(known.sum(axis=0), 1)
+        total = np.where(known, np.stack(values), 0.0).sum(axis=0)
+        return np.asarray(total / np.maximum(known.sum(axis=0), 1))
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""

@@ -1,0 +1,165 @@
+"""Whether a rigid fit of a landmark's surroundings agrees with the smooth map that carried the landmark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from data_tools.arrays import FloatArray, IntArray
+from data_tools.poses import each_moved_by, fitting_similarity
+from data_tools.surface.closest import SurfaceLocator
+
+
+class LocalFit(NamedTuple):
+    """Numbers of the fit; lengths are in parts of the mean's root mean square radius.
+
+    Chosen on planes and birds with one template, by the rank correlation of slip and error: the nearest 16 of 300
+    spread points gave .27 and .16.
+    """
+
+    around: float = 0.2
+    """Surroundings reach so far."""
+    num_around: int = 40
+    """So many points of them are fitted."""
+    fewest: int = 12
+    """Where fewer are there, the nearest ones are taken."""
+    num_steps: int = 4
+    """Of the fit. Birds gain from 6, planes lose."""
+    reach: float = 0.3
+    """Unit of lengths in the fit, about the size of the surroundings."""
+    outlier: float = 0.1
+    """Gaps of this size count half, in that unit."""
+    damping: float = 2e-3
+    """How much of each movement stays that no plane holds: a flat place slides."""
+
+
+#: The numbers in use.
+FIT = LocalFit()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surroundings:
+    """What is around each landmark of a template, in the common frame.
+
+    Attributes
+    ----------
+    landmarks : ndarray, shape (l, 3)
+        Anything where there is none.
+    points : ndarray, shape (l, k, 3)
+        Of the template's surface.
+    rows : ndarray of int, shape (l, k)
+        Vertices of the mean.
+    """
+
+    landmarks: FloatArray
+    points: FloatArray
+    rows: IntArray
+
+    @classmethod
+    def of(
+        cls,
+        landmarks: FloatArray,
+        places: FloatArray,
+        surface: FloatArray,
+        mean: FloatArray,
+        unit: float,
+    ) -> Surroundings:
+        """Find the surroundings of a template's landmarks.
+
+        Parameters
+        ----------
+        landmarks : ndarray, shape (l, 3)
+            NaN where missing.
+        places : ndarray, shape (l, 3)
+            Of the landmarks on the mean.
+        surface, mean : ndarray, shapes (w, 3) and (v, 3)
+            Vertices of the template and of the mean.
+        unit : float
+            Root mean square radius of the mean.
+        """
+        known = np.nan_to_num(landmarks)
+        near = _near(surface, known, FIT.around * unit)
+        return cls(
+            landmarks=known, points=surface[near], rows=_near(mean, places, FIT.around * unit)
+        )
+
+
+def _near(points: FloatArray, places: FloatArray, reach: float) -> IntArray:
+    """Return an even choice of the points around each place, in the order of the file, shape (l, k)."""
+    tree = cKDTree(points)
+    nearest = tree.query(places, k=min(FIT.fewest, len(points)))[1]
+    chosen = []
+    for few, many in zip(nearest, tree.query_ball_point(places, reach), strict=True):
+        rows = np.union1d(few, many).astype(np.int64)
+        chosen.append(rows[np.linspace(0, len(rows) - 1, FIT.num_around).astype(np.int64)])
+    return np.array(chosen)
+
+
+def fit_surroundings(
+    around: Surroundings,
+    template: FloatArray,
+    specimen: FloatArray,
+    surface: SurfaceLocator,
+    normals: FloatArray,
+    unit: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Fit the surroundings of each landmark to a specimen, rigidly, from where the dense correspondence takes them.
+
+    Parameters
+    ----------
+    around : Surroundings
+    template, specimen : ndarray, shape (v, 3)
+        Copies of the mean on both.
+    surface : SurfaceLocator
+        Of the specimen.
+    normals : ndarray, shape (w, 3)
+        At the vertices of that surface, not normalized; zero where there are none, and then nothing moves.
+    unit : float
+        Root mean square radius of the mean.
+
+    Returns
+    -------
+    places : ndarray, shape (l, 3)
+        Where the fit takes the landmarks.
+    misfits : ndarray, shape (l,)
+        Root mean square distance of the surroundings from the specimen after the fit.
+
+    References
+    ----------
+    Chen and Medioni, Object modelling by registration of multiple range images (1992): points to tangent planes.
+    """
+    reach = FIT.reach * unit
+    even = np.ones(around.rows.shape[1])
+    starts = [fitting_similarity(specimen[rows], template[rows], even) for rows in around.rows]
+    moved = np.concatenate([around.landmarks[:, None], around.points], axis=1)
+    moved = each_moved_by(np.array(starts), moved)
+    for _ in range(FIT.num_steps):
+        nearest, planes = _tangent_planes(surface, normals, moved[:, 1:])
+        centres = moved[:, 1:].mean(axis=1, keepdims=True)
+        gaps = ((nearest - moved[:, 1:]) * planes).sum(axis=2) / reach
+        arms = np.cross((moved[:, 1:] - centres) / reach, planes)
+        rows = np.concatenate([arms, planes], axis=2)
+        weighted = np.swapaxes(rows / (1.0 + (gaps / FIT.outlier) ** 2)[:, :, None], 1, 2)
+        moments = weighted @ rows + FIT.damping * rows.shape[1] * np.eye(6)
+        steps = np.linalg.solve(moments, weighted @ gaps[:, :, None])[:, :, 0]
+        turned = (moved - centres) @ np.swapaxes(
+            Rotation.from_rotvec(steps[:, :3]).as_matrix(), 1, 2
+        )
+        moved = turned + centres + reach * steps[:, None, 3:]
+    nearest, _ = _tangent_planes(surface, normals, moved[:, 1:])
+    misfits = np.sqrt(((nearest - moved[:, 1:]) ** 2).sum(axis=2).mean(axis=1))
+    return moved[:, 0], misfits
+
+
+def _tangent_planes(
+    surface: SurfaceLocator, normals: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the nearest point of a surface for each of (l, k, 3) points, and its unit normal."""
+    places = surface.closest(points.reshape(-1, 3))
+    planes = (normals[places.corners] * places.weights[:, :, None]).sum(axis=1)
+    planes /= np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), np.finfo(float).tiny)
+    return places.on(surface.vertices).reshape(points.shape), planes.reshape(points.shape)
