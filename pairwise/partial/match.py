@@ -27,9 +27,6 @@ from pairwise.partial.counterparts import counterparts, step
 from pairwise.partial.surface import PartialSurface
 from pairwise.partial.tuning import TUNED
 
-#: Poses nearer than this in angle and in shift (radii) are one.
-SAME_POSE_DEG, SAME_SHIFT = 10.0, 0.3
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchedPose:
@@ -205,8 +202,10 @@ def distinct_similarities(
     """Return positions of at most so many poses that differ, the least of the energies (m,) first."""
     kept: list[int] = []
     for p in np.argsort(energies, kind="stable").tolist():
-        apart = pose_angle_deg(poses.rotation[kept], poses.rotation[p]) > SAME_POSE_DEG
-        shifted = np.linalg.norm(poses.shift[kept] - poses.shift[p], axis=1) > SAME_SHIFT * radius
+        apart = pose_angle_deg(poses.rotation[kept], poses.rotation[p]) > TUNED.same_deg
+        shifted = (
+            np.linalg.norm(poses.shift[kept] - poses.shift[p], axis=1) > TUNED.same_shift * radius
+        )
         if (apart | shifted).all():
             kept.append(p)
         if len(kept) == num:

@@ -14,10 +14,9 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_poi
 from data_tools.errors import InputError
 from data_tools.local_surface import LocalSurface
 
-#: Cells of the grid along the longest side of the box.
-GRID_CELLS = 40
-#: The box reaches so many radii beyond the points; places beyond it have no nearest point.
-GRID_MARGIN = 0.35
+#: Cells of the grid along the longest side of its box, and by how many radii that reaches beyond the points: places
+#: beyond it have no nearest point.
+GRID_CELLS, GRID_MARGIN = 40, 0.35
 
 #: Points that a whole surface is read at.
 MOST_POINTS = 1000

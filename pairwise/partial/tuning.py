@@ -18,6 +18,10 @@ class PartialTuning(NamedTuple):
     """... the logarithms of whose ratios are about this."""
     scale_range: tuple[float, float] = (0.3, 1.6)
     """Scales, relative to equal radii, of sources of unknown size: a third of a bone has half its radius."""
+    same_deg: float = 10.0
+    """Poses nearer than this in angle ..."""
+    same_shift: float = 0.3
+    """... and in shift are one."""
     least_described: int = 100
     """Neighbourhoods of a source at least; of smaller ones, where it is small, if need be."""
     num_points: tuple[int, int] = (150, 500)
