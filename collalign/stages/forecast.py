@@ -105,10 +105,8 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
     num = len(listing.names)
     chosen = sorted({round(place) for place in np.linspace(0, num - 1, min(num, NUM_TRIAL_SHAPES))})
     with Session.open(options, replace(run, store=None)) as session:
-        # The run finds the sides of surfaces while it samples these only where they are few.
-        few = replace(options, group=options.group if num <= MOST_SHAPES else "SO")
         started = time.perf_counter()
-        shapes = prepare_shapes(replace(session, options=few), listing.some(chosen))
+        shapes = prepare_shapes(session, listing.some(chosen))
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
         if wants_maps(options, shapes.samples, pairs):

@@ -2,18 +2,11 @@
 
 import math
 
-import numpy as np
 import pytest
 
-from collalign import RunOptions
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
-from collalign.stages import forecast as forecasts
-from collalign.stages.forecast import costs_of, forecast, try_shapes
-from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.listing import read_folder
-from data_tools.io.shapes import write_mesh
-from data_tools.options import SamplingOptions
+from collalign.stages.forecast import costs_of, forecast
 
 NOTHING = math.nan
 COSTS = 2.0
@@ -49,19 +42,3 @@ def test_workers_divide_the_time_of_what_they_share():
 def test_the_pilot_costs_pairs():
     assert estimate(pilot=True).stages_s["pairs"] == pytest.approx(50.0)
     assert estimate().stages_s["pairs"] == 0.0
-
-
-@pytest.mark.parametrize(("most", "found"), [(3, True), (2, False)])
-def test_a_trial_finds_the_sides_of_surfaces_where_the_run_does(tmp_path, monkeypatch, most, found):
-    for i in range(3):
-        write_mesh(tmp_path / f"s{i}.ply", blob(np.random.default_rng(i), num_vertices=60))
-    prepared, prepare_shapes = [], forecasts.prepare_shapes
-    monkeypatch.setattr(
-        forecasts,
-        "prepare_shapes",
-        lambda *given: prepared.append(prepare_shapes(*given)) or prepared[0],
-    )
-    monkeypatch.setattr(forecasts, "MOST_SHAPES", most)
-    few = SamplingOptions(num_points=12, num_dense_points=0)
-    try_shapes(read_folder(tmp_path), AlignOptions(sampling=few), RunOptions(jobs=1))
-    assert [one is not None for one in prepared[0].chirality] == [found] * 3
