@@ -112,12 +112,13 @@ def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
 
 
 def _representatives(poses: FloatArray, support: FloatArray) -> FloatArray:
-    """Return one pose of each cluster, greedily by the support of all that are near it."""
+    """Return one pose of each cluster, greedily by the support of all that are near it, of ties the best supported."""
     near, left = _near(poses, poses), np.ones(len(poses), dtype=bool)
     chosen: list[int] = []
     while left.any() and len(chosen) < MAX_RIVALS:
         total = np.where(left, near @ (support * left), -1.0)
-        best = int(np.argmax(total))
+        tied = np.isclose(total, total.max())
+        best = int(np.argmax(np.where(tied, support, -1.0)))
         chosen.append(best)
         left &= ~near[best]
     return poses[chosen]

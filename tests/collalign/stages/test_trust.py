@@ -157,6 +157,22 @@ def test_rivals_are_apart_from_the_pose_and_from_each_other(crowns):
     assert rival_poses(truth[0], [], NO_TURNS).shape == (0, 3, 3)
 
 
+@pytest.mark.parametrize("first", range(3))
+def test_of_rivals_with_the_same_support_around_them_the_best_supported_is_tried(first):
+    turned = [Rotation.from_euler("z", a, degrees=True).as_matrix() for a in (100, 104, 108)]
+    excess = np.array([0.4, 0.1, 0.2])
+    order = np.roll(np.arange(3), first)
+    partner = Partner(
+        shape=1,
+        poses=np.stack([np.eye(3), *np.array(turned)[order]]),
+        excess=np.array([0.0, *excess[order]]),
+        log_odds=np.zeros(4),
+        energy=0.1,
+    )
+    (rival,) = rival_poses(np.eye(3), [partner], NO_TURNS)
+    np.testing.assert_array_equal(rival, turned[1])
+
+
 def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
     points = rng.standard_normal((40, 3))
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
