@@ -105,12 +105,12 @@ def is_landmark_pts(path: Path) -> bool:
 def is_table_of_specimens(path: Path) -> bool:
     """Return whether a text file is a table without coordinates, such as one of specimens; False if unreadable.
 
-    No column of its heading is called x, y or z, and its first row has words.
+    It has two columns or more, none of which is called x, y or z, and its first row has words.
     """
     with suppress(InputError):
         lines = _lines(_beginning(path))[:2]
         heading, rows = _cells(lines, _delimiter(lines, str(path))) if lines else (None, [])
-        if heading is not None and rows and not any(map(_axis, heading)):
+        if heading and rows and not any(map(_axis, heading)) and 1 < len(heading) == len(rows[0]):
             return any(_WORD.search(cell) and not is_number(cell) for cell in rows[0])
     return False
 

@@ -157,7 +157,7 @@ def test_the_samples_count_as_well(shape, monkeypatch):
     dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices)
     problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3])
     wiggle = Rotation.from_rotvec([0.0, 1e-3, 0]).as_matrix()
-    monkeypatch.setattr("pairwise.dense._MAX_ITERATIONS", 1)
+    monkeypatch.setattr("pairwise.dense._RANKING_ITERATIONS", 1)
     order = [(wiggle, 0.5), (wiggle.T, 5.0)]
     for poses in (order, order[::-1]):
         assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [

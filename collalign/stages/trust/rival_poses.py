@@ -112,7 +112,7 @@ def _near(poses: FloatArray, others: FloatArray) -> BoolArray:
 
 
 def _representatives(poses: FloatArray, support: FloatArray) -> FloatArray:
-    """Return one pose of each cluster, greedily by the support of all that are near it, of ties the best supported."""
+    """Return one pose of each cluster, greedily by the support around it; of ties the best supported one."""
     near, left = _near(poses, poses), np.ones(len(poses), dtype=bool)
     chosen: list[int] = []
     while left.any() and len(chosen) < MAX_RIVALS:
