@@ -29,8 +29,8 @@ LEAST_SHOWN = (1e-3, 0.01, 1e-3, 1e-3)
 #: Of one, two and three templates: a factor, and powers of relief, slip, misfit and spread. ``python -m experiments
 #: calibrate few_radii`` fits them; these to molars, mouse skulls, teddies, fish, planes and birds. Held out in turn,
 #: they have rank correlations of radius and error of .39, .38, .71, .50, .47 and .28 with one template, and .56, .54,
-#: .72, .53, .59 and .55 with three; 84 to 100 % of the errors are within. On generated long bones, which no table has
-#: seen and whose errors are slides along the shaft, they are .00 to .30, and 33 to 65 % are within (results/radii.md).
+#: .72, .53, .59 and .55 with three; 84 to 100 % of the errors are within. On generated long bones, which it has not
+#: seen, and whose errors are slides along the shaft, these are .00 to .31, and 35 to 66 % are within.
 OF_FEW = (
     (9.23, -0.241, 0.476, 0.231, 0.0),
     (10.8, -0.241, 0.476, 0.231, 0.151),
