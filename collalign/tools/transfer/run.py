@@ -236,25 +236,19 @@ class LandmarkCarrier:
         self._rows = {name: row for row, name in enumerate(dense.names)}
         centred = dense.mean - dense.mean.mean(axis=0)
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
-        self.templates = [
-            template(
-                self._rows[name],
-                self._posed(name, points),
-                dense.completed[self._rows[name]],
-                dense.faces,
-                radius,
-                self._surface(name).locator,
-            )
-            for name, points in table.points.items()
-            if name in self._rows
-        ]
+        self.templates: list[Template] = []
+        self._around: dict[int, Surroundings] = {}
+        for name, points in table.points.items():
+            if name in self._rows:
+                item, around = self._read_template(name, points)
+                self.templates.append(item)
+                self._around[item.shape] = around
         if not self.templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
         self._reliefs = {
             item.shape: reliefs(item, dense.mean, dense.completed[item.shape], radius)
             for item in self.templates
         }
-        self._around = {item.shape: self._surroundings(item) for item in self.templates}
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
         self._scale = {
             name: float(scale)
@@ -382,14 +376,15 @@ class LandmarkCarrier:
         """Return how far predicted landmarks are from a template's own, in the common frame, shape (l,)."""
         return np.asarray(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
 
-    def _surroundings(self, item: Template) -> Surroundings:
-        name, mean = self._dense.names[item.shape], self._dense.mean
-        return Surroundings.of(
-            self._posed(name, self._known[name]),
-            item.places.on(mean),
-            self._surface(name).vertices,
-            mean,
-            self._radius,
+    def _read_template(self, name: str, points: FloatArray) -> tuple[Template, Surroundings]:
+        """Return a template and the surroundings of its landmarks, which are points (l, 3) of its file."""
+        row, mean = self._rows[name], self._dense.mean
+        surface, posed = self._surface(name), self._posed(name, points)
+        item = template(
+            row, posed, self._dense.completed[row], self._dense.faces, self._radius, surface.locator
+        )
+        return item, Surroundings.of(
+            posed, item.places.on(mean), surface.vertices, mean, self._radius
         )
 
     def _local_fits(
