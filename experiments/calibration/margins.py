@@ -39,6 +39,8 @@ def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, F
         cut = without_share(dataset.shape(j), rng.standard_normal(3), SHARE)
         source = Shape.from_arrays(cut.vertices @ rotation.T, cut.faces, name=cut.name)
         poses = match_partial(surface_of(dataset.shape(i)), surface_of(source))
+        if not poses:  # no energies to judge
+            continue
         error = rotation_angle_deg(poses[0].pose.rotation, dataset.rotation(i, j) @ rotation.T)
         rotations = np.stack([one.pose.rotation for one in poses])
         found.append((rotations, np.log([one.energy for one in poses]), bool(error <= RIGHT_DEG)))
