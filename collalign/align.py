@@ -38,7 +38,7 @@ from collalign.stages.own_knowledge import (
 from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
-from collalign.stages.shape_stage import prepare_shapes
+from collalign.stages.shape_stage import prepare_shapes, prepare_with_components
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
@@ -178,7 +178,7 @@ def align_listing(
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_marks(with_own_samples(session, given), own)
-        shapes = prepare_shapes(session, listing, given)
+        session, shapes = prepare_with_components(session, listing, given)
         constraints = given_constraints(shapes, session.options, own, fixed, kept)
     run = Run(
         session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s

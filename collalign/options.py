@@ -97,8 +97,8 @@ class AlignOptions:
         B as published, with neither confidence nor refinement.
     maps : {"auto", "always", "never"}
         Whether non-rigid maps of each pair, started from many poses, propose and judge poses: for shapes that bend.
-        auto asks them where the pairs match badly and contradict each other; they take about a tenth of a second a
-        pair, and need meshes.
+        auto asks them where the pairs match badly and contradict each other, and shapes are not assembled of
+        components; they take about a tenth of a second a pair, and need meshes.
     incomplete : str
         Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
         auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of

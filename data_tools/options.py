@@ -9,6 +9,7 @@ from data_tools.checks import check_count, check_kinds, check_number
 
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
+Components = Literal["auto", "largest", "all"]
 #: What one unit of length is after preprocessing.
 Normalisation = Literal["centroid", "area", "none"]
 #: Which evidence is matched.
@@ -25,13 +26,15 @@ class CleaningOptions:
     ----------
     merge_vertices : bool
         Merge vertices at exactly the same place (STL files repeat each vertex in every triangle).
-    largest_component : bool
-        Keep only the connected part of the largest area, with those within 20 % of it, and without the few vertices
-        far from all others; fragments otherwise attract samples, and outliers change poses.
+    components : {"auto", "largest", "all"}
+        largest keeps only the connected part of the largest area, with those within 20 % of it, and without the few
+        vertices far from all others; fragments otherwise attract samples, and outliers change poses. all keeps
+        everything, as objects need that are assembled of parts. auto keeps all where smaller components hold more
+        than a twentieth of the area of most shapes that are matched with each other, else the largest.
     """
 
     merge_vertices: bool = True
-    largest_component: bool = True
+    components: Components = "auto"
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -41,11 +44,11 @@ class CleaningKeywords(TypedDict, total=False):
     """The fields of :class:`CleaningOptions` as keywords."""
 
     merge_vertices: bool
-    largest_component: bool
+    components: Components
 
 
 #: Files are read as stored: vertex indices are those of the file.
-AS_STORED = CleaningOptions(merge_vertices=False, largest_component=False)
+AS_STORED = CleaningOptions(merge_vertices=False, components="all")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -143,7 +143,7 @@ def sample_shape(
     embedding = EmbeddingOptions() if embedding is None else embedding
     surface = WorkingSurface(shape, sampling) if surface is None else surface
     if own is None or own.samples is None:
-        chosen = _choose_samples(surface, sampling, is_whole=not shape.parts)
+        chosen = _choose_samples(surface, sampling)
         indices = _distinct(surface, chosen, shape)
     else:
         indices = own.samples
@@ -192,13 +192,11 @@ def _local_surface(shape: Shape) -> LocalSurface | None:
     return replace(found, points=read_only((found.points - centre) / radius), cell=CELL)
 
 
-def _choose_samples(
-    surface: WorkingSurface, options: SamplingOptions, *, is_whole: bool
-) -> IntArray:
-    """Return the samples as vertices of the working surface; over several parts they are spread by area."""
+def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
+    """Return the samples as vertices of the working surface; over several components they are spread by area."""
     metric = options.metric
     if metric == "auto":
-        metric = "geodesic" if surface.rim == "closed" and is_whole else "euclidean"
+        metric = "geodesic" if surface.rim == "closed" and surface.is_connected else "euclidean"
     return surface.farthest_points(options.num_points, metric, seeded=True)
 
 

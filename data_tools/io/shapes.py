@@ -21,7 +21,7 @@ from data_tools.io.listing import READERS, joint_digest, parts_of
 from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import clean, drop_non_finite
+from data_tools.surface.cleaning import clean, drop_non_finite, with_components
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 
@@ -156,6 +156,28 @@ def read_shape(
         ) from error
 
 
+def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None) -> list[Shape]:
+    """Read shapes that are matched with each other: of all or of none, all components are kept.
+
+    Parameters
+    ----------
+    paths : sequence of Path or Source
+    cleaning : CleaningOptions, optional
+
+    Raises
+    ------
+    UnavailableError, InputError
+        As :func:`read_shape`.
+    """
+    cleaning = CleaningOptions() if cleaning is None else cleaning
+    shapes = [read_shape(path, cleaning) for path in paths]
+    if cleaning.components == "auto":
+        decided = with_components(cleaning, [shape.notes for shape in shapes])
+        if decided.components == "all":
+            shapes = [read_shape(path, decided) for path in paths]
+    return shapes
+
+
 def shape_from_source(
     source: Source,
     cleaning: CleaningOptions | None = None,
@@ -192,11 +214,8 @@ def shape_from_source(
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shape = clean(_checked(source, raw, name or path.stem), cleaning)
-    return (
-        shape
-        if cleaning is not None and not cleaning.largest_component
-        else without_outliers(shape, cleaning)
-    )
+    keeps_all = cleaning is not None and cleaning.components == "all"
+    return shape if keeps_all else without_outliers(shape, cleaning)
 
 
 def _other_content(source: Source) -> str:

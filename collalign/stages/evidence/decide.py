@@ -8,7 +8,7 @@ import networkx as nx
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.options import AlignOptions
+from collalign.options import ALL, AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.local_evidence import rigid_overlap
 from data_tools.embedding.embedding import Samples
@@ -56,6 +56,8 @@ def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequenc
         )
     if options.maps != "auto" or not able:
         return options.maps == "always"
+    if options.cleaning.components == ALL:  # a map is of one component
+        return False
     is_weak = float(np.median([pair.energies.min() for pair in pairs])) > BENT_ENERGY
     return (
         is_weak and closing_share(pairs) < CLOSING_CYCLES and not _overlap_rigidly(samples, pairs)

@@ -31,7 +31,7 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import composed, write_atomic
 from data_tools.io.output_folder import OutputFolder
-from data_tools.io.shapes import read_shape, write_ply
+from data_tools.io.shapes import read_alike, read_shape, write_ply
 from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
 from data_tools.landmarks.landmark_files import Landmarks
@@ -262,7 +262,7 @@ def _write_rigid(
         output.stage("match.json").write_text(
             json.dumps(found.record(), indent=1), encoding="utf-8"
         )
-        left, right = (read_shape(file, cleaning) for file in (target, source))
+        left, right = read_alike((target, source), cleaning)
         nearest = cKDTree(left.vertices).query(right.transformed(found.transform).vertices)[1]
         match_figure(left, right, nearest).savefig(
             output.stage("match.png"), format="png", metadata={"Software": None}

@@ -18,7 +18,7 @@ from data_tools.checks import as_options
 from data_tools.embedding.surface_points import centre_and_radius, spread_points, surface_cells
 from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
-from data_tools.io.shapes import read_shape
+from data_tools.io.shapes import read_alike
 from data_tools.io.source import location
 from data_tools.local_surface import PART_CELL
 from data_tools.notes import percent
@@ -166,7 +166,7 @@ def match_in_part(
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
-    to, of = (read_shape(origin, options.cleaning) for origin in origins)
+    to, of = read_alike(origins, options.cleaning)
     poses = _posed(to, of, options.group, known_sizes=options.sampling.normalisation == "none")
     target_file, source_file = (location(origin) for origin in origins)
     names = [origin.name.removesuffix(origin.suffix) for origin in origins]
@@ -190,9 +190,7 @@ def with_mirror_chance(found: PartialMatch, options: TwoShapeOptions) -> Partial
     options : TwoShapeOptions
         Of that match.
     """
-    to, of = (
-        read_shape(Path(file), options.cleaning) for file in (found.target_file, found.source_file)
-    )
+    to, of = read_alike((Path(found.target_file), Path(found.source_file)), options.cleaning)
     mirrored = (
         one.chance
         for one in _poses_by_neighbourhoods(to, of, "O")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any, Unpack
@@ -10,13 +10,15 @@ from typing import Any, Unpack
 import numpy as np
 
 from collalign.matching_input import dense_points, pair_problem
-from collalign.options import TwoShapeKeywords, TwoShapeOptions
+from collalign.options import ALL, AUTO, TwoShapeKeywords, TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.io.objects import ShapeLike, as_origin
-from data_tools.io.source import location
+from data_tools.io.source import Origin, location
+from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity
+from data_tools.surface.cleaning import with_components
 from data_tools.threads import one_blas_thread
 from pairwise.dense import RefinedPose, ranked_on_dense
 from pairwise.matching import match_problem
@@ -171,16 +173,7 @@ def match_rigid(
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
-    to, of = (
-        sample_file(
-            origin.absolute(),
-            options.cleaning,
-            options.sampling,
-            options.embedding,
-            name=origin.name.removesuffix(origin.suffix),
-        )
-        for origin in origins
-    )
+    to, of = _sampled_alike(origins, options)
     result, refined = _ranked(to, of, options, options.group)
     target_file, source_file = map(location, origins)
     return RigidMatch(
@@ -191,6 +184,28 @@ def match_rigid(
         result=result,
         refined=refined,
     )
+
+
+def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[Samples]:
+    """Sample two shapes; of both or of none, all components are kept."""
+
+    def sampled(cleaning: CleaningOptions) -> list[Samples]:
+        return [
+            sample_file(
+                origin.absolute(),
+                cleaning,
+                options.sampling,
+                options.embedding,
+                name=origin.name.removesuffix(origin.suffix),
+            )
+            for origin in origins
+        ]
+
+    found = sampled(options.cleaning)
+    if options.cleaning.components == AUTO:
+        decided = with_components(options.cleaning, [samples.notes for samples in found])
+        found = sampled(decided) if decided.components == ALL else found
+    return found
 
 
 @one_blas_thread()

@@ -30,7 +30,7 @@ from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
-from data_tools.options import AS_STORED, EmbeddingOptions, SamplingOptions
+from data_tools.options import AS_STORED, CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.products import pair_of, samples_at
@@ -129,6 +129,8 @@ def test_maps_are_asked_where_pairs_match_badly():
     assert wants_maps(replace(options, maps="always"), BARE, [rigid])
     assert not wants_maps(replace(options, maps="never"), BARE, [bending])
     assert not wants_maps(replace(options, synchronization="spectral"), BARE, [bending])
+    assembled = replace(options, cleaning=CleaningOptions(components="all"))
+    assert not wants_maps(assembled, BARE, [bending])
     mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
     with pytest.raises(OptionsError, match="maps"):
         wants_maps(mixed, BARE, [rigid])

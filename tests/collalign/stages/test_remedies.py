@@ -87,7 +87,7 @@ def test_a_shape_of_another_kind_is_not_taken_for_incomplete(said):
     assert found == [Note("open-borders", ("s1",))]
 
 
-@pytest.mark.parametrize(("size", "kept"), [(0.5, True), (0.5, False), (0.05, True)])
+@pytest.mark.parametrize(("size", "kept"), [(0.5, "auto"), (0.5, "all"), (0.05, "auto")])
 def test_components_that_were_left_out_of_doubtful_shapes_are_named(tmp_path, size, kept):
     rng = np.random.default_rng(3)
     for at in range(NUM):
@@ -101,10 +101,10 @@ def test_components_that_were_left_out_of_doubtful_shapes_are_named(tmp_path, si
             tmp_path / f"s{at}.ply",
             replace(shape, vertices=vertices, faces=faces) if at < 3 else shape,
         )
-    options = replace(OPTIONS, cleaning=CleaningOptions(largest_component=kept))
+    options = replace(OPTIONS, cleaning=CleaningOptions(components=kept))
     with Session.open(options, RunOptions(jobs=1)) as session:
         shapes = prepare_shapes(session, list_shapes(tmp_path))
         pairs = pairs_at(np.tile(np.eye(3), (NUM, 1, 1)))
         notes = remedies(session, shapes, pairs, sure(s1=0.8, s5=0.8), np.zeros(NUM, dtype=bool))
-    expected = [Note("components-left-out", ("s1",))] if kept and size == 0.5 else []
+    expected = [Note("components-left-out", ("s1",))] if kept == "auto" and size == 0.5 else []
     assert [note for note in notes if note.code == "components-left-out"] == expected

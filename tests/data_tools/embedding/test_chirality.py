@@ -91,3 +91,8 @@ def test_what_has_no_outer_side_is_unknown(blobs, rng):
     assert known[0].tolist() == [False, False, True, False, False]
     assert known.sum() == 2
     assert np.isnan(scores_of(one, cloud)).all()
+
+
+def test_a_surface_of_large_triangles_is_too_coarse_to_turn(rng):
+    assert len(surface_chirality(blob(rng, num_vertices=200)).faces)
+    assert not len(surface_chirality(blob(rng, num_vertices=16)).faces)

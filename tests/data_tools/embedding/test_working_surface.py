@@ -103,3 +103,16 @@ def test_a_copy_from_which_a_part_has_come_off_is_made_finer(monkeypatch):
     surface = WorkingSurface(shape, SMALL)
     assert asked == [asked[0], 2 * asked[0]]
     assert len(surface.shape.faces) == len(shape.faces)
+
+
+def test_all_components_of_an_assembled_shape_are_decimated(rng):
+    ball, other = blob(rng, num_vertices=3000), blob(rng, num_vertices=300)
+    vertices = np.concatenate([ball.vertices, 0.3 * other.vertices + 4.0])
+    both = Shape.from_arrays(
+        vertices, np.concatenate([ball.faces, other.faces + len(ball.vertices)])
+    )
+    surface = WorkingSurface(both, SMALL)
+    assert len(surface.shape.faces) < len(both.faces)
+    assert surface.shape.vertices.max() > 3.0
+    assert not surface.is_connected
+    assert WorkingSurface(ball, SMALL).is_connected

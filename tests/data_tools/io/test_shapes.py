@@ -216,7 +216,7 @@ def test_stl_vertices_are_merged_and_say_so(tmp_path, rng):
     back = read_shape(path)
     assert back.notes == (Note("duplicates-merged", values={"num": 3 * len(back.faces) - 100}),)
     assert back.source_indices is not None
-    apart = read_shape(path, CleaningOptions(merge_vertices=False, largest_component=False))
+    apart = read_shape(path, CleaningOptions(merge_vertices=False, components="all"))
     np.testing.assert_array_equal(apart.vertices[back.source_indices], back.vertices)
 
 

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError, OptionsError
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface import cleaning
 from data_tools.surface.cleaning import clean
@@ -63,7 +66,7 @@ def test_components_and_duplicates_are_kept_on_request():
         np.concatenate([first, 0.5 * first + 5.0]), np.concatenate([faces, faces + 30])
     )
     assert len(clean(two).vertices) == 30
-    assert clean(two, CleaningOptions(largest_component=False)) is two
+    assert clean(two, CleaningOptions(components="all")) is two
     twice = Shape.from_arrays(np.repeat(first, 2, axis=0))
     assert len(clean(twice).vertices) == 30
     assert clean(twice, CleaningOptions(merge_vertices=False)) is twice
@@ -121,3 +124,19 @@ def test_mesh_without_area_is_refused_by_name():
 def test_options_check_themselves():
     with pytest.raises(OptionsError, match="merge_vertices"):
         CleaningOptions(merge_vertices=1)
+
+
+@pytest.mark.parametrize(
+    ("asked", "shares", "decided"),
+    [
+        ("auto", (1.0, 0.97, 0.4), "largest"),
+        ("auto", (1.0, 0.9, 0.4), "all"),
+        ("auto", (), "largest"),
+        ("largest", (0.5, 0.5), "largest"),
+        ("all", (1.0, 1.0), "all"),
+    ],
+)
+def test_smaller_components_are_kept_where_most_shapes_would_lose_much(asked, shares, decided):
+    notes = [[Note(cleaning.COMPONENTS_KEPT, values={"share": 100.0 * share})] for share in shares]
+    options = CleaningOptions(merge_vertices=False, components=asked)
+    assert cleaning.with_components(options, notes) == replace(options, components=decided)
