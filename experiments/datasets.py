@@ -221,7 +221,7 @@ def read_range_scans(folder: Path | str) -> Dataset:
     )
     return Dataset(
         names=tuple(scan.stem for scan in scans),
-        loaders=tuple(partial(read_shape, scan) for scan in scans),
+        loaders=tuple(partial(read_shape, scan, AS_STORED) for scan in scans),
         rotations=read_only(as_rotations(rotations, f"{files[0]}: rotations", group="SO")),
         translations=read_only(np.ascontiguousarray(poses[:, :3])),
     )
@@ -260,7 +260,7 @@ def read_canonical_class(folder: Path | str) -> Dataset:
         ) from error
     return Dataset(
         names=listing.names,
-        loaders=tuple(partial(read_shape, file) for file in listing.files),
+        loaders=tuple(partial(read_shape, file, AS_STORED) for file in listing.files),
         rotations=read_only(as_rotations(rotations, f"{folder}: poses", group="SO")),
     )
 
