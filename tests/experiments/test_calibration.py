@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from collalign.confidence.candidate_model import WEIGHTS
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import OptionsError
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import boundary_edges
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
+from experiments.calibration.fragments import broken, closed
 from experiments.calibration.scan import Calibration, Finding, scan
 
 
@@ -70,6 +74,16 @@ def test_the_logit_finds_what_tells_right_poses():
     weights = fit_logit([pairs])
     assert weights[0] > 5.0 * weights[1:].max()
     assert share_right(pairs, weights) > 0.8 > share_right(pairs, np.ones(len(WEIGHTS)))
+
+
+def test_a_closed_piece_has_no_border_and_winds_outwards():
+    rng = np.random.default_rng(0)
+    ball = Shape.from_arrays(*sphere_mesh(300), name="ball")
+    up = np.array([0.0, 0.0, 1.0])
+    piece = closed(broken(broken(ball, up, 0.7, rng), -up, 0.6, rng), rng)
+    assert not len(boundary_edges(piece.faces))
+    corners = piece.vertices[piece.faces]
+    assert np.linalg.det(corners).sum() / 6 > 1
 
 
 @pytest.mark.data

@@ -30,6 +30,8 @@ from pairwise.partial.tuning import TUNED
 
 #: Partners that propose poses, and those of all poses that are refined on all partners.
 NUM_PROPOSERS, NUM_REFINED = 4, 24
+#: Logarithms within which a point costs more than it does usually.
+MOST_EXCESS = (-3.0, 4.0)
 #: The pose that changes nothing.
 _STILL = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
 #: The least and the largest scale.
@@ -55,7 +57,7 @@ def place_shape(
     -------
     dict
         ``rotations`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
-        (2, m), see :func:`pose_evidence`;
+        (3, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
         :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`; ``likeness``, the share
         of the shape with a counterpart, relative to what complete shapes have of each other.
@@ -97,15 +99,13 @@ def pose_record(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Similarity,
-    *,
-    complete: bool = True,
 ) -> Record:
     """Return what is known of the poses, the best first, as :func:`place_shape` says."""
     found = [counterparts(target, source, poses, TUNED.num_points[1]) for target in targets]
     return {
         "rotations": poses.rotation,
         "transforms": poses.transform,
-        "evidence": pose_evidence(targets, source, poses, found, complete=complete),
+        "evidence": pose_evidence(targets, source, poses, found),
         "energies": np.stack([item.energies for item in found], axis=1),
         "overlaps": np.stack([item.overlaps()[0] for item in found]),
         "likeness": _likeness(targets, found),
@@ -121,7 +121,6 @@ def settle(
     *,
     sizes: Sizes | None,
     fixed: FloatArray | None = None,
-    complete: bool = True,
 ) -> Similarity:
     """Return the proposed poses that are likeliest on targets in one frame, refined on all, the best first.
 
@@ -131,31 +130,24 @@ def settle(
     if fixed is not None:
         kept = np.argsort(pose_angle_deg(proposed.rotation, fixed), kind="stable")[:NUM_REFINED]
         proposed = replace(proposed[kept], rotation=np.tile(fixed, (len(kept), 1, 1)))
-    proposed = _likeliest(targets, source, proposed, few, complete=complete)
+    proposed = _likeliest(targets, source, proposed, few)
     low, high = sizes or scales_allowed(targets, source)
     allowed = (
         np.minimum(low, proposed.scale),
         np.maximum(high, proposed.scale),
     )  # another size may have been proposed
     poses = refine(targets, source, proposed, scale_range=allowed, hold_rotations=fixed is not None)
-    return _likeliest(targets, source, poses, many, complete=complete)
+    return _likeliest(targets, source, poses, many)
 
 
 def _likeliest(
-    targets: Sequence[PartialSurface],
-    source: PartialSurface,
-    poses: Similarity,
-    num_points: int,
-    *,
-    complete: bool,
+    targets: Sequence[PartialSurface], source: PartialSurface, poses: Similarity, num_points: int
 ) -> Similarity:
     """Return the distinct poses of most log-odds."""
     found = [counterparts(target, source, poses, num_points) for target in targets]
-    evidence, radius = (
-        pose_evidence(targets, source, poses, found, complete=complete),
-        float(np.mean([target.radius for target in targets])),
-    )
-    return poses[distinct_similarities(poses, -log_odds(evidence), NUM_REFINED, radius)]
+    odds = log_odds(pose_evidence(targets, source, poses, found))
+    radius = float(np.mean([target.radius for target in targets]))
+    return poses[distinct_similarities(poses, -odds, NUM_REFINED, radius)]
 
 
 def pose_evidence(
@@ -163,28 +155,35 @@ def pose_evidence(
     source: PartialSurface,
     poses: Similarity,
     found: Sequence[Counterparts],
-    *,
-    complete: bool,
 ) -> FloatArray:
-    """Return two kinds of evidence of poses (2, p): how probable the shape is there if the targets are of its kind.
+    """Return three kinds of evidence of poses (3, p): how probable the shape is there if the targets are of its kind.
 
-    A point of it may come from any of the targets. A point of a target costs what it costs more on the shape than on
-    the other targets, and nothing where what is nearest to it is the rim of the shape: then it is broken off. Of
-    targets that are not complete the energy is all that is known (1, p); they err apart from each other.
+    A point of it may come from any of the targets. A point of a target that has a counterpart costs what it costs
+    more on the shape than on the other targets, less what a rougher shape costs everywhere, as at the pose where its
+    own points cost least. Others are lacking if what is nearest to them is no rim of the shape. A shape without any
+    rim lacks nothing: a scanner or a segmentation may have closed its breaks.
     """
-    if not complete:
-        return np.sqrt(len(found)) * np.mean([np.log(one.energies) for one in found], axis=0)[None]
     costs = np.stack([_logarithms(one.source_costs) for one in found], axis=1)
     own = -np.log(np.exp(-costs).mean(axis=1)).mean(axis=1)
     usual = _usual_costs(targets, max(one.target_costs.shape[1] for one in found))
+    shared = [one.target_costs < TUNED.counterpart**2 for one in found]
+    excess = [
+        _logarithms(one.target_costs) - expected for one, expected in zip(found, usual, strict=True)
+    ]
+    best = int(own.argmin())
+    everywhere = np.concatenate(
+        [one[best][has[best]] for one, has in zip(excess, shared, strict=True)]
+    )
+    roughness = max(float(np.median(everywhere)), 0.0) if len(everywhere) else 0.0
     tree = cKDTree(source.points)
-    others = np.zeros(len(poses))
-    for target, one, expected in zip(targets, found, usual, strict=True):
-        nearest = tree.query(poses.undo(target.points[: len(expected)]))[1]
-        is_lost = source.on_rim[nearest] & (one.target_costs >= TUNED.counterpart**2)
-        excess = np.clip(_logarithms(one.target_costs) - expected, -3.0, 4.0)
-        others += np.where(is_lost, 0.0, excess).mean(axis=1) / len(targets)
-    return np.stack([own, others])
+    others, lacking = np.zeros((2, len(own)))
+    for target, one, has in zip(targets, excess, shared, strict=True):
+        clipped = np.clip(one - roughness, *MOST_EXCESS)
+        others += np.where(has, clipped, 0.0).mean(axis=1) / len(targets)
+        if source.on_rim.any():
+            nearest = tree.query(poses.undo(target.points[: has.shape[1]]))[1]
+            lacking += (~has & ~source.on_rim[nearest]).mean(axis=1) / len(targets)
+    return np.stack([own, others, lacking])
 
 
 def _likeness(targets: Sequence[PartialSurface], found: Sequence[Counterparts]) -> float:

@@ -19,14 +19,19 @@ from collalign.stages.incomplete.detect import (
     named_incomplete,
     open_among_closed,
 )
-from collalign.stages.incomplete.place import nearest_labels, place_shape, sizes_of_complete
+from collalign.stages.incomplete.place import (
+    nearest_labels,
+    place_shape,
+    pose_evidence,
+    sizes_of_complete,
+)
 from collalign.stages.incomplete.posed_points import posed_points
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _tries_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
-from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic import bumped, deformed_family
 from data_tools.datasets.synthetic_shapes import blob, chair, crown
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
@@ -35,8 +40,10 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from experiments.calibration.fragments import closed
+from pairwise.partial.counterparts import counterparts
 from tests.notes import only
-from tests.pairwise.partial.test_partial_match import cut, moved
+from tests.pairwise.partial.test_partial_match import cut, moved, surface
 from tests.products import settled_pair_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -265,10 +272,30 @@ def test_nothing_is_missing_among_whole_teeth(without):
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
     turns = np.stack([np.eye(3), np.diag([1.0, -1.0, -1.0])])
     sure, close = (
-        share_of_best(turns, log_odds(np.array([[0.1, own], [0.0, 0.0]]))) for own in (0.6, 0.11)
+        share_of_best(turns, log_odds(np.array([[0.1, own], [0.0, 0.0], [0.0, 0.0]])))
+        for own in (0.8, 0.11)
     )
     assert close < 0.6 < 0.95 < sure
     assert share_of_best(turns[[0, 0, 1]], np.zeros(3)) == pytest.approx(2 / 3)
+
+
+def test_a_closed_break_counts_against_no_pose_and_roughness_against_none_more_than_others():
+    rng = np.random.default_rng(3)
+    whole = blob(rng, num_vertices=800)
+    targets = [surface(one) for one in deformed_family(whole, 3, rng, rms=0.01)]
+    half_turns = [np.eye(3), *(np.diag(2.0 * axis - 1.0) for axis in np.eye(3))]
+    poses = Similarity.rigid(np.stack(half_turns), np.zeros((4, 3)))
+    broken = cut(bumped(whole, rng, rms=0.01), np.array([1.0, 0.0, 0.0]), 0.5)
+    pieces = {"open": broken, "closed": closed(broken, rng)}
+    rough = broken.vertices + 0.02 * rng.standard_normal(broken.vertices.shape)
+    pieces["rough"] = replace(broken, vertices=rough)
+    for kind, piece in pieces.items():
+        source = surface(piece)
+        found = [counterparts(target, source, poses, 300) for target in targets]
+        evidence = pose_evidence(targets, source, poses, found)
+        assert np.argmax(log_odds(evidence)) == 0, kind
+        assert evidence[1, 0] < 0.05, kind
+        assert evidence[2].any() == (kind != "closed"), kind
 
 
 def test_sizes_of_complete_shapes_say_how_large_a_piece_is_where_they_are_alike():
