@@ -20,9 +20,9 @@ KNOWN_SIZES = (2.5, 0.03, 0.2)
 #: fish, teeth, horses, mouse skulls and two kinds of generated long bones, 44 of them closed at their breaks,
 #: each with up to 48 poses on seven complete shapes. Each kind of shape judged by weights fitted without it, 84 % are
 #: right on average (of the closed ones 70 %), with a mean log loss of .60. Points without a counterpart that cost
-#: the most, unless nearest to a rim, gave 80 % (57 %) and .81. Of 62 at .9 or more none is wrong. Mismatch, overlap, size, and
-#: costs of the best 80 % of the points tell no more. ``python -m experiments calibrate fragments`` fits them again on
-#: such pieces.
+#: the most, unless nearest to a rim, gave 80 % (57 %) and .81. Of 62 at .9 or more none is wrong. Mismatch, overlap,
+#: size, and costs of the best 80 % of the points tell no more. ``python -m experiments calibrate fragments`` fits
+#: them again on such pieces.
 WEIGHTS = (5.5, 28.3, 5.7)
 #: Log odds of a pose per logarithm of its energy, where there is but one other shape. Of 96 pairs of which one lacks
 #: a quarter (ants, fish, teddies, people, glasses and chairs at even positions, 69 % right) 5, 8, 15 and 30 have mean
