@@ -7,7 +7,7 @@ from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED
-from data_tools.surface.outliers import without_outliers
+from data_tools.surface.outliers import odd_ratios, without_outliers
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
 
@@ -122,3 +122,19 @@ def test_files_are_read_without_them_unless_asked_for_as_stored(rng, tmp_path):
     np.testing.assert_array_equal(found.source_indices, np.delete(np.arange(400), which))
     assert read_shape(path, AS_STORED).notes == ()
     assert len(read_shape(path, AS_STORED).vertices) == 400
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1, 25.4, 1000.0])
+@pytest.mark.parametrize("place", [0, 6, 11])
+def test_another_unit_is_named_though_sizes_differ_threefold(factor, place):
+    sizes = {f"s{at}": size for at, size in enumerate(np.geomspace(1.0, 3.0, 12))}
+    sizes[f"s{place}"] *= factor
+    assert list(odd_ratios(sizes)) == [f"s{place}"]
+
+
+def test_sizes_that_differ_by_nature_are_in_one_unit(rng):
+    drawn = [3.0 ** rng.random(num) for num in 40 * [6, 12, 50]]
+    drawn += [np.exp(0.3 * rng.standard_normal(num)) for num in 40 * [6, 12, 50]]
+    juveniles_and_adults = np.concatenate([np.linspace(1.0, 2.0, 8), np.linspace(6.0, 7.0, 4)])
+    for sizes in [*drawn, juveniles_and_adults, [1.0, 1.1, 1.2, 7.0]]:
+        assert not odd_ratios(dict(zip(map(str, range(len(sizes))), sizes, strict=True)))
