@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense import DensePoints
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 def pair_problem(target: Samples, source: Samples, group: str) -> Problem:

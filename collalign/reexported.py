@@ -35,7 +35,7 @@ from pairwise.dense import RefinedPose as RefinedPose
 from pairwise.options import MatchOptions as MatchOptions
 from pairwise.options import PairKeywords as PairKeywords
 from pairwise.options import PairOptions as PairOptions
-from pairwise.problem.pattern import RotationPattern as RotationPattern
 from pairwise.results import Candidate as Candidate
 from pairwise.results import MatchResult as MatchResult
 from pairwise.results import Status as Status
+from pairwise.rotation_pattern import RotationPattern as RotationPattern

@@ -17,9 +17,8 @@ from .matching import MatchKeywords as MatchKeywords
 from .matching import match as match
 from .options import MatchOptions as MatchOptions
 from .options import PairOptions as PairOptions
-from .problem.pattern import RotationPattern as RotationPattern
-from .problem.problem import Problem as Problem
-from .problem.problem import with_unmatched as with_unmatched
+from .problem import Problem as Problem
+from .problem import with_unmatched as with_unmatched
 from .reexported import InputError as InputError
 from .reexported import LocalSurface as LocalSurface
 from .reexported import OptionsError as OptionsError
@@ -29,5 +28,6 @@ from .results import Candidate as Candidate
 from .results import MatchResult as MatchResult
 from .results import RelaxationResult as RelaxationResult
 from .results import Status as Status
+from .rotation_pattern import RotationPattern as RotationPattern
 
 __all__: list[str]

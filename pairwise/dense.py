@@ -25,7 +25,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Candidate, MatchResult, Status
 
 #: Entries of the cost matrix that nearest neighbours hold at once.

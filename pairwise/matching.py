@@ -30,7 +30,7 @@ from pairwise.portfolio import (
     wants_relaxation,
     with_better,
 )
-from pairwise.problem.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
+from pairwise.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult, Status
 

@@ -22,9 +22,9 @@ from pairwise.local.local_search import LocalMinima, merge, minimise
 from pairwise.local.rotation_search import MAX_SEARCHED_DIM, apart_rotations, explore, look_around
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem, with_unmatched
+from pairwise.problem import Problem, with_unmatched
 from pairwise.results import Candidate, RelaxationResult
+from pairwise.rotation_pattern import RotationPattern
 
 
 def wants_relaxation(
@@ -94,7 +94,7 @@ def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -
     problem : Problem
         Without unmatched points.
     unmatched_cost : float
-        See :func:`pairwise.problem.problem.with_unmatched`.
+        See :func:`pairwise.problem.with_unmatched`.
     seed : int
         See :func:`pairwise.local.rotation_search.explore`.
     """

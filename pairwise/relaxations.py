@@ -13,7 +13,7 @@ from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.certify import certify_dual
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
-from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.problem import Problem, ProblemArguments
 from pairwise.results import RelaxationResult
 
 
@@ -48,7 +48,7 @@ def solve_relaxation(
     row_sums : bool
         Use the equations of target points that are always matched; False is PM-SDP as published.
     **problem_arguments
-        The other arguments of :meth:`pairwise.problem.problem.Problem.from_user`.
+        The other arguments of :meth:`pairwise.problem.Problem.from_user`.
 
     Returns
     -------

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pairwise.local.rotation_search import explore, look_around
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 @dataclass(frozen=True)

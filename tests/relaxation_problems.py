@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from experiments.reference.pm_sdp import solve_reference
 from pairwise.certificates.verify import verify_certificate
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 
 #: Patterns of R by dimension: full, diagonal, band, blocks with the rotation block first.

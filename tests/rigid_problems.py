@@ -6,8 +6,8 @@ import numpy as np
 
 from data_tools.arrays import read_only
 from pairwise.local.rotation_search import mirror_points
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
 
 #: How the points lie.
 SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.reference.pm_sdp import solve_reference
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from tests.oracles import (
     brute_force,
     check_pose,

@@ -20,7 +20,7 @@ from data_tools.errors import OptionsError
 from data_tools.options import CleaningKeywords, EmbeddingKeywords, SamplingKeywords
 from pairwise.matching import MatchKeywords
 from pairwise.options import PairKeywords
-from pairwise.problem.problem import ProblemArguments
+from pairwise.problem import ProblemArguments
 
 KEYWORDS = (
     *((CleaningKeywords, collalign.CleaningOptions), (SamplingKeywords, collalign.SamplingOptions)),

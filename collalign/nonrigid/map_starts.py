@@ -35,7 +35,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.normals import vertex_normals
 from pairwise.local.local_search import LocalMinima, MatchingCosts, minimise, procrustes
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 def embedded_problem(

@@ -46,7 +46,7 @@ from data_tools.surface.laplacian import vertex_areas
 from data_tools.threads import one_blas_thread
 from pairwise.certificates.certificate import MAX_BYTES, Certificate
 from pairwise.certificates.verify import verify_certificate
-from pairwise.problem.problem import LARGEST_COORDINATE, Problem
+from pairwise.problem import LARGEST_COORDINATE, Problem
 
 #: Largest distance, as a share of a shape's size, between its samples in the common frame and as they were matched.
 _SAMPLE_TOL = 1e-6

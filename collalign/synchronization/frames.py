@@ -13,7 +13,7 @@ from data_tools.arrays import FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
 from data_tools.rotations import chordal_angles
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 
 def angles_rad(rotations: FloatArray) -> FloatArray:

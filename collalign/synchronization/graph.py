@@ -23,7 +23,7 @@ from data_tools.arrays import (
     read_only,
 )
 from data_tools.errors import InputError, OptionsError
-from pairwise.problem.pattern import PatternLike, RotationPattern
+from pairwise.rotation_pattern import PatternLike, RotationPattern
 
 
 class GraphArguments(TypedDict, total=False):
@@ -99,7 +99,7 @@ class PairGraph:
         num_shapes : int, optional
             One more than the largest index in ``edges`` where it is not given.
         rotation_pattern : optional
-            See :meth:`pairwise.problem.pattern.RotationPattern.from_user`.
+            See :meth:`pairwise.rotation_pattern.RotationPattern.from_user`.
 
         Raises
         ------

@@ -14,7 +14,7 @@ from collalign.synchronization.model import PRIORS, best_candidates, squared_dis
 from collalign.synchronization.search import State, find_poses
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line, read_only
 from data_tools.notes import Note
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

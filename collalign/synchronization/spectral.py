@@ -18,7 +18,7 @@ from collalign.synchronization.graph import PairGraph, block_matrix, degrees
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, as_rotations
 from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 #: A move that gains less than this part of a pair's evidence gains nothing.
 _ROUNDING = 1e-9

@@ -31,7 +31,7 @@ from pairwise.dense import DensePoints
 from pairwise.local.local_search import minimise
 from pairwise.matching import match
 from pairwise.options import MatchOptions
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 FOLDER = "teeth_pnas116"
 NUM_LANDMARKS = 18

@@ -28,7 +28,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import solve_dual
-from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.problem import Problem, ProblemArguments
 from pairwise.results import Candidate, Status
 
 #: Rotations closer than this (largest entry of the difference) are one solution.
@@ -96,7 +96,7 @@ def exact_solutions(
         Of the random linear energies.
     **problem_arguments
         Group, allowed matches, pattern, invariants and weights, as in
-        :meth:`pairwise.problem.problem.Problem.from_user`; weights must be positive.
+        :meth:`pairwise.problem.Problem.from_user`; weights must be positive.
 
     Returns
     -------

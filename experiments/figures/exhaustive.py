@@ -7,7 +7,7 @@ import numpy as np
 from data_tools.arrays import FloatArray
 from pairwise.local.local_search import MatchingCosts, energies_of, procrustes
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 def exhaustive_energies(problem: Problem, num: int) -> FloatArray:

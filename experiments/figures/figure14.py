@@ -12,7 +12,7 @@ from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.figures.full_lifted import solve_full_lifted
 from experiments.figures.planted import planted_problem
 from experiments.tables import Column, Row, Table
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Status
 

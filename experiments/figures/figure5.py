@@ -15,7 +15,7 @@ from experiments.figures.planted import planted_problem
 from experiments.tables import Column, Row, Table
 from pairwise.local.local_search import minimise
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 
 if TYPE_CHECKING:

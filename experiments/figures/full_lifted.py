@@ -18,7 +18,7 @@ from typing import Any
 import cvxpy as cp
 
 from experiments.reference.pm_sdp import Model, build_model, solve_model
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import RelaxationResult
 
 

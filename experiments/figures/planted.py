@@ -8,7 +8,7 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, IntArray
 from data_tools.rotations import random_rotation
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 def planted_problem(

@@ -15,7 +15,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from pairwise.local.local_search import LocalMinima, MatchingCosts
 from pairwise.pm_sdp.rounding import appendix_starts, nearest_map
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import RelaxationResult, Status
 

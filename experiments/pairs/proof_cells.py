@@ -21,7 +21,7 @@ from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import verify_certificate
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_relaxation
 from pairwise.results import Status
 

@@ -19,9 +19,9 @@ from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
-from pairwise.problem.pattern import RotationPattern
 from pairwise.relaxations import check_limits
 from pairwise.results import Status
+from pairwise.rotation_pattern import RotationPattern
 
 #: Iterations after which each solver gives up unless told otherwise.
 DEFAULT_MAX_ITERATIONS = {"scs": 100_000, "clarabel": 200}

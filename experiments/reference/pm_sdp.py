@@ -34,7 +34,7 @@ from experiments.reference.constraints import (
     orthogonality_equations,
     solve_program,
 )
-from pairwise.problem.problem import Problem, assignment_support
+from pairwise.problem import Problem, assignment_support
 from pairwise.results import RelaxationResult, Status
 
 

@@ -36,7 +36,7 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray, IntArray, Rows
 from pairwise.certificates.verify_cells import REACH_MARGIN
 from pairwise.local.rotation_sets import quaternions_to_rotations
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 #: Added to radii: covers the rounding of centres, corners and arc cosines.
 _RADIUS_MARGIN = 1e-7

@@ -30,7 +30,7 @@ from pairwise.branch_and_bound.prove import (
 )
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.local_search import minimise
-from pairwise.problem.problem import Problem, ProblemArguments
+from pairwise.problem import Problem, ProblemArguments
 from pairwise.results import Candidate
 
 #: Cells of a region from whose rotations its best pose is sought.

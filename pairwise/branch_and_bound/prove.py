@@ -23,7 +23,7 @@ from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.rotation_search import screen
 from pairwise.local.rotation_sets import rotation_set
-from pairwise.problem.problem import Problem, chiralities
+from pairwise.problem import Problem, chiralities
 from pairwise.results import Candidate, Status
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.

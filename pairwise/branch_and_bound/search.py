@@ -11,7 +11,7 @@ from data_tools.arrays import BoolArray, FloatArray, Rows
 from pairwise.branch_and_bound.bounds import Cells, QuasiBounds, radii_of
 from pairwise.certificates.verify_cells import DEEPEST
 from pairwise.local.local_search import minimise
-from pairwise.problem.problem import Problem, energy_scale, mirror
+from pairwise.problem import Problem, energy_scale, mirror
 
 #: Entries of the cost matrices of the cells that are split at once, and cells at most.
 _BATCH_ENTRIES, _MOST_CELLS = 4_000_000, 512

@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, as_points, read_only
 from data_tools.errors import InputError
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
 
 #: Numbers beyond this, in the problem's own unit, are refused: their products would overflow.
 LARGEST = 1e100

@@ -34,7 +34,7 @@ from pairwise.certificates.certificate import (
 )
 from pairwise.certificates.verify_cells import cells_bound
 from pairwise.certificates.verify_pm_sdp import pm_sdp_bound
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 _EPS = float(np.finfo(np.float64).eps)
 

@@ -24,7 +24,7 @@ from scipy.optimize import linear_sum_assignment
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import CertificateArrays
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 _EPS = float(np.finfo(np.float64).eps)
 #: Rounding allowances are multiples of eps, the number of terms and their sizes.

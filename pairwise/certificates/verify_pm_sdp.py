@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
 from pairwise.certificates.certificate import CertificateArrays
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 #: Twice the unit roundoff: the extra factor covers the second-order terms of every bound below.
 _EPS = float(np.finfo(np.float64).eps)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import CACHED_ENTRIES, BoolArray, FloatArray, IntArray, Rows
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +75,7 @@ class MatchingCosts:
 def procrustes(problem: Problem, maps: IntArray, mirrored: BoolArray | None = None) -> FloatArray:
     """Return the best rotation for each map (m, k), shape (m, d, d).
 
-    Their chirality is the group's, or ``mirrored`` (m,): :meth:`pairwise.problem.pattern.RotationPattern.project`.
+    Their chirality is the group's, or ``mirrored`` (m,): :meth:`pairwise.rotation_pattern.RotationPattern.project`.
     """
     images = problem.target[maps] * problem.weights[:, None]
     return problem.pattern.project(np.swapaxes(images, 1, 2) @ problem.source, mirrored)

@@ -27,8 +27,8 @@ from pairwise.local.rotation_sets import (
     sign_rotations,
     small_rotations,
 )
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
 
 Singles: TypeAlias = NDArray[np.float32]
 

@@ -15,7 +15,7 @@ from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 #: Times that F may be shifted away from singularity, each time ten times further.
 _MAX_SHIFTS = 18

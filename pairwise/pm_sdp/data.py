@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import InputError
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
-from pairwise.problem.problem import Problem, assignment_support
+from pairwise.problem import Problem, assignment_support
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

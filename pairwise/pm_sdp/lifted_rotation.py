@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import assignment_support
+from pairwise.problem import assignment_support
+from pairwise.rotation_pattern import RotationPattern
 
 #: Relative size below which a pivot of the equations counts as zero.
 _RANK_TOL = 1e-10

@@ -3,7 +3,7 @@
 X_ij is read as the probability that source point j goes to target point i, R as E[R] and C as E[[R][R]^T]. Where a
 pair has several good poses these are mixtures, and one rounding of R may be none of them: draws from (R, C) keep them
 apart. All starts are returned as matrices whose projection
-(:meth:`pairwise.problem.pattern.RotationPattern.project`) is meant.
+(:meth:`pairwise.rotation_pattern.RotationPattern.project`) is meant.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import RelaxationResult
 
 #: Probabilities below this are rounding errors of the solver.

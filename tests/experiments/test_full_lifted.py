@@ -4,7 +4,7 @@ import pytest
 
 from experiments.figures.full_lifted import solve_full_lifted
 from experiments.reference.pm_sdp import solve_reference
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from tests.oracles import check_relaxation
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from data_tools.errors import OptionsError
 from experiments.reference.pm_sdp import solve_reference
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import catalogue, random_rotation

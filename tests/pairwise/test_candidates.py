@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from pairwise.matching import match
 from pairwise.options import MatchOptions
 from pairwise.portfolio import rank_candidates, with_better
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Candidate
 
 PROBLEM = Problem.from_user(np.eye(3), np.eye(3), group="O")

@@ -14,7 +14,7 @@ from data_tools.surface.normals import outward_normals
 from pairwise import MatchOptions
 from pairwise.dense import DenseMatcher, DensePoints, ranked_on_dense, refine_pose
 from pairwise.matching import match_problem
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Candidate, MatchResult, Status
 
 

@@ -14,7 +14,7 @@ from pairwise.local.rotation_search import explore
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Status
 from tests.oracles import brute_force, check_pose
 from tests.problems import catalogue, planted

@@ -8,7 +8,7 @@ import pytest
 from pairwise import match, solve_relaxation, verify_certificate
 from pairwise import match as match_function
 from pairwise.matching import _proven
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, Status
 

@@ -24,7 +24,7 @@ from collalign.synchronization import PairGraph, SynchronizationResult, synchron
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense import DensePoints, refine_pose
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8

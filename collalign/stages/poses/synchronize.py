@@ -20,7 +20,7 @@ from collalign.synchronization import (
 from data_tools.arrays import read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 
 @one_blas_thread()

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, one_line
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,7 +19,7 @@ from collalign.stages.proofs import (
 from data_tools.errors import StoreError
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.pose_lists import list_poses
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import Status
 from tests.products import pair_of
 from tests.rigid_problems import planted_cube

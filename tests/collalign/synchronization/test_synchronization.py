@@ -8,7 +8,7 @@ from collalign.synchronization import PairGraph, synchronize, synchronize_graph
 from collalign.synchronization.frames import angles_rad
 from collalign.synchronization.model import EdgeModel
 from data_tools.errors import InputError, OptionsError
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 from tests.notes import codes
 from tests.synchronization_problems import (
     D2_FLIPS,

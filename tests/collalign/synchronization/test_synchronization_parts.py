@@ -38,7 +38,7 @@ from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 from tests.synchronization_problems import (
     complete_edges,
     exact_pairs,

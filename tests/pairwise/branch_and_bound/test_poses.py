@@ -4,7 +4,7 @@ import pytest
 from data_tools.errors import InputError, OptionsError
 from pairwise import all_poses
 from pairwise.branch_and_bound.pose_lists import list_poses
-from pairwise.problem.problem import Problem, chiralities, energy_scale
+from pairwise.problem import Problem, chiralities, energy_scale
 from pairwise.results import Status
 from tests.oracles import every_pose
 from tests.rigid_problems import is_pointed, planted_cube, rigid_problem

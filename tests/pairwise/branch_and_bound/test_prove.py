@@ -6,7 +6,7 @@ from data_tools.errors import OptionsError
 from experiments.datasets import read_teeth
 from pairwise.branch_and_bound.prove import _proof, can_certify, prove, searches_of
 from pairwise.certificates.verify import verify_certificate
-from pairwise.problem.problem import Problem, chiralities, energy_scale
+from pairwise.problem import Problem, chiralities, energy_scale
 from pairwise.results import Candidate, Status
 from tests.oracles import brute_force, check_pose
 from tests.rigid_problems import is_pointed, planted_cube, rigid_problem

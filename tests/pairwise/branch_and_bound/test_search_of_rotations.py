@@ -9,7 +9,7 @@ from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import radii_of
 from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from tests.rigid_problems import planted_cube
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import least_energies, prove_tilted, with_tilt
-from pairwise.problem.problem import energy_scale
+from pairwise.problem import energy_scale
 from tests.oracles import brute_force, every_pose
 from tests.rigid_problems import small_problem
 

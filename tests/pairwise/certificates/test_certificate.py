@@ -11,8 +11,8 @@ from pairwise.certificates.certificate import read_problem
 from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.certify import _close_constraints
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
-from pairwise.problem.pattern import RotationPattern
 from pairwise.relaxations import solve_pm_sdp
+from pairwise.rotation_pattern import RotationPattern
 from tests.memory import most_memory
 from tests.oracles import brute_force
 from tests.problems import planted

@@ -15,7 +15,7 @@ from pairwise.certificates.certificate import (
     in_unit,
     problem_arrays,
 )
-from pairwise.problem.pattern import RotationPattern
+from pairwise.rotation_pattern import RotationPattern
 
 
 @pytest.fixture

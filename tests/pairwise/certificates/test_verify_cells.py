@@ -12,7 +12,7 @@ from pairwise.branch_and_bound.prove import depths_of, prove, searches_of
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import cell_corners, tilted_bound
-from pairwise.problem.problem import energy_scale
+from pairwise.problem import energy_scale
 from pairwise.results import Status
 from tests.oracles import brute_force
 from tests.pairwise.branch_and_bound.test_tilted import least_tilted, tilted_problem

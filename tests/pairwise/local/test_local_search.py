@@ -6,7 +6,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pairwise.local.local_search import MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from tests.problems import catalogue, planted
 from tests.rigid_problems import of_chirality
 

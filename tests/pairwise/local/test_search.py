@@ -16,8 +16,8 @@ from pairwise.local.rotation_search import (
     mirror_rotations,
 )
 from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
 from tests.problems import planted, search
 from tests.rigid_problems import of_chirality
 

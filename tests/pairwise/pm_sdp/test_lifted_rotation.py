@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import assignment_support
+from pairwise.problem import assignment_support
+from pairwise.rotation_pattern import RotationPattern
 from tests.problems import random_rotation
 
 

@@ -12,7 +12,7 @@ from pairwise.pm_sdp.moment_basis import cauchy_factors
 from pairwise.pm_sdp.newton import NewtonSystem
 from pairwise.pm_sdp.steps import aim, longest_dual, longest_primal
 from pairwise.pm_sdp.variables import Direction
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 
 #: Points of target and source, coordinates, and options; the fourth has more matches than moments.
 CASES = [

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from data_tools.errors import OptionsError
 from pairwise import solve_relaxation, verify_certificate
 from pairwise.pm_sdp import interior_point
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Status
 from tests.oracles import brute_force, check_relaxation

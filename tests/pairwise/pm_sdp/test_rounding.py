@@ -7,7 +7,7 @@ from data_tools.rotations import rotation_angles
 from pairwise.local.local_search import minimise
 from pairwise.local.rotation_sets import random_rotations
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map, rank_one_factors
-from pairwise.problem.problem import Problem
+from pairwise.problem import Problem
 from pairwise.results import RelaxationResult, Status
 
 

@@ -34,7 +34,7 @@ from data_tools.arrays import (
 from data_tools.checks import check_number
 from data_tools.errors import InputError, OptionsError
 from data_tools.threads import one_blas_thread
-from pairwise.problem.pattern import PatternLike, RotationPattern
+from pairwise.rotation_pattern import PatternLike, RotationPattern
 
 
 def assignment_support(allowed: BoolArray) -> tuple[BoolArray, BoolArray]:

@@ -5,8 +5,8 @@ import pytest
 
 from data_tools.errors import InputError, OptionsError
 from pairwise import match, solve_relaxation
-from pairwise.problem.pattern import RotationPattern
-from pairwise.problem.problem import Problem, energy_scale
+from pairwise.problem import Problem, energy_scale
+from pairwise.rotation_pattern import RotationPattern
 
 
 def some_problem(rng, **options):

@@ -1,1 +1,0 @@
-"""The Procrustes matching problem."""
