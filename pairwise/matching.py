@@ -1,7 +1,7 @@
 """Match two point sets: the best pose found, the plausible alternatives, and what is proven about them.
 
-The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.local.rotation_search`,
-:mod:`pairwise.pm_sdp.rounding` and :mod:`pairwise.local.local_search`; this module composes them.
+The steps are public functions of :mod:`pairwise.portfolio`, :mod:`pairwise.rotation_search`,
+:mod:`pairwise.pm_sdp.rounding` and :mod:`pairwise.local_search`; this module composes them.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from data_tools.arrays import FloatArray, as_rotations, read_only
 from data_tools.checks import as_options, check_number
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
-from pairwise.local.local_search import minimise
-from pairwise.local.rotation_search import explore
+from pairwise.local_search import minimise
 from pairwise.options import MatchOptions, PairKeywords
 from pairwise.portfolio import (
     annealed_starts,
@@ -33,6 +32,7 @@ from pairwise.portfolio import (
 from pairwise.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult, Status
+from pairwise.rotation_search import explore
 
 #: A shift of more than this share of the points' spread is said.
 SHIFTED = 0.1

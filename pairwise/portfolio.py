@@ -18,13 +18,13 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.prove import can_certify
-from pairwise.local.local_search import LocalMinima, merge, minimise
-from pairwise.local.rotation_search import MAX_SEARCHED_DIM, apart_rotations, explore, look_around
+from pairwise.local_search import LocalMinima, merge, minimise
 from pairwise.options import MatchOptions
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem import Problem, with_unmatched
 from pairwise.results import Candidate, RelaxationResult
 from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_search import MAX_SEARCHED_DIM, apart_rotations, explore, look_around
 
 
 def wants_relaxation(
@@ -63,7 +63,7 @@ def ranked_poses(
     problem : Problem
     options : MatchOptions
     searched : LocalMinima, optional
-        What :func:`pairwise.local.rotation_search.explore` found, where it was asked.
+        What :func:`pairwise.rotation_search.explore` found, where it was asked.
     relaxation : RelaxationResult, optional
         Rounded if given.
     starts : ndarray, shape (m, d, d), optional
@@ -96,7 +96,7 @@ def annealed_starts(problem: Problem, unmatched_cost: float, *, seed: int = 0) -
     unmatched_cost : float
         See :func:`pairwise.problem.with_unmatched`.
     seed : int
-        See :func:`pairwise.local.rotation_search.explore`.
+        See :func:`pairwise.rotation_search.explore`.
     """
     found = np.zeros((0, problem.dim, problem.dim))
     for cost in costs_down_to(problem, unmatched_cost):

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pairwise.local.rotation_search import explore, look_around
 from pairwise.problem import Problem
+from pairwise.rotation_search import explore, look_around
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from data_tools.arrays import read_only
-from pairwise.local.rotation_search import mirror_points
 from pairwise.problem import Problem
 from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_search import mirror_points
 
 #: How the points lie.
 SHAPES = ("general", "coplanar", "collinear", "symmetric", "repeated", "one place", "noise-free")
@@ -86,7 +86,7 @@ def of_chirality(problem, *, reflected):
     """The problem with the rotation block's determinant fixed to +1; itself where the group fixes it already.
 
     For poses of determinant -1 the source's first coordinate is negated: negate the first column of the solutions,
-    too (:func:`pairwise.local.rotation_search.mirror_rotations`).
+    too (:func:`pairwise.rotation_search.mirror_rotations`).
     """
     if problem.pattern.special_blocks:
         return problem

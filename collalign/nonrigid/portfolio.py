@@ -35,7 +35,7 @@ from collalign.nonrigid.pose_maps import (
 from collalign.nonrigid.refine import Refiner, without_torn_ends
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.local.local_search import LocalMinima
+from pairwise.local_search import LocalMinima
 
 #: Origin of maps that only poses lead to.
 FROM_POSES = "poses"

@@ -20,7 +20,7 @@ from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from pairwise.certificates.verify import CLAIM_TOL, gram_bound
 from pairwise.certificates.verify_cells import tilted_bound
-from pairwise.local.local_search import MatchingCosts
+from pairwise.local_search import MatchingCosts
 from pairwise.problem import Problem
 
 #: A bound of ``pairs.csv`` counts as proven from this share of it on.

@@ -28,7 +28,7 @@ from experiments.datasets import Dataset, read_teeth
 from experiments.experiment import Cell
 from experiments.peers.principal_axes import normalised_points
 from pairwise.dense import DensePoints
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 from pairwise.matching import match
 from pairwise.options import MatchOptions
 from pairwise.problem import Problem

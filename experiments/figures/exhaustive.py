@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from pairwise.local.local_search import MatchingCosts, energies_of, procrustes
-from pairwise.local.rotation_sets import rotation_set
+from pairwise.local_search import MatchingCosts, energies_of, procrustes
 from pairwise.problem import Problem
+from pairwise.rotation_sets import rotation_set
 
 
 def exhaustive_energies(problem: Problem, num: int) -> FloatArray:

@@ -13,7 +13,7 @@ from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.figures.exhaustive import exhaustive_energies
 from experiments.figures.planted import planted_problem
 from experiments.tables import Column, Row, Table
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations
 from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp

@@ -13,7 +13,7 @@ from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.nonrigid import NonrigidMatch, match_of
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
-from pairwise.local.local_search import LocalMinima, MatchingCosts
+from pairwise.local_search import LocalMinima, MatchingCosts
 from pairwise.pm_sdp.rounding import appendix_starts, nearest_map
 from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp

@@ -19,11 +19,11 @@ from experiments.figures.planted import planted_problem
 from pairwise.branch_and_bound.pose_lists import list_poses
 from pairwise.branch_and_bound.prove import prove
 from pairwise.certificates.verify import verify_certificate
-from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import random_rotations
+from pairwise.local_search import minimise
 from pairwise.problem import Problem
 from pairwise.relaxations import solve_relaxation
 from pairwise.results import Status
+from pairwise.rotation_sets import random_rotations
 
 #: Relative gap of the proofs.
 TOL = 1e-3

@@ -35,8 +35,8 @@ import numpy as np
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, Rows
 from pairwise.certificates.verify_cells import REACH_MARGIN
-from pairwise.local.rotation_sets import quaternions_to_rotations
 from pairwise.problem import Problem
+from pairwise.rotation_sets import quaternions_to_rotations
 
 #: Added to radii: covers the rounding of centres, corners and arc cosines.
 _RADIUS_MARGIN = 1e-7

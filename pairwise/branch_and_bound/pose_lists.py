@@ -29,7 +29,7 @@ from pairwise.branch_and_bound.prove import (
     searches_of,
 )
 from pairwise.branch_and_bound.search import RotationSearch
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 from pairwise.problem import Problem, ProblemArguments
 from pairwise.results import Candidate
 

@@ -21,10 +21,10 @@ from pairwise.branch_and_bound.search import RotationSearch
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
 from pairwise.certificates.verify_cells import DEEPEST
-from pairwise.local.rotation_search import screen
-from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem import Problem, chiralities
 from pairwise.results import Candidate, Status
+from pairwise.rotation_search import screen
+from pairwise.rotation_sets import rotation_set
 
 #: Rotations that are screened before anything is bounded, and how many of them the best pose is sought from.
 _NUM_SCREENED, _NUM_STARTS = 256, 4

@@ -10,7 +10,7 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray, Rows
 from pairwise.branch_and_bound.bounds import Cells, QuasiBounds, radii_of
 from pairwise.certificates.verify_cells import DEEPEST
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 from pairwise.problem import Problem, energy_scale, mirror
 
 #: Entries of the cost matrices of the cells that are split at once, and cells at most.

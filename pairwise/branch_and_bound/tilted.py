@@ -17,7 +17,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import deadline_of, depths_of, finish, searches_of
-from pairwise.local.local_search import MatchingCosts, energies_of, minimise
+from pairwise.local_search import MatchingCosts, energies_of, minimise
 from pairwise.problem import Problem
 
 #: Most rotations that are returned.

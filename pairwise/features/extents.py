@@ -19,7 +19,7 @@ from data_tools.arrays import FloatArray
 from data_tools.local_surface import LocalSurface
 from data_tools.rotations import half_sphere
 from pairwise.features.conflicts import conflict, sight_conflicts
-from pairwise.local.rotation_sets import rotation_set
+from pairwise.rotation_sets import rotation_set
 
 
 class ExtentTuning(NamedTuple):

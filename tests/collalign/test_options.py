@@ -11,8 +11,8 @@ from collalign.options import AlignOptions, TwoShapeOptions
 from collalign.tools.stability.run import StabilityOptions
 from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
-from pairwise.local.rotation_sets import random_rotations
 from pairwise.options import MatchOptions, PairOptions
+from pairwise.rotation_sets import random_rotations
 
 OPTIONS = (
     *(

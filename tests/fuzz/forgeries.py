@@ -26,7 +26,7 @@ from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from pairwise import Problem
-from pairwise.local.local_search import MatchingCosts, energies_of
+from pairwise.local_search import MatchingCosts, energies_of
 from tests.finished_runs import chairs
 from tests.fuzz.hostile import CHANGES, NOT_FOR_THIS_TYPE, drawn
 

@@ -10,12 +10,12 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import SAME_DEG
 from data_tools.rotations import rotation_angles
 from pairwise import MatchOptions, match
-from pairwise.local.rotation_search import explore
-from pairwise.local.rotation_sets import random_rotations
 from pairwise.matching import match_problem
 from pairwise.portfolio import wants_relaxation
 from pairwise.problem import Problem
 from pairwise.results import Status
+from pairwise.rotation_search import explore
+from pairwise.rotation_sets import random_rotations
 from tests.oracles import brute_force, check_pose
 from tests.problems import catalogue, planted
 

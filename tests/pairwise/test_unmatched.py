@@ -9,9 +9,9 @@ import pytest
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angle_deg
 from pairwise import Problem, match, prove, solve_relaxation, verify_certificate, with_unmatched
-from pairwise.local.rotation_sets import random_rotations
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Status
+from pairwise.rotation_sets import random_rotations
 
 
 def least_truncated_energy(problem, cost):

@@ -17,7 +17,7 @@ from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 
 Solved = TypeVar("Solved")
 

@@ -26,7 +26,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
-from pairwise.local.local_search import minimise
+from pairwise.local_search import minimise
 
 #: Shares of the samples, in the order of farthest point sampling, whose energy is minimised: from the tips to all.
 SHARES = (3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1.0)

@@ -10,7 +10,7 @@ from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
-from pairwise.local.rotation_sets import quaternions_to_rotations, super_fibonacci
+from pairwise.rotation_sets import quaternions_to_rotations, super_fibonacci
 
 #: Turns that are looked at, at so many points, and the best of them that are refined, in so many steps.
 NUM_ROTATIONS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8

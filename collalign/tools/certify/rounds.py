@@ -31,8 +31,8 @@ from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.tilted import TiltedProof, least_energies, prove_tilted
 from pairwise.certificates.verify import gram_bound
-from pairwise.local.rotation_sets import rotation_set
 from pairwise.problem import Problem
+from pairwise.rotation_sets import rotation_set
 
 #: Alternations per round, steps of the shares in each, and the penalty as a share of the mean energy of a pair. Of
 #: .03, .1, .3 and 1 it gained most per round on eight teeth (draws 0 and 1 of ``python -m experiments teeth_jobs``).

@@ -21,7 +21,7 @@ from collalign.tools.certify.rounds import (
 from data_tools.rotations import random_rotation
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import gram_bound
-from pairwise.local.local_search import energies_of
+from pairwise.local_search import energies_of
 
 
 def planted(num_shapes, num_points, noise, *, group="SO", seed=0, invariants=0.0):

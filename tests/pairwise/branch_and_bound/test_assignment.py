@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from pairwise.branch_and_bound.assignment import bound_assignments
-from pairwise.local.rotation_sets import random_rotations
+from pairwise.rotation_sets import random_rotations
 
 
 def random_costs(k, size, kind, rng, num=6):

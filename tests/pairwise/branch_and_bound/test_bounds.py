@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import Cells, Curvature, QuasiBounds
-from pairwise.local.rotation_sets import random_rotations
 from pairwise.problem import Problem, chiralities, energy_scale
+from pairwise.rotation_sets import random_rotations
 from tests.oracles import every_pose
 from tests.rigid_problems import planted_cube, rigid_problem
 

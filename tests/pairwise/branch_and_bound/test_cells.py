@@ -5,7 +5,7 @@ import pytest
 
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import Cells
-from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
+from pairwise.rotation_sets import quaternions_to_rotations, random_rotations
 
 
 def split_at_random(dim, rng, num=40):

@@ -8,8 +8,8 @@ import pytest
 from data_tools.rotations import rotation_angles
 from pairwise.branch_and_bound.bounds import radii_of
 from pairwise.branch_and_bound.search import RotationSearch
-from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem import Problem
+from pairwise.rotation_sets import quaternions_to_rotations, random_rotations
 from tests.rigid_problems import planted_cube
 
 

@@ -13,10 +13,10 @@ from pairwise.certificates.verify_pm_sdp import (
     _rotation_basis,
     _rotation_maximum,
 )
-from pairwise.local.rotation_sets import quaternions_to_rotations, random_rotations
 from pairwise.problem import Problem
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_sets import quaternions_to_rotations, random_rotations
 from tests.oracles import brute_force
 
 FULL = np.ones((3, 3), dtype=bool)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from data_tools.rotations import rotation_angles
-from pairwise.local.local_search import minimise
-from pairwise.local.rotation_sets import random_rotations
+from pairwise.local_search import minimise
 from pairwise.pm_sdp.rounding import appendix_starts, draw_rotations, nearest_map, rank_one_factors
 from pairwise.problem import Problem
 from pairwise.results import RelaxationResult, Status
+from pairwise.rotation_sets import random_rotations
 
 
 def mixture(problem, rotations, maps, sign=1.0):

@@ -5,8 +5,10 @@ import pytest
 
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
-from pairwise.local.local_search import minimise
-from pairwise.local.rotation_search import (
+from pairwise.local_search import minimise
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_search import (
     _first,
     apart_rotations,
     explore,
@@ -15,9 +17,7 @@ from pairwise.local.rotation_search import (
     look_around,
     mirror_rotations,
 )
-from pairwise.local.rotation_sets import random_rotations
-from pairwise.problem import Problem
-from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_sets import random_rotations
 from tests.problems import planted, search
 from tests.rigid_problems import of_chirality
 

@@ -5,7 +5,7 @@ import pytest
 
 from data_tools.errors import OptionsError
 from data_tools.rotations import rotation_angles
-from pairwise.local.rotation_sets import (
+from pairwise.rotation_sets import (
     principal_frame,
     quaternions_to_rotations,
     random_rotations,

@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import CACHED_ENTRIES, BoolArray, FloatArray, IntArray, read_only
 from data_tools.threads import one_blas_thread
-from pairwise.local.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
-from pairwise.local.rotation_sets import (
+from pairwise.local_search import LocalMinima, MatchingCosts, merge, minimise, procrustes
+from pairwise.problem import Problem
+from pairwise.rotation_pattern import RotationPattern
+from pairwise.rotation_sets import (
     principal_frame,
     rotation_set,
     sign_rotations,
     small_rotations,
 )
-from pairwise.problem import Problem
-from pairwise.rotation_pattern import RotationPattern
 
 Singles: TypeAlias = NDArray[np.float32]
 

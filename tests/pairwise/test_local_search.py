@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from pairwise.local.local_search import MatchingCosts, energies_of, merge, minimise, procrustes
-from pairwise.local.rotation_sets import random_rotations
+from pairwise.local_search import MatchingCosts, energies_of, merge, minimise, procrustes
 from pairwise.problem import Problem
+from pairwise.rotation_sets import random_rotations
 from tests.problems import catalogue, planted
 from tests.rigid_problems import of_chirality
 
@@ -104,7 +104,7 @@ def test_how_many_costs_are_held_at_a_time_does_not_matter(entries, rng, monkeyp
     problem = planted(rng, rng.random((11, 3)), noise=0.1)
     rotations = random_rotations(3, 7, rng)
     whole = MatchingCosts(problem).assign(rotations)
-    monkeypatch.setattr("pairwise.local.local_search.CACHED_ENTRIES", entries)
+    monkeypatch.setattr("pairwise.local_search.CACHED_ENTRIES", entries)
     costs = MatchingCosts(problem)
     assert costs.chunk == max(1, entries // 121)
     np.testing.assert_array_equal(costs.assign(rotations), whole)

@@ -1,1 +1,0 @@
-"""Local minimisation from many starts."""
