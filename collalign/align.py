@@ -28,6 +28,7 @@ from collalign.products.shapes import Shapes
 from collalign.stages import steps
 from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
+from collalign.stages.match_pairs import num_reused_pairs
 from collalign.stages.own_knowledge import (
     given_constraints,
     own_notes,
@@ -35,7 +36,6 @@ from collalign.stages.own_knowledge import (
     with_marks,
     with_own_samples,
 )
-from collalign.stages.pairs.match import num_reused_pairs
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
 from collalign.stages.shape_stage import prepare_shapes, prepare_with_components

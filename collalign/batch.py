@@ -11,9 +11,9 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store.file import STORE_FILE
 from collalign.engine.store.store import Store
 from collalign.options import AlignOptions
+from collalign.stages.choose_pairs import planned_edges
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes
-from collalign.stages.pairs.choose import planned_edges
-from collalign.stages.pairs.match import pair_key
+from collalign.stages.match_pairs import pair_key
 from collalign.stages.shape_stage import wanted_shapes
 from data_tools.checks import as_options
 from data_tools.errors import InputError, OptionsError

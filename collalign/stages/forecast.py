@@ -14,12 +14,12 @@ from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.chirality.surfaces import MOST_SHAPES
+from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
-from collalign.stages.pairs.choose import all_pairs
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_with_components
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing

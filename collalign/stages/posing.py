@@ -9,6 +9,7 @@ from typing import TypeAlias
 from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
 from collalign.products.pair import are_weighed
 from collalign.stages import steps
+from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import with_incomplete
 from collalign.stages.incomplete.detect import (
     MIN_SHAPES,
@@ -18,7 +19,6 @@ from collalign.stages.incomplete.detect import (
     match_like_copies,
 )
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
-from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
 

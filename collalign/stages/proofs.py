@@ -22,7 +22,7 @@ from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.local_evidence import local_evidence
-from collalign.stages.pairs.match import pair_key
+from collalign.stages.match_pairs import pair_key
 from collalign.stages.poses.agreement import SAME_POSE_RAD
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.shape_stage import SAMPLING

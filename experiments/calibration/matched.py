@@ -13,8 +13,8 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.pairs.choose import all_pairs
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.choose_pairs import all_pairs
+from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.io.objects import list_shapes
 from experiments.collections.aligning import pose_some

@@ -18,7 +18,7 @@ from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
 from collalign.stages.chirality import pilot
 from collalign.stages.chirality.surfaces import measure_surfaces
-from collalign.stages.pairs.choose import all_pairs, describe_shapes
+from collalign.stages.choose_pairs import all_pairs, describe_shapes
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import SurfaceChirality, chirality_scores, place_shares
 from experiments.calibration.matched import matched

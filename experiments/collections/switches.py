@@ -16,7 +16,7 @@ import numpy as np
 from collalign.confidence import pose_model
 from collalign.products.trust import Trust
 from collalign.stages.chirality.pilot import decide_group
-from collalign.stages.pairs.match import MATCHING
+from collalign.stages.match_pairs import MATCHING
 from collalign.stages.trust import rival_poses as rivals
 from collalign.synchronization.model import PRIORS
 from data_tools.arrays import FloatArray
@@ -144,8 +144,8 @@ SWITCHES: dict[str, Switch] = {
     ),
     "rotations that neighbourhoods propose": Switch(
         patches={
-            "collalign.stages.pairs.match.CONVINCING": 0.0,
-            "collalign.stages.pairs.match.MATCHING": replace(
+            "collalign.stages.match_pairs.CONVINCING": 0.0,
+            "collalign.stages.match_pairs.MATCHING": replace(
                 MATCHING, version="pair without proposals"
             ),
         },
@@ -153,7 +153,7 @@ SWITCHES: dict[str, Switch] = {
     ),
     "sides found by a pilot": Switch(patches={f"{_STEPS}.decide_group": _always(("SO", "", {}))}),
     "limits of shapes whose side is open": Switch(patches={f"{_STEPS}.decide_group": _no_limits}),
-    "growing the graph of pairs": Switch(patches={"collalign.stages.pairs.choose.MAX_ROUNDS": 0}),
+    "growing the graph of pairs": Switch(patches={"collalign.stages.choose_pairs.MAX_ROUNDS": 0}),
     # maps
     "maps": Switch(patches={f"{_STEPS}.wants_maps": _always(False)}, where=BENT, since=PAIRS),
     "searching every pair of few shapes": Switch(

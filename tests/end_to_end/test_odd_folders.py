@@ -8,7 +8,7 @@ import pytest
 
 from collalign import RunOptions, align_collection, load
 from collalign.cli import main
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.match_pairs import match_pairs
 from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -61,7 +61,7 @@ def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch,
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 3 not in (pair.target, pair.source)], failed
 
-    monkeypatch.setattr("collalign.stages.pairs.choose.match_pairs", match_all_but_the_last)
+    monkeypatch.setattr("collalign.stages.choose_pairs.match_pairs", match_all_but_the_last)
     write_collection(tmp_path / "shapes", planted)
     assert (
         main(

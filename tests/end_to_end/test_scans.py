@@ -12,7 +12,7 @@ from collalign.engine.session import Session
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.overlaps import PART_CELL, common_cell
 from collalign.stages.incomplete.scans import BADLY_MATCHED, match_badly, were_seen
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown

@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.engine.store.records import encode, to_record
 from collalign.engine.store.store import Store, fingerprint
-from collalign.stages.pairs.match import match_pair
+from collalign.stages.match_pairs import match_pair
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.shapes import WRITABLE, write_mesh

@@ -33,8 +33,8 @@ from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.chirality.surfaces import MOST_SHAPES, measure_surfaces
-from collalign.stages.pairs.choose import all_pairs
-from collalign.stages.pairs.match import match_pairs
+from collalign.stages.choose_pairs import all_pairs
+from collalign.stages.match_pairs import match_pairs
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import chirality_scores, place_shares
 from data_tools.embedding.embedding import Samples

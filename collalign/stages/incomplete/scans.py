@@ -10,11 +10,11 @@ from collalign.confidence.overlap_model import overlap_chances
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
+from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import incomplete_note, label_map
 from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overlaps, join_scans
 from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pairs
 from collalign.stages.incomplete.place import nearest_labels
-from collalign.stages.pairs.choose import MAX_ALL_PAIRS
 from collalign.stages.poses.placement import common_positions, with_origin
 from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.remedies import components_left_out

@@ -18,7 +18,7 @@ from collalign.confidence.side_model import (
     surface_sides,
     undecided_sides,
 )
-from collalign.stages.pairs.choose import all_pairs
+from collalign.stages.choose_pairs import all_pairs
 from data_tools.errors import InputError
 
 

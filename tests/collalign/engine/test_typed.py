@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
 from collalign.engine.store.records import decode, encode, fields_of, from_record, to_record
-from collalign.stages.pairs.match import PairPoses, match_pair
+from collalign.stages.match_pairs import PairPoses, match_pair
 from data_tools.arrays import Holds
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import SolveFailed, StoreError
@@ -86,7 +86,7 @@ def test_a_match_without_a_pose_is_a_failure_and_no_record(rng, monkeypatch):
         match(rng.random((4, 3)), rng.random((4, 3))), candidates=(), status=Status.FAILED
     )
     monkeypatch.setattr(
-        "collalign.stages.pairs.match.match_problem", lambda problem, options: failed
+        "collalign.stages.match_pairs.match_problem", lambda problem, options: failed
     )
     with pytest.raises(SolveFailed, match="No usable answer"):
         match_pair(make_samples(rng), make_samples(rng), "SO", MatchOptions())

@@ -21,7 +21,7 @@ from collalign.stages.chirality.pilot import (
     group_of_shapes,
     nearest_pairs,
 )
-from collalign.stages.pairs.choose import all_pairs
+from collalign.stages.choose_pairs import all_pairs
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape

@@ -13,8 +13,8 @@ from collalign.nonrigid.pose_maps import sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.products.consistent_maps import VertexMaps
-from collalign.stages.deformation.deform import vertex_notes
-from collalign.stages.deformation.map_jobs import trust_of_places
+from collalign.stages.deformation import vertex_notes
+from collalign.stages.deformation_jobs import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface
 from data_tools.datasets.synthetic import bent, mirrored
 from data_tools.datasets.synthetic_shapes import blob

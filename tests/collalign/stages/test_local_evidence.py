@@ -11,7 +11,7 @@ from collalign.stages.local_evidence import (
     proposed_rotations,
     rigid_overlap,
 )
-from collalign.stages.pairs.match import match_pair
+from collalign.stages.match_pairs import match_pair
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -94,8 +94,8 @@ def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shap
     assert pose_angle_deg(found.rotations[best, :3, :3], TURN) < 5.0
     # Nothing overlaps convincingly any more: what neighbourhoods propose joins, by energy.
     other = random_rotation(np.random.default_rng(1))
-    monkeypatch.setattr("collalign.stages.pairs.match.CONVINCING", 2.0)
-    monkeypatch.setattr("collalign.stages.pairs.match.proposed_rotations", lambda *_: other[None])
+    monkeypatch.setattr("collalign.stages.match_pairs.CONVINCING", 2.0)
+    monkeypatch.setattr("collalign.stages.match_pairs.proposed_rotations", lambda *_: other[None])
     more = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
     assert len(more.energies) == len(found.energies) + 1
     assert pose_angle_deg(more.rotations, other).min() < 1e-3

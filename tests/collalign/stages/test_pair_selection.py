@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.pairs.choose import (
+from collalign.stages.choose_pairs import (
     ADDED,
     DEGREE,
     adaptive_pairs,

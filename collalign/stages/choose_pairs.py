@@ -24,8 +24,8 @@ from collalign.options import MAX_ROUNDS, AlignOptions, AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Constraints, Excluded, Shapes
 from collalign.products.trust import UNCERTAIN
+from collalign.stages.match_pairs import match_pairs
 from collalign.stages.own_knowledge import with_own
-from collalign.stages.pairs.match import match_pairs
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
@@ -89,9 +89,9 @@ def select_pairs(
     strategy : {"all", "sparse", "adaptive"}
         All N(N-1)/2 pairs, or a sparse selection of about N * :data:`DEGREE` / 2; ``"adaptive"`` starts with that.
     hashes : ndarray of uint64, shape (N,)
-        See :func:`collalign.stages.pairs.choose.identity_hashes`.
+        See :func:`collalign.stages.choose_pairs.identity_hashes`.
     descriptors : ndarray, shape (N, m), or None
-        See :func:`collalign.stages.pairs.choose.shape_descriptor`. Without them all sparse partners are random.
+        See :func:`collalign.stages.choose_pairs.shape_descriptor`. Without them all sparse partners are random.
 
     Returns
     -------

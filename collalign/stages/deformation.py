@@ -15,7 +15,7 @@ from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import Shapes
-from collalign.stages.deformation.map_jobs import (
+from collalign.stages.deformation_jobs import (
     CANDIDATES,
     FIRST_SIZE,
     REFINING,

@@ -1,1 +1,0 @@
-"""Which pairs are matched, and how."""
