@@ -13,14 +13,13 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store.store import Store
 from collalign.options import AUTO, AlignOptions
-from collalign.stages.chirality.surfaces import MOST_SHAPES
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs
-from collalign.stages.shape_stage import prepare_with_components
+from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_with_components
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing
 
@@ -155,7 +154,7 @@ def forecast(
     """
     match_s, prepare_s = costs["pairs"], costs["shapes"]
     (num, missing_shapes), (num_pairs, missing_pairs) = shapes, pairs
-    new = missing_pairs + pilot * PILOT * min(num, MOST_SHAPES)
+    new = missing_pairs + pilot * PILOT * min(num, MOST_FOR_SIDES)
     refines = float(options.refine)
     shared = {"shapes": _times(missing_shapes, prepare_s), "pairs": _times(new, match_s)}
     tasks, records = (

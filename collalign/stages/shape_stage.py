@@ -8,17 +8,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.jobs.job import Job, T, Wanted
 from collalign.engine.store.file import NUM_FILES
 from collalign.options import ALL, AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages.chirality.surfaces import MOST_SHAPES
+from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
-from data_tools.io.shapes import coarse_coordinates
+from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
@@ -28,6 +28,9 @@ from data_tools.surface.outliers import odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
+
+#: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
+MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
 SAMPLING = Job(kind="shapes", version="shape-16", run=sample_file, reader=Samples)
@@ -214,7 +217,7 @@ def wanted_shapes(
     """Return what is wanted of the file of every name, and the files that cannot even be opened."""
     wanted, excluded = {}, []
     # Not part of the key: samples are the same, and what lacks the chirality is measured later.
-    with_chirality = options.group == "auto" and len(listing.files) <= MOST_SHAPES
+    with_chirality = options.group == "auto" and len(listing.files) <= MOST_FOR_SIDES
     settings = {
         "cleaning": options.cleaning,
         "sampling": options.sampling,
@@ -238,3 +241,46 @@ def wanted_shapes(
             | {"own": own.get(name), "extra": extra.get(name), "with_chirality": with_chirality},
         )
     return wanted, excluded
+
+
+def chirality_of_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions
+) -> SurfaceChirality:
+    """Measure one surface, unless its file has changed since its digest was taken; runs inside a worker."""
+    return surface_chirality(read_shape(path, cleaning, name=name, digest=digest))
+
+
+#: Measures a surface. The version changes whenever the same file would give another result.
+MEASURING = Job(
+    kind="surfaces", version="chirality-2", run=chirality_of_file, reader=SurfaceChirality
+)
+
+
+def measure_surfaces(session: AlignSession, shapes: Shapes) -> list[SurfaceChirality]:
+    """Return the chirality of every surface, :data:`NO_CHIRALITY` of those that cannot be measured.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    """
+    every = range(len(shapes.names))
+    known = {i: found for i, found in enumerate(shapes.chirality) if found is not None}
+    wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every if i not in known}
+    limit_s = session.run.shape_time_limit_s
+    found = known | dict(session.compute(MEASURING, wanted, time_limit_s=limit_s))
+    return [found.get(i, NO_CHIRALITY) for i in every]
+
+
+def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> Wanted:
+    """Return what a job of a shape's file, its name, digest and cleaning is wanted on."""
+    return Wanted(
+        key=job.key({}, shapes.keys[i]),
+        label=shapes.names[i],
+        arguments={
+            "path": shapes.files[i],
+            "name": shapes.names[i],
+            "digest": shapes.digests[i],
+            "cleaning": session.options.cleaning,
+        },
+    )

@@ -19,13 +19,13 @@ from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import AlignedPair, FormerPairs, Pair, are_weighed
 from collalign.products.shapes import Constraints, Excluded, ExtraMaterial, Incomplete, Shapes
 from collalign.products.trust import Trust
-from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.choose_pairs import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.deformation import map_vertices, vertex_notes
 from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.rivals import weigh_doubtful_pairs
 from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.mixed_sides import decide_group
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import (

@@ -16,9 +16,9 @@ import numpy as np
 
 from collalign.confidence import side_model as sides
 from collalign.options import AlignOptions
-from collalign.stages.chirality import pilot
-from collalign.stages.chirality.surfaces import measure_surfaces
+from collalign.stages import mixed_sides
 from collalign.stages.choose_pairs import all_pairs, describe_shapes
+from collalign.stages.shape_stage import measure_surfaces
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import SurfaceChirality, chirality_scores, place_shares
 from experiments.calibration.matched import matched
@@ -64,7 +64,7 @@ class Subset:
             of_pairs = self.energies[num_poses, max_steps]
             return [(int(i), int(j)) for i, j in edges], of_pairs[edges[:, 0], edges[:, 1]]
 
-        found, compared, energies = pilot.staged_sides(
+        found, compared, energies = mixed_sides.staged_sides(
             all_pairs(num), self.descriptors, energies_of
         )
         by_surfaces = sides.surface_sides(self.scores, found.mirrored)
@@ -89,11 +89,11 @@ def draw_subsets(data: Path, collection: str, quick: bool) -> list[Subset]:
         descriptors = describe_shapes(found.shapes)
         surfaces = measure_surfaces(found.session, found.shapes)
         scores = chirality_scores(surfaces)
-        energies = {look[1:]: np.full((num, num, 2), np.nan) for look in pilot.LOOKS}
+        energies = {look[1:]: np.full((num, num, 2), np.nan) for look in mixed_sides.LOOKS}
         for look, of_pairs in energies.items():
             for pair in found.pairs:
                 i, j = pair.target, pair.source
-                of_pairs[i, j] = of_pairs[j, i] = pilot.chirality_energies(
+                of_pairs[i, j] = of_pairs[j, i] = mixed_sides.chirality_energies(
                     pair, samples[i], samples[j], *look
                 )
         dataset = read_dataset(collection, data)

@@ -15,8 +15,8 @@ import numpy as np
 
 from collalign.confidence import pose_model
 from collalign.products.trust import Trust
-from collalign.stages.chirality.pilot import decide_group
 from collalign.stages.match_pairs import MATCHING
+from collalign.stages.mixed_sides import decide_group
 from collalign.stages.trust import rival_poses as rivals
 from collalign.synchronization.model import PRIORS
 from data_tools.arrays import FloatArray
@@ -93,8 +93,8 @@ _ONE_WAY = np.array([10.0, 0.0, 3.0, 0.6])
 
 #: What takes most of a run after its pairs, and depends on nothing but its arguments: no switch reaches below.
 PURE = (
-    "collalign.stages.chirality.pilot.chirality_energies",
-    "collalign.stages.chirality.pilot.chirality_scores",
+    "collalign.stages.mixed_sides.chirality_energies",
+    "collalign.stages.mixed_sides.chirality_scores",
     "collalign.stages.poses.bent.measure_pair",
     "collalign.stages.poses.refinement.refine_pair",
     f"{_TRUST}.near_symmetries",

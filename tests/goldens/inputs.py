@@ -16,7 +16,7 @@ from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
 from data_tools.io.shapes import write_mesh
 from data_tools.surface.shape import Shape
 from experiments.calibration.fragments import broken
-from tests.collalign.stages.test_chirality_pilot import lopsided
+from tests.collalign.stages.test_mixed_sides import lopsided
 
 #: Digits of the coordinates: another processor, whose last bits differ, writes the same files.
 DIGITS = 4

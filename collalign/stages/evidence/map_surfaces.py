@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Results, T, Wanted
+from collalign.engine.jobs.job import Job, Results
 from collalign.nonrigid.pose_maps import (
     PosedSurface,
     posed_surface,
@@ -18,6 +18,7 @@ from collalign.nonrigid.pose_maps import (
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
+from collalign.stages.shape_stage import wanted_file
 from data_tools.arrays import FloatArray, Holds
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -91,17 +92,3 @@ def prepare_surfaces(session: AlignSession, shapes: Shapes) -> Results[int, Stor
     """
     wanted = {i: wanted_file(PREPARING, session, shapes, i) for i in range(len(shapes.names))}
     return session.compute(PREPARING, wanted, time_limit_s=session.run.shape_time_limit_s)
-
-
-def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> Wanted:
-    """Return what a job of a shape's file, its name, digest and cleaning is wanted on."""
-    return Wanted(
-        key=job.key({}, shapes.keys[i]),
-        label=shapes.names[i],
-        arguments={
-            "path": shapes.files[i],
-            "name": shapes.names[i],
-            "digest": shapes.digests[i],
-            "cleaning": session.options.cleaning,
-        },
-    )

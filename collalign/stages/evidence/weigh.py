@@ -23,10 +23,9 @@ from collalign.stages.evidence.map_surfaces import (
     PREPARING,
     StoredSurface,
     prepare_surfaces,
-    wanted_file,
 )
 from collalign.stages.evidence.pair_search import SEARCHED, STARTED, search_pair, searched_surfaces
-from collalign.stages.shape_stage import SAMPLING
+from collalign.stages.shape_stage import SAMPLING, wanted_file
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError

@@ -12,7 +12,7 @@ from collalign.engine.jobs.job import Job, Results
 from collalign.engine.store.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.evidence.map_surfaces import wanted_file
+from collalign.stages.shape_stage import wanted_file
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError

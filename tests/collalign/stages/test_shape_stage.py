@@ -12,8 +12,12 @@ from collalign.engine.jobs.worker import Call, Task, run_in_process
 from collalign.engine.session import Session
 from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
-from collalign.stages.chirality.surfaces import chirality_of_file, measure_surfaces
-from collalign.stages.shape_stage import common_num_points, prepare_shapes
+from collalign.stages.shape_stage import (
+    chirality_of_file,
+    common_num_points,
+    measure_surfaces,
+    prepare_shapes,
+)
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh

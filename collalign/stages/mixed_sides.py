@@ -32,9 +32,9 @@ from collalign.engine.jobs.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.chirality.surfaces import MOST_SHAPES, measure_surfaces
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.match_pairs import match_pairs
+from collalign.stages.shape_stage import MOST_FOR_SIDES, measure_surfaces
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import chirality_scores, place_shares
 from data_tools.embedding.embedding import Samples
@@ -103,12 +103,12 @@ def group_of_shapes(
         As for :func:`decide_group`.
     """
     num = len(shapes.names)
-    if num > MOST_SHAPES:
-        some, chosen = _evenly_spaced(shapes, MOST_SHAPES)
+    if num > MOST_FOR_SIDES:
+        some, chosen = _evenly_spaced(shapes, MOST_FOR_SIDES)
         group, notes, limits = group_of_shapes(
-            session, some, descriptors[chosen], all_pairs(MOST_SHAPES)
+            session, some, descriptors[chosen], all_pairs(MOST_FOR_SIDES)
         )
-        notes = (*notes, Note("sides-sampled", values={"num": MOST_SHAPES, "total": num}))
+        notes = (*notes, Note("sides-sampled", values={"num": MOST_FOR_SIDES, "total": num}))
         return group, notes, {int(chosen[i]): limit for i, limit in limits.items()}
     measured = measure_surfaces(session, shapes)
     scores = chirality_scores(measured)

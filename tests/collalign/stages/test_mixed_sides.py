@@ -13,15 +13,15 @@ from collalign.confidence.side_model import find_sides
 from collalign.engine.session import Session
 from collalign.extend import add_to_collection
 from collalign.output.write import alignment_record
-from collalign.stages.chirality import pilot
-from collalign.stages.chirality.pilot import (
+from collalign.stages import mixed_sides
+from collalign.stages.choose_pairs import all_pairs
+from collalign.stages.mixed_sides import (
     OF_FEW,
     ONE_OF_TWO,
     chirality_energies,
     group_of_shapes,
     nearest_pairs,
 )
-from collalign.stages.choose_pairs import all_pairs
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
@@ -177,10 +177,10 @@ def test_shapes_of_an_undecided_side_are_limited_to_one_half(
     scores = agreement * np.outer(sides, sides)
     scores[6] = scores[:, 6] = 0.0  # surfaces alone do not name the side of this one
     np.fill_diagonal(scores, np.nan)
-    monkeypatch.setattr(pilot, "measure_surfaces", lambda session, shapes: ())
-    monkeypatch.setattr(pilot, "chirality_scores", lambda measured: 7 / 5 * scores)
+    monkeypatch.setattr(mixed_sides, "measure_surfaces", lambda session, shapes: ())
+    monkeypatch.setattr(mixed_sides, "chirality_scores", lambda measured: 7 / 5 * scores)
     monkeypatch.setattr(
-        pilot, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2)))
+        mixed_sides, "staged_sides", lambda *given: (fits, all_pairs(7), np.ones((21, 2)))
     )
     shapes = SimpleNamespace(names=tuple("abcdefg"), samples=())
     with Session.open(AlignOptions(), ONE) as session:
@@ -293,7 +293,7 @@ def test_a_mirrored_pose_set_by_hand_allows_mirror_images(aligned_mixed, mixed, 
 
 def test_a_large_collection_is_decided_on_a_part_of_it(mixed, store, monkeypatch):
     monkeypatch.setattr(
-        pilot, "MOST_SHAPES", 5
+        mixed_sides, "MOST_FOR_SIDES", 5
     )  # of 7, without the third and the fifth, one of the two mirrored
     chosen = align_collection(mixed, options=OPTIONS, run=store)
     assert only(chosen.notes, "sides-sampled").values == {"num": 5, "total": 7}

@@ -1,1 +1,0 @@
-"""Whether a folder mixes left and right specimens."""
