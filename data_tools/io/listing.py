@@ -15,11 +15,10 @@ from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import composed, natural_key, read_text, readable_name
 from data_tools.io.formats.gltf import read_gltf
-from data_tools.io.formats.obj_off import read_obj, read_off
+from data_tools.io.formats.obj_off_stl import read_obj, read_off, read_stl
 from data_tools.io.formats.pcd import read_pcd
 from data_tools.io.formats.ply import read_ply
 from data_tools.io.formats.raw_shape import RawShape
-from data_tools.io.formats.stl import read_stl
 from data_tools.io.formats.vtk_legacy import read_vtk
 from data_tools.io.formats.vtp import read_vtp
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import write_atomic
+from data_tools.io.formats.obj_off_stl import STL_TRIANGLE
 from data_tools.io.formats.raw_shape import RawShape
-from data_tools.io.formats.stl import STL_TRIANGLE
 from data_tools.io.listing import READERS, joint_digest, parts_of
 from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note

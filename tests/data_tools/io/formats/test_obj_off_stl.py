@@ -8,8 +8,8 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
+from data_tools.io.formats.obj_off_stl import read_stl
 from data_tools.io.formats.raw_shape import not_kept
-from data_tools.io.formats.stl import read_stl
 from data_tools.io.source import Source
 from data_tools.notes import Note
 
