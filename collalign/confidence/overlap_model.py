@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from pairwise.features.conflicts import conflict
+from pairwise.features.depth_images import conflict
 from pairwise.features.overlap import LocalPoses
 
 #: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line of

@@ -13,8 +13,7 @@ from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
-from pairwise.features.conflicts import conflict, sight_conflicts
-from pairwise.features.extents import extent_poses
+from pairwise.features.depth_images import conflict, extent_poses, sight_conflicts
 from pairwise.features.poses import (
     SAME_CELLS,
     consensus_poses,

@@ -24,7 +24,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
-from pairwise.features.conflicts import FRONT_UNIT, conflict, sight_conflicts
+from pairwise.features.depth_images import FRONT_UNIT, conflict, sight_conflicts
 from pairwise.features.overlap import LocalPoses, evaluate_poses
 from pairwise.features.poses import STEP_COSINE, rotations_by
 

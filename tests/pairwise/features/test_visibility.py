@@ -7,7 +7,7 @@ from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.surface.shape import Shape
-from pairwise.features.conflicts import MOST_BESIDE, conflict, sight_conflicts
+from pairwise.features.depth_images import MOST_BESIDE, conflict, sight_conflicts
 from pairwise.features.overlap import evaluate_poses
 
 SIGHTS = (

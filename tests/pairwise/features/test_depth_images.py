@@ -10,7 +10,7 @@ from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from pairwise import match_overlapping
-from pairwise.features.extents import extent_poses
+from pairwise.features.depth_images import extent_poses
 
 TURN, SHIFT = random_rotation(np.random.default_rng(5)), np.array([2.0, -1.0, 0.5])
 
