@@ -23,9 +23,8 @@ from pairwise.features.poses import (
     match_features,
     refine_on_planes,
 )
-from pairwise.partial.counterparts import counterparts, step
+from pairwise.partial.counterparts import TUNED, counterparts, step
 from pairwise.partial.surface import PartialSurface
-from pairwise.partial.tuning import TUNED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
