@@ -27,8 +27,8 @@ from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.landmarked import read_dataset
 from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone
-from pairwise.partial.match import refine
-from pairwise.partial.surface import MOST_POINTS
+from pairwise.partial_match import refine
+from pairwise.partial_surface import MOST_POINTS
 
 BONES = "bones"
 #: Pieces of each collection, and of which shapes they and their partners are.

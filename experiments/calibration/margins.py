@@ -16,8 +16,8 @@ from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, scan
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.pairs.incomplete import without_share
-from pairwise.partial.match import match_partial
-from pairwise.partial.surface import MOST_POINTS, PartialSurface
+from pairwise.partial_match import match_partial
+from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 #: Pairs of each collection, among its shapes at even positions, and how much is cut off the source.
 NUM_PAIRS, NUM_QUICK, SEED, SHARE = 16, 2, 23, 0.25

@@ -16,7 +16,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from tests.pairwise.partial.test_partial_match import cut, moved
+from tests.pairwise.test_partial_match import cut, moved
 
 
 @pytest.fixture

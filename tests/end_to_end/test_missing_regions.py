@@ -20,7 +20,7 @@ from data_tools.landmarks.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges
-from tests.pairwise.partial.test_partial_match import cut, moved
+from tests.pairwise.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
 NUM_SHAPES, BROKEN = 5, "tooth3"

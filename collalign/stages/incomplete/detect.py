@@ -17,8 +17,8 @@ from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
 from data_tools.poses import Similarity, moved_by, scales_of
-from pairwise.partial.match import refine, scales_allowed
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_match import refine, scales_allowed
+from pairwise.partial_surface import PartialSurface
 
 #: Codes of reasons: a person named the shape, an earlier run found it, its surface is open among closed ones, or
 #: similar shapes go on beyond its rim.

@@ -24,7 +24,7 @@ from collalign.stages.incomplete.posed_points import surface_from_record
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.surface.extra import ExtraSurface
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_surface import PartialSurface
 
 
 class ExtraTuning(NamedTuple):

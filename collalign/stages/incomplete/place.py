@@ -23,9 +23,9 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import OrientedPoints
 from data_tools.poses import Similarity, pose_angle_deg, scales_of
 from data_tools.threads import one_blas_thread
-from pairwise.partial.counterparts import TUNED, Counterparts, counterparts
-from pairwise.partial.match import distinct_similarities, propose_poses, refine, scales_allowed
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_counterparts import TUNED, Counterparts, counterparts
+from pairwise.partial_match import distinct_similarities, propose_poses, refine, scales_allowed
+from pairwise.partial_surface import PartialSurface
 
 #: Partners that propose poses, and those of all poses that are refined on all partners.
 NUM_PROPOSERS, NUM_REFINED = 4, 24

@@ -22,8 +22,8 @@ from data_tools.local_surface import FEWEST_POINTS
 from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.features.overlap import closeness
-from pairwise.partial.match import describe_both
-from pairwise.partial.surface import MOST_POINTS, PartialSurface
+from pairwise.partial_match import describe_both
+from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 
 def points_of_file(

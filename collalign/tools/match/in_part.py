@@ -26,8 +26,8 @@ from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import match_overlapping
-from pairwise.partial.match import match_partial
-from pairwise.partial.surface import MOST_POINTS, PartialSurface
+from pairwise.partial_match import match_partial
+from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 #: Poses that a match keeps.
 NUM_POSES = 8

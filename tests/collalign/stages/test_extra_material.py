@@ -19,7 +19,7 @@ from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.notes import only
-from tests.pairwise.partial.test_partial_match import moved
+from tests.pairwise.test_partial_match import moved
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=24, num_dense_points=300))

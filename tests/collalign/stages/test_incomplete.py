@@ -41,9 +41,9 @@ from data_tools.options import SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.calibration.fragments import closed
-from pairwise.partial.counterparts import counterparts
+from pairwise.partial_counterparts import counterparts
 from tests.notes import only
-from tests.pairwise.partial.test_partial_match import cut, moved, surface
+from tests.pairwise.test_partial_match import cut, moved, surface
 from tests.products import settled_pair_of
 
 pytestmark = pytest.mark.usefixtures("quick_search")

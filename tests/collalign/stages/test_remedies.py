@@ -16,7 +16,7 @@ from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from tests.collalign.stages.test_trust import pairs_at
-from tests.pairwise.partial.test_partial_match import cut
+from tests.pairwise.test_partial_match import cut
 
 NUM = 8
 OPTIONS = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))

@@ -2,7 +2,7 @@
 
 Centroids and sizes of different parts of a shape say nothing. Poses on which neighbourhoods agree at a few scales are
 refined by closest points of both surfaces, of which those without a counterpart have no say, and compared by the
-energy of :class:`pairwise.partial.counterparts.Counterparts`.
+energy of :class:`pairwise.partial_counterparts.Counterparts`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pairwise.features.poses import (
     match_features,
     refine_on_planes,
 )
-from pairwise.partial.counterparts import TUNED, counterparts, step
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_counterparts import TUNED, counterparts, step
+from pairwise.partial_surface import PartialSurface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

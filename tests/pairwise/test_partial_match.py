@@ -11,9 +11,9 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from pairwise.partial.counterparts import _apart, counterparts
-from pairwise.partial.match import describe_both, match_partial, refine, scales_allowed
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_counterparts import _apart, counterparts
+from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
+from pairwise.partial_surface import PartialSurface
 
 NUM = 400
 

@@ -15,7 +15,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
-from pairwise.partial.surface import PartialSurface
+from pairwise.partial_surface import PartialSurface
 
 
 class PartialTuning(NamedTuple):

@@ -1,1 +1,0 @@
-"""Poses of two surfaces that overlap in part: rotation, shift and scale searched, trimmed closest points."""
