@@ -15,9 +15,9 @@ from data_tools.errors import UnknownName as UnknownName
 from data_tools.io.listing import FolderListing as FolderListing
 from data_tools.io.output_folder import OutputFolder as OutputFolder
 from data_tools.io.source import Source as Source
-from data_tools.landmarks.landmark_files import Landmarks as Landmarks
-from data_tools.landmarks.landmark_files import SemilandmarkRows as SemilandmarkRows
-from data_tools.landmarks.landmark_files import Semilandmarks as Semilandmarks
+from data_tools.landmark_files import Landmarks as Landmarks
+from data_tools.landmark_files import SemilandmarkRows as SemilandmarkRows
+from data_tools.landmark_files import Semilandmarks as Semilandmarks
 from data_tools.local_surface import LocalSurface as LocalSurface
 from data_tools.notes import Note as Note
 from data_tools.options import CleaningKeywords as CleaningKeywords

@@ -21,7 +21,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import existing_file, natural_key
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
-from data_tools.landmarks.landmark_files import read_landmarks
+from data_tools.landmark_files import read_landmarks
 from data_tools.options import AS_STORED
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape

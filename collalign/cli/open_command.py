@@ -38,7 +38,7 @@ from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
 from data_tools.io.text_tables import csv_text
-from data_tools.landmarks.landmark_tables import READABLE
+from data_tools.landmark_tables import READABLE
 from data_tools.notes import listed
 
 #: Pages that are shown, by the command that writes them.

@@ -13,7 +13,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, CoordinateSystem, declared_system, read_shape
 from data_tools.io.source import Origin
-from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.closest import SurfaceLocator

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import (
+from data_tools.landmark_files import (
     Landmarks,
     SemilandmarkKind,
     SemilandmarkRows,

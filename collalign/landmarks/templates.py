@@ -14,8 +14,8 @@ import numpy as np
 from data_tools.checks import check_count, meant
 from data_tools.errors import InputError
 from data_tools.io.files import composed
-from data_tools.landmarks.landmark_files import Landmarks, read_semilandmarks, specimen_of
-from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.landmark_files import Landmarks, read_semilandmarks, specimen_of
+from data_tools.landmark_tables import read_specimens
 from data_tools.notes import listed
 
 

@@ -22,7 +22,7 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape

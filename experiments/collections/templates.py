@@ -16,7 +16,7 @@ from collalign.engine.store.file import STORE_FILE
 from collalign.engine.store.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from experiments.clock import stopwatch
 from experiments.collections.carrying import write_posed
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot

@@ -6,7 +6,7 @@ import pytest
 import collalign
 from collalign.tools.export.run import export
 from data_tools.datasets.synthetic import write_collection, write_mesh
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 16, "num_dense_points": 200}}

@@ -16,7 +16,7 @@ from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges

@@ -10,7 +10,7 @@ from collalign.cli import main
 from data_tools.datasets.synthetic import planted_collection
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from tests.finished_runs import finished_run

@@ -27,7 +27,7 @@ from data_tools.datasets.synthetic_shapes import chair, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
-from data_tools.landmarks.landmark_files import Landmarks, read_landmarks
+from data_tools.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape

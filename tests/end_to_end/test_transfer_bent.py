@@ -13,7 +13,7 @@ from data_tools.datasets.synthetic import bent, planted_collection
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from tests.finished_runs import finished_run
 

@@ -16,12 +16,12 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from pairwise import solve_relaxation
 from pairwise.options import MatchOptions
+from tests.data_tools import test_landmark_files as one
+from tests.data_tools import test_landmark_tables as several
 from tests.data_tools.io.formats import test_gltf as gltf
 from tests.data_tools.io.formats import test_pcd as pcd
 from tests.data_tools.io.formats import test_vtk_legacy as vtk
 from tests.data_tools.io.formats import test_vtp as vtp
-from tests.data_tools.landmarks import test_landmark_files as one
-from tests.data_tools.landmarks import test_landmark_tables as several
 
 CONFIG = """
 group = "O"

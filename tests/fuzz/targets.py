@@ -14,7 +14,7 @@ from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError
 from data_tools.io.listing import READERS
 from data_tools.io.shapes import read_shape
-from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.landmark_tables import read_specimens
 from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate

@@ -22,7 +22,7 @@ from data_tools.arrays import FloatArray
 from data_tools.io.files import file_stems
 from data_tools.io.shapes import LPS_RAS, CoordinateSystem, write_mesh
 from data_tools.io.text_tables import csv_text
-from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.landmark_files import SemilandmarkRows
 
 #: Section names of morphologika files. Readers search for them anywhere in a line, so no specimen may contain one.
 _SECTIONS = (

@@ -17,7 +17,7 @@ from data_tools.checks import check_choice
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import CoordinateSystem, declared_system, read_shape
-from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import each_moved_by

@@ -27,7 +27,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import CoordinateSystem
-from data_tools.landmarks.landmark_files import SemilandmarkRows
+from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.threads import one_blas_thread
 

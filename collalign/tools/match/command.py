@@ -34,7 +34,7 @@ from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import read_alike, read_shape, write_ply
 from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.notes import Note, percent
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.rotations import rotation_angle_deg

@@ -42,7 +42,7 @@ from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import declared_system
 from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
-from data_tools.landmarks.landmark_tables import READABLE
+from data_tools.landmark_tables import READABLE
 from data_tools.notes import MAX_NAMED
 
 TRANSFER_FILE = "transfer.csv"

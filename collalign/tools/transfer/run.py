@@ -50,7 +50,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.io.shapes import CoordinateSystem, read_shape
-from data_tools.landmarks.landmark_files import Landmarks, SemilandmarkRows
+from data_tools.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import lies_beyond
@@ -177,7 +177,7 @@ def transfer_landmarks(
     --------
     >>> import tempfile
     >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> from data_tools.landmarks.landmark_files import Landmarks
+    >>> from data_tools.landmark_files import Landmarks
     >>> planted = demo_collection(num=3, resolution=1)
     >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
     >>> with tempfile.TemporaryDirectory() as folder:

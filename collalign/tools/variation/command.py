@@ -27,7 +27,7 @@ from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import composed
-from data_tools.landmarks.landmark_tables import READABLE
+from data_tools.landmark_tables import READABLE
 
 #: Said below every classification.
 _DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."

@@ -39,7 +39,7 @@ from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import composed
 from data_tools.io.source import refuse_overlap
-from data_tools.landmarks.landmark_files import Landmarks
+from data_tools.landmark_files import Landmarks
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints

@@ -5,7 +5,7 @@ import pytest
 
 from collalign.landmarks.table import counting_like, evenly_spaced, landmark_table, slider_rows
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.rotations import random_rotation
 
 STILL = np.eye(4)

@@ -5,7 +5,7 @@ import pytest
 
 from collalign.landmarks.table import called_like, landmark_table
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import Landmarks, Semilandmarks
+from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 
 

@@ -16,8 +16,8 @@ from collalign.products.shapes import Incomplete
 from collalign.tools.export.run import FORMATS, export, export_notes
 from collalign.wording import note_text
 from data_tools.errors import InputError, OptionsError
-from data_tools.landmarks.landmark_files import read_landmarks
-from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.landmark_files import read_landmarks
+from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
 from tests.view_problems import NUM_SAMPLES, view_of
 

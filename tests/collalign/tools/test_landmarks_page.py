@@ -7,8 +7,8 @@ import pytest
 
 from collalign.tools.transfer.command import landmarks_page
 from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
-from data_tools.landmarks.landmark_files import SemilandmarkRows, read_landmarks
-from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.landmark_files import SemilandmarkRows, read_landmarks
+from data_tools.landmark_tables import read_specimens
 from data_tools.surface.closest import SurfaceLocator
 from tests.browser import Page
 from tests.view_problems import view_of

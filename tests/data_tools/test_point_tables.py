@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.landmarks.point_tables import number, read_point_table
+from data_tools.point_tables import number, read_point_table
 
 POINTS = [[1.5, -2.25, 3.0], [0.5, 0.25, -0.125], [10.0, 20.5, 30.25]]
 LABELS = ("F-1", "F-2", "F-3")

@@ -17,7 +17,7 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import composed, existing_file, read_any_text
 from data_tools.io.shapes import CoordinateSystem
-from data_tools.landmarks.point_tables import number, read_point_table
+from data_tools.point_tables import number, read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
 SemilandmarkKind = Literal["open curve", "closed curve", "patch"]
@@ -78,7 +78,7 @@ def read_landmarks(path: Path | str) -> Landmarks:
 
     ``.mrk.json``, ``.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file
     declares; markups of the type Curve or ClosedCurve become curves, which are called as their points are, without
-    the number), ``.csv``, ``.tsv``, ``.txt`` (see :func:`data_tools.landmarks.point_tables.read_point_table`),
+    the number), ``.csv``, ``.tsv``, ``.txt`` (see :func:`data_tools.point_tables.read_point_table`),
     ``.pts`` (Landmark Editor and others: a row for each landmark, its name and x, y, z, below a version and a number
     of rows), ``.pp`` (picked in MeshLab), ``.landmarkAscii`` (Amira and Avizo, in text). Positions that are
     undefined, empty or no numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.

@@ -12,15 +12,15 @@ import numpy as np
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import existing_file, read_any_text
-from data_tools.landmarks.landmark_files import READERS as OF_ONE_SHAPE
-from data_tools.landmarks.landmark_files import (
+from data_tools.landmark_files import READERS as OF_ONE_SHAPE
+from data_tools.landmark_files import (
     Landmarks,
     Semilandmarks,
     landmark_system,
     read_landmarks,
     specimen_of,
 )
-from data_tools.landmarks.point_tables import number, read_point_table
+from data_tools.point_tables import number, read_point_table
 
 
 def read_specimens(path: Path | str) -> dict[str, Landmarks]:
@@ -31,7 +31,7 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     ``.csv``, ``.tsv``, ``.txt``: with columns of specimens, landmarks, x, y and z, a row for each landmark, as the
     page of a transfer writes it; or a row for each specimen (``nose_x``, ``nose_y``, ``nose_z``). Missing
     landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
-    :func:`data_tools.landmarks.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
+    :func:`data_tools.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
 
     Raises
     ------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_files import read_landmarks, read_semilandmarks
+from data_tools.landmark_files import read_landmarks, read_semilandmarks
 
 FCSV = """# Markups fiducial file version = 4.11
 # CoordinateSystem = LPS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.landmarks.landmark_tables import read_specimens
+from data_tools.landmark_tables import read_specimens
 from tests.memory import most_memory
 
 #: As tpsDig, NTSYSpc and morphologika have them; the second landmark of the second specimen is missing.

@@ -1,1 +1,0 @@
-"""Files of landmarks, in the formats of the field."""
