@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from collalign.engine.command_line import COMMAND, now
 from collalign.engine.run_options import RunKeywords, RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display
-from collalign.engine.store.file import FINISHED
+from collalign.engine.store_file import FINISHED
 from collalign.options import AlignKeywords, AlignOptions, AlignSession
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import by_label, cycle_errors_deg, part_numbers

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.file import STORE_FILE
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
+from collalign.engine.store_file import STORE_FILE
 from collalign.options import AlignOptions
 from collalign.stages.choose_pairs import planned_edges
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.errors import CollalignError, InputError
 from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment

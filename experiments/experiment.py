@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from collalign.engine.jobs.job import Job, Wanted
 from collalign.engine.progress import ProgressBar
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.records import Record
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.errors import CollectionError, InputError
 from experiments.provenance import describe_machine
 from experiments.tables import Table

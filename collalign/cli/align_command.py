@@ -25,8 +25,8 @@ from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.progress import ProgressBar
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
-from collalign.engine.store.file import FINISHED, STAGE
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
+from collalign.engine.store_file import FINISHED, STAGE
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections

@@ -7,8 +7,8 @@ from pathlib import Path
 from collalign.console.help import Flag
 from collalign.console.interruption import INCOMPLETE, UNFINISHED
 from collalign.console.messages import add_to_summary, say
-from collalign.engine.store.file import FINISHED, NUM_FILES, STAGE, STORE_FILE
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
+from collalign.engine.store_file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.output.loading import load
 from collalign.output.provenance import methods_paragraph
 from data_tools.errors import OptionsError, StoreError, printable

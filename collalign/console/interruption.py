@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from collalign.engine.store.file import STORE_FILE
+from collalign.engine.store_file import STORE_FILE
 from data_tools.errors import RunLost
 
 if TYPE_CHECKING:

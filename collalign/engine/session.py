@@ -18,8 +18,8 @@ from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
 from collalign.engine.progress import STAGES, ProgressBar, is_watched
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.file import KINDS, STAGE
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
+from collalign.engine.store_file import KINDS, STAGE
 from data_tools.errors import InputError, SolveFailed
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.records import to_arrays, to_record
+from collalign.engine.records import to_arrays, to_record
 from collalign.output.collection_data import CollectionData
 from collalign.products.pair import AlignedPair, Pair
 from data_tools.arrays import FloatArray, IntArray

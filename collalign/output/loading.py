@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.records import Record, from_arrays, from_record
+from collalign.engine.records import Record, from_arrays, from_record
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import (
     CORRESPONDENCES,

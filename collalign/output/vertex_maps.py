@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.records import from_record
+from collalign.engine.records import from_record
 from collalign.products.consistent_maps import VertexMaps
 from data_tools.arrays import FloatArray, as_indices
 from data_tools.errors import InputError, StoreError

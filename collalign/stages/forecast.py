@@ -11,7 +11,7 @@ import numpy as np
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.decide import wants_maps

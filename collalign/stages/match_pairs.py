@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
 from collalign.engine.jobs.job import Job, Wanted
-from collalign.engine.store.store import pair_seed
+from collalign.engine.store import pair_seed
 from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.engine.jobs.job import table_of_values
-from collalign.engine.store.records import MAX_INDEX
+from collalign.engine.records import MAX_INDEX
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.named_frame import frame_origin, frame_rotation, without_names
 from collalign.products.own import OF_PAIRS, Names, Own

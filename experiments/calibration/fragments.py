@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from collalign.confidence import incomplete_model
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.stages.incomplete.place import place_shape
 from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.arrays import BoolArray, FloatArray

@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 import collalign
 from collalign.confidence import radius_model as radii
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.file import STORE_FILE
+from collalign.engine.store_file import STORE_FILE
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, patched, scan
 from experiments.collections.carrying import carried_errors, write_posed
 from experiments.experiment import Cell

@@ -14,8 +14,8 @@ import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.align import matched_samples
+from collalign.engine.records import Record
 from collalign.engine.session import Session
-from collalign.engine.store.records import Record
 from collalign.output.collection import Collection
 from collalign.products.pair import are_weighed
 from data_tools.datasets.synthetic_shapes import sphere_mesh

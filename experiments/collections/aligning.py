@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_collection
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.records import Record
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT

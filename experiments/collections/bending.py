@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection, synchronize
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
 from experiments.clock import stopwatch

@@ -12,9 +12,9 @@ import numpy as np
 
 import collalign
 from collalign.confidence.radius_model import MIN_TEMPLATES
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.file import STORE_FILE
-from collalign.engine.store.records import Record
+from collalign.engine.store_file import STORE_FILE
 from collalign.landmarks.table import landmark_table
 from collalign.products.trust import DOUBT
 from collalign.tools.transfer.run import LandmarkCarrier

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.analysis.label_table import known_label
 from collalign.analysis.procrustes import classical_mds
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.tools.variation.classification import Classification, classify_leave_one_out
 from data_tools.arrays import FloatArray
 from experiments.collections.tooth_distances import (

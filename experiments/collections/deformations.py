@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.output.write import alignment_record
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import IntArray
 from data_tools.errors import InputError
 from data_tools.rotations import rotation_angle_deg

@@ -11,9 +11,9 @@ import numpy as np
 
 import collalign
 from collalign.analysis.procrustes import generalized_procrustes
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.file import STORE_FILE
-from collalign.engine.store.records import Record
+from collalign.engine.store_file import STORE_FILE
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks

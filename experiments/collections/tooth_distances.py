@@ -10,8 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from collalign.align import align_collection
 from collalign.analysis.procrustes import best_rotations, procrustes_distances
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.records import Record
 from collalign.tools.variation.classification import (
     distances_at_poses,
     near_pairs,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT, KINDS
 from data_tools.io.shapes import write_mesh

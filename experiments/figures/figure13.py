@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import FloatArray
 from experiments.collections.aligning import measure_alignment
 from experiments.collections.landmarked import CLASSES, CLASSES_FOLDER, RIGHT_DEG

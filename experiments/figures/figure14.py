@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.figures.full_lifted import solve_full_lifted
 from experiments.figures.planted import planted_problem

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.map_starts import wave_gaps
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface

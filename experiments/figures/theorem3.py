@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.rotations import random_rotation
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from experiments.collections.landmarked import read_dataset

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import find_candidates
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.maps.evaluation import THRESHOLDS, cumulative_curve, summary
 from experiments.maps.map_cells import (

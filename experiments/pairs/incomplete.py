@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_collection
+from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.records import Record
 from collalign.options import AUTO, NEVER, AlignOptions
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.sampling import farthest_points
 from experiments.collections.landmarked import TEETH_FOLDER

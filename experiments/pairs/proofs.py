@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from experiments.collections.landmarked import TEETH_FOLDER
 from experiments.experiment import Bench, Experiment, Outcome
 from experiments.pairs.proof_cells import LIMIT_S, TOL, WITHIN, measure_problem, measure_tooth

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.products.trust import DOUBT
 from experiments.collections.landmarked import RIGHT_DEG
 from experiments.collections.posed import GROSS_DEG, PosedCollection, pose_collection

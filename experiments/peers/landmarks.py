@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from experiments.collections.carrying import IN_FILE_UNITS, measure_carrying
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.peers.warps import WARPS, measure_warp

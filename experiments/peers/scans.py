@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign import AlignOptions, RunOptions, align_collection, match_in_part
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.datasets.synthetic import range_view

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.products.trust import DOUBT
 from experiments.clock import stopwatch
 from experiments.experiment import Bench, Cell, Experiment, Outcome

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.sampling import farthest_points
 from data_tools.surface.shape import Shape

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from data_tools.io.output_folder import BOOKS
 from tests.faults import FaultLog, run_with_kills

@@ -17,7 +17,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.cli import main
 from collalign.engine.jobs.local import lasting_workers
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh

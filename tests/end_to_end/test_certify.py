@@ -11,7 +11,7 @@ import pytest
 
 import collalign
 from collalign.cli import main
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.output.verify import verify_result

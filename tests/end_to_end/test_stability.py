@@ -11,7 +11,7 @@ import pytest
 import collalign
 from collalign.align import align_listing
 from collalign.cli import main
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.tools.stability.command import stability_summary, write_stability_page

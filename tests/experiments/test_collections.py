@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store.records import decode, encode
-from collalign.engine.store.store import Store
+from collalign.engine.records import decode, encode
+from collalign.engine.store import Store
 from collalign.tools.variation.classification import refined_distance
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import chair, crown

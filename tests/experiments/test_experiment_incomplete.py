@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import crown
 from experiments.experiment import Bench
 from experiments.pairs import incomplete

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.errors import CollectionError, InputError
 from experiments import NAMES, load_experiment
 from experiments.__main__ import app

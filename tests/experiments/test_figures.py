@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import bent, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.io.shapes import write_mesh

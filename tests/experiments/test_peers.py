@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from experiments.experiment import Bench, Cell
 from experiments.peers import synchronization
 from experiments.peers.planted_pairs import (

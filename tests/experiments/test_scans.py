@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation

@@ -6,8 +6,8 @@ import struct
 
 import numpy as np
 
-from collalign.engine.store.records import encode, to_record
-from collalign.engine.store.store import Store, fingerprint
+from collalign.engine.records import encode, to_record
+from collalign.engine.store import Store, fingerprint
 from collalign.stages.match_pairs import match_pair
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import sample_shape

@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 
 from collalign.cli import main
-from collalign.engine.store.records import decode, from_record
-from collalign.engine.store.store import Store
+from collalign.engine.records import decode, from_record
+from collalign.engine.store import Store
 from collalign.stages.match_pairs import PairPoses
 from data_tools.embedding.embedding import Samples, sample_shape
 from data_tools.errors import InputError

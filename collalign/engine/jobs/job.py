@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeVar
 
-from collalign.engine.store.records import (
+from collalign.engine.records import (
     Reader,
     Record,
     decode,
@@ -26,7 +26,7 @@ from collalign.engine.store.records import (
     from_record,
     to_record,
 )
-from collalign.engine.store.store import Store, fingerprint
+from collalign.engine.store import Store, fingerprint
 from data_tools.errors import StoreError
 
 Made = TypeVar("Made")
@@ -63,7 +63,7 @@ class SharedTable:
         Parameters
         ----------
         records : iterable of (key, record)
-            Keys are unique strings; see :mod:`collalign.engine.store.records` for what a record holds.
+            Keys are unique strings; see :mod:`collalign.engine.records` for what a record holds.
         """
         owned = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
         table = cls(Path(owned.name) / "records.table")
@@ -90,7 +90,7 @@ class SharedTable:
         ----------
         key : str
         reader : type or callable
-            See :func:`collalign.engine.store.records.from_record`, and of a module. Several tasks get the same
+            See :func:`collalign.engine.records.from_record`, and of a module. Several tasks get the same
             object, which none of them may change.
         growth : float
             About how many times the record's bytes that object takes.
@@ -170,7 +170,7 @@ class Shared:
     key : str
         Of its record in the table.
     reader : type or callable
-        What is made of the record, see :func:`collalign.engine.store.records.from_record`; several tasks get the same
+        What is made of the record, see :func:`collalign.engine.records.from_record`; several tasks get the same
         object, which none of them may change.
     kind : str
         Of the store's records that it is one of; empty for a table that the caller has made.
@@ -191,14 +191,14 @@ class Job(Generic[T]):
     Attributes
     ----------
     kind : str
-        One of :data:`collalign.engine.store.file.KINDS`: what its results are.
+        One of :data:`collalign.engine.store_file.KINDS`: what its results are.
     version : str
         Changes whenever the same settings and contents would give another result.
     run : callable
         Of a module, so that workers can import it; called with the arguments of a :class:`Wanted`, it must depend on
         nothing else. Returns a frozen dataclass or a record.
     reader : type or callable
-        What its records are when they are read, see :func:`collalign.engine.store.records.from_record`.
+        What its records are when they are read, see :func:`collalign.engine.records.from_record`.
     """
 
     kind: str
@@ -207,7 +207,7 @@ class Job(Generic[T]):
     reader: Reader[T]
 
     def key(self, settings: Any, *contents: str) -> str:
-        """Return the key of a result, see :func:`collalign.engine.store.store.fingerprint`."""
+        """Return the key of a result, see :func:`collalign.engine.store.fingerprint`."""
         return fingerprint(self.version, settings, *contents)
 
     def shared(self, key: str, reader: Reader[Any] | None = None) -> Shared:

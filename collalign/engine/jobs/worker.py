@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from collalign.engine.jobs.job import SharedTable
-from collalign.engine.store.file import MAX_TEXT
+from collalign.engine.store_file import MAX_TEXT
 from data_tools.errors import CollalignError, OptionsError, UnavailableError
 from data_tools.io.locks import PRIVATE
 from data_tools.threads import one_blas_thread

@@ -10,7 +10,7 @@ import numpy as np
 from collalign.confidence.candidate_model import LEAST_MISMATCH
 from collalign.confidence.incomplete_model import is_unlike, log_odds
 from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
 from collalign.products.pair import MAX_ALTERNATIVES, AlignedPair, Alternative

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from collalign.confidence.incomplete_model import KNOWN_SIZES, log_odds, share_of_best
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.stages.incomplete.posed_points import beyond_rim, part_mismatch, posed_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.surface_points import OrientedPoints

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.jobs.job import Job, Results
-from collalign.engine.store.records import Record, from_record
+from collalign.engine.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.shape_stage import wanted_file

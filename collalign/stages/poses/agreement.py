@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from collalign.engine.jobs.job import Shared, SharedTable
-from collalign.engine.store.records import Record
+from collalign.engine.records import Record
 from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Pair

@@ -13,7 +13,7 @@ import networkx as nx
 import numpy as np
 
 from collalign.engine.jobs.job import Shared, table_of_values
-from collalign.engine.store.records import Record, from_record
+from collalign.engine.records import Record, from_record
 from collalign.matching_input import dense_points
 from collalign.options import AlignSession
 from collalign.products.pair import Pair, are_weighed

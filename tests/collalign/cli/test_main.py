@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from collalign.cli import main
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from tests.faults import worker_processes
 from tests.finished_runs import chairs

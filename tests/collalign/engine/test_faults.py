@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from collalign.engine.store.store import fingerprint, pair_seed
+from collalign.engine.store import fingerprint, pair_seed
 from data_tools.io.source import DIGEST_LENGTH
 
 

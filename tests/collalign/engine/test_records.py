@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from collalign.engine.store.records import decode, encode
+from collalign.engine.records import decode, encode
 from data_tools.errors import StoreError
 
 PLAIN = (

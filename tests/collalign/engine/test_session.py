@@ -9,7 +9,7 @@ from collalign.engine.jobs.job import Job, Wanted, table_of_stored
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
 

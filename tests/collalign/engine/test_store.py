@@ -8,8 +8,8 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 
-from collalign.engine.store.file import FORMAT_VERSION
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
+from collalign.engine.store_file import FORMAT_VERSION
 from data_tools.errors import StoreError
 
 RECORD = {"R": np.eye(3), "energy": 0.25, "names": ["a", "b"]}
@@ -119,7 +119,7 @@ def test_a_second_writer_is_refused_and_a_reader_is_not(path):
 
 def test_a_killed_writer_leaves_its_records_and_no_lock(path):
     script = (
-        "import os, sys; from collalign.engine.store.store import Store\n"
+        "import os, sys; from collalign.engine.store import Store\n"
         "store = Store.open(sys.argv[1])\n"
         "for i in range(50): store.put('pairs', str(i), {'i': i})\n"
         "print('ready', flush=True)\n"
@@ -323,7 +323,7 @@ def test_a_backup_of_hard_links_stays_as_it_is(path, tmp_path):
 
 def test_a_backup_of_a_killed_run_keeps_its_journal(path, tmp_path):
     script = (
-        "import os, sys; from collalign.engine.store.store import Store\n"
+        "import os, sys; from collalign.engine.store import Store\n"
         "store = Store.open(sys.argv[1])\n"
         "for i in range(20): store.put('pairs', str(i), {'i': i})\n"
         "os._exit(9)\n"

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
-from collalign.engine.store.records import decode, encode, fields_of, from_record, to_record
+from collalign.engine.records import decode, encode, fields_of, from_record, to_record
 from collalign.stages.match_pairs import PairPoses, match_pair
 from data_tools.arrays import Holds
 from data_tools.embedding.embedding import Samples

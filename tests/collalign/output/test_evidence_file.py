@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from collalign.engine.command_line import json_types
-from collalign.engine.store.records import from_arrays, to_arrays
+from collalign.engine.records import from_arrays, to_arrays
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import EVIDENCE_FILE, label_maps
 from collalign.output.loading import load

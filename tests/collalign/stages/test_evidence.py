@@ -14,8 +14,8 @@ from collalign.confidence.candidate_model import (
     candidate_costs,
     evidence_score,
 )
+from collalign.engine.records import from_record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.store.records import from_record
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
 from collalign.stages import steps

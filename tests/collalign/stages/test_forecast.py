@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from collalign.engine.store.store import Store
+from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.stages.forecast import costs_of, forecast
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.engine.store.records import decode, encode, from_record, to_record
+from collalign.engine.records import decode, encode, from_record, to_record
 from collalign.stages.proofs import (
     LISTED_WITHIN,
     PairProof,

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.store.file import (
+from collalign.engine.records import Record, decode, encode
+from collalign.engine.store_file import (
     KINDS,
     MAX_TEXT,
     Failure,
@@ -28,7 +29,6 @@ from collalign.engine.store.file import (
     reason_of,
     table_of,
 )
-from collalign.engine.store.records import Record, decode, encode
 from data_tools.errors import StoreError
 from data_tools.io.files import system_reason
 from data_tools.io.locks import LockFile
@@ -142,9 +142,9 @@ class Store:
         ----------
         kind : {"shapes", "pairs"}
         key : str
-            From :func:`collalign.engine.store.store.fingerprint`.
+            From :func:`collalign.engine.store.fingerprint`.
         record : dict
-            See :mod:`collalign.engine.store.records`.
+            See :mod:`collalign.engine.records`.
         label : str
             What it is, for people who look into the file.
         seconds : float

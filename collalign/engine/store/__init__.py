@@ -1,1 +1,0 @@
-"""Every finished task, kept so that an interrupted run can go on."""
