@@ -2,7 +2,7 @@
 
 Poses of maps on few samples (:mod:`collalign.stages.evidence.weigh`) are right for four of five pairs of bodies,
 which a large collection outvotes. Here maps start from within as well, and the surfaces are laid onto each other.
-Doubtful shapes of larger collections start from their rivals alone (:mod:`collalign.stages.evidence.rivals`).
+Doubtful shapes of larger collections start from their rivals alone (:mod:`collalign.stages.evidence.weigh`).
 """
 
 from __future__ import annotations

@@ -22,8 +22,14 @@ from collalign.stages import steps
 from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
-from collalign.stages.evidence.rivals import voted_poses, votes_of, weigh_doubtful_pairs
-from collalign.stages.evidence.weigh import PairEvidence, by_energy, with_evidence
+from collalign.stages.evidence.weigh import (
+    PairEvidence,
+    by_energy,
+    voted_poses,
+    votes_of,
+    weigh_doubtful_pairs,
+    with_evidence,
+)
 from collalign.stages.poses.synchronize import pair_graph
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import blob, figure
@@ -223,7 +229,7 @@ def test_the_strongest_votes_are_rivals_and_tried_against_sure_partners(monkeypa
     rivals = voted_poses(votes_of(pairs, poses)[3], poses[3])
     assert rotation_angle_deg(rivals[1], poses[3] @ flip.T) < 1e-3
     found, laid = {2: from_record(PairEvidence, a_record(2), "0 - 3")}, {}
-    weigh = "collalign.stages.evidence.rivals.weigh_starts"
+    weigh = "collalign.stages.evidence.weigh.weigh_starts"
     monkeypatch.setattr(weigh, lambda *given, **_: laid.update(given[3]) or found)
     settled = weigh_doubtful_pairs(None, None, pairs, poses, np.array([0.95, 0.95, 0.95, 0.5]))
     assert [e for e, pair in enumerate(pairs) if pair.source == 3] == list(laid)
