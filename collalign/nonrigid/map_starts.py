@@ -33,7 +33,7 @@ from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
-from data_tools.surface.normals import vertex_normals
+from data_tools.surface.shape import vertex_normals
 from pairwise.local_search import LocalMinima, MatchingCosts, minimise, procrustes
 from pairwise.problem import Problem
 

@@ -37,8 +37,7 @@ from data_tools.options import SamplingOptions
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.laplacian import Spectrum
-from data_tools.surface.normals import vertex_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, vertex_normals
 
 #: Triangles, points and eigenfunctions of a prepared surface: few enough that a map takes a few milliseconds.
 MAX_FACES, NUM_POINTS, NUM_FUNCTIONS = 6000, 200, 39

@@ -21,8 +21,7 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.closest import SurfacePoints, closest_on_triangles
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators
-from data_tools.surface.normals import orientation_defects, vertex_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import face_areas
 from data_tools.threads import one_blas_thread
 

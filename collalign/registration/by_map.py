@@ -16,8 +16,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import fitting_similarity, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.surface.laplacian import surface_operators
-from data_tools.surface.normals import vertex_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, vertex_normals
 from data_tools.threads import one_blas_thread
 
 #: Vertices of a surface, each any number of times (p,), and the places where they should go (p, 3).

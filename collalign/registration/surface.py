@@ -15,8 +15,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.surface_points import MAX_DEFECTS, cloud_rim, plane_normals
 from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator, lies_beyond
-from data_tools.surface.normals import outward_normals, vertex_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, outward_normals, vertex_normals
 from data_tools.surface.topology import boundary_edges
 
 

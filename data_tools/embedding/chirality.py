@@ -22,8 +22,7 @@ from data_tools.embedding.invariants import HKS_TIMES, NUM_SPECTRUM, heat_kernel
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.options import SamplingOptions
-from data_tools.surface.normals import orientation_defects, vertex_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import face_areas, face_crosses
 from data_tools.threads import one_blas_thread
 

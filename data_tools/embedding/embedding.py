@@ -23,8 +23,7 @@ from data_tools.notes import Note
 from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.surface.extra import ExtraSurface, without_extra
 from data_tools.surface.laplacian import Spectrum
-from data_tools.surface.normals import outward_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, outward_normals
 from data_tools.threads import one_blas_thread
 
 #: Weight of the eigenfunctions divided by the square roots of their eigenvalues; .1 to .3 work, 3 hurts.

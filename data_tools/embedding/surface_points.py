@@ -17,8 +17,7 @@ from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.options import SamplingOptions
 from data_tools.sight import lines_of_sight
-from data_tools.surface.normals import orientation_defects, outward_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import boundary_edges, face_crosses, is_open_surface
 
 #: Points that are spread over each cell of a mesh, and the least and largest number over all.

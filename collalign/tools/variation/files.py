@@ -41,7 +41,7 @@ from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_ply
 from data_tools.io.text_tables import csv_text
 from data_tools.surface.closest import SurfaceLocator
-from data_tools.surface.normals import vertex_normals
+from data_tools.surface.shape import vertex_normals
 
 #: Triangles of the mean that is drawn, and what all shapes together may have.
 _MOST_FACES, _FEWEST_FACES, _FACES_IN_ALL = 8_000, 1_500, 700_000

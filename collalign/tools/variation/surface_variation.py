@@ -22,7 +22,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
-from data_tools.surface.normals import vertex_normals
+from data_tools.surface.shape import vertex_normals
 from data_tools.threads import one_blas_thread
 
 QUALITY_HEADING = (

@@ -4,8 +4,7 @@ import numpy as np
 
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation
-from data_tools.surface.normals import orientation_defects, outward_normals
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import Shape, orientation_defects, outward_normals
 
 
 def sphere():
