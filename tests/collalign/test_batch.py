@@ -15,8 +15,8 @@ from collalign.cli import main
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from collalign.stages.forecast import forecast
-from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
+from data_tools.synthetic import write_collection
 from tests.finished_runs import chairs
 
 

@@ -18,11 +18,11 @@ from collalign import AlignOptions, RunOptions, add_to_collection, align_collect
 from collalign.cli import main
 from collalign.engine.jobs.local import lasting_workers
 from collalign.engine.store import Store
-from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
+from data_tools.synthetic import write_collection
 from tests.finished_runs import chairs
 from tests.notes import codes
 

@@ -10,10 +10,10 @@ import pytest
 import collalign
 from collalign.cli import main
 from collalign.tools.export.run import export
-from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
+from data_tools.synthetic_shapes import blob
 from tests.notes import codes
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]

@@ -9,9 +9,9 @@ import pytest
 import collalign
 from collalign import AlignOptions, align_collection
 from collalign.cli import main
-from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import moved_by
+from data_tools.synthetic import write_collection
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}

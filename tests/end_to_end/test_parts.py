@@ -9,7 +9,6 @@ from collalign import add_to_collection, align_collection, load
 from collalign.cli import main
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.posture import parts_of_mean
-from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape, parts_of
 from data_tools.io.objects import list_shapes
@@ -17,6 +16,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from data_tools.synthetic_shapes import blob
 
 NUM = 4
 FLAGS = ["--sampling.num-points", "32", "--sampling.num-dense-points", "60", "--jobs", "1"]

@@ -7,12 +7,12 @@ import pytest
 
 import collalign
 from collalign.cli import main
-from data_tools.datasets.synthetic import planted_collection
-from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
+from data_tools.synthetic import planted_collection
+from data_tools.synthetic_shapes import sphere_mesh
 from tests.finished_runs import finished_run
 
 #: Height of the one-sided bump of each specimen, in radii.

@@ -12,7 +12,7 @@ import pytest
 
 from collalign.cli import main
 from collalign.engine.store import Store
-from data_tools.datasets.synthetic import write_collection
+from data_tools.synthetic import write_collection
 from tests.faults import worker_processes
 from tests.finished_runs import chairs
 

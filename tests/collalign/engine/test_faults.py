@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
-from data_tools.datasets.synthetic import write_collection
+from data_tools.synthetic import write_collection
 from tests.benchmarks import fault_test
 from tests.faults import run_with_kills, worker_processes
 from tests.finished_runs import chairs

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from collalign.landmarks.local_fit import Surroundings, fit_surroundings
-from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape, vertex_normals
+from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 @pytest.fixture

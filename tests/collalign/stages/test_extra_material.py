@@ -11,13 +11,13 @@ from collalign.engine.session import Session
 from collalign.output.report.content import build_content
 from collalign.stages.incomplete.extra import Disks, extra_points, find_extra
 from collalign.stages.incomplete.posed_points import posed_points
-from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import spread_points
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from data_tools.synthetic import deformed_family
+from data_tools.synthetic_shapes import blob, sphere_mesh
 from tests.notes import only
 from tests.pairwise.test_partial_match import moved
 

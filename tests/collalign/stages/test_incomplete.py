@@ -31,8 +31,6 @@ from collalign.stages.posing import _tries_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
-from data_tools.datasets.synthetic import bumped, deformed_family
-from data_tools.datasets.synthetic_shapes import blob, chair, crown
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
@@ -40,6 +38,8 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.synthetic import bumped, deformed_family
+from data_tools.synthetic_shapes import blob, chair, crown
 from experiments.calibration.fragments import closed
 from pairwise.partial_counterparts import counterparts
 from tests.notes import only

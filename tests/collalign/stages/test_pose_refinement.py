@@ -11,11 +11,11 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.stages.poses.refinement import local_pairs, refine_rotations
-from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from data_tools.synthetic_shapes import crown
 
 
 def all_edges(num):

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic import shuffled
-from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.laplacian import (
@@ -12,6 +10,8 @@ from data_tools.surface.laplacian import (
     vertex_areas,
 )
 from data_tools.surface.shape import Shape
+from data_tools.synthetic import shuffled
+from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 @pytest.fixture(scope="module")

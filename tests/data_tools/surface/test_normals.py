@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape, orientation_defects, outward_normals
+from data_tools.synthetic_shapes import sphere_mesh
 
 
 def sphere():
