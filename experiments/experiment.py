@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.job import Job, Wanted
 from collalign.engine.progress import ProgressBar
 from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions

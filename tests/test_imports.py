@@ -149,7 +149,7 @@ def use_scheduler():
 )
 def test_a_missing_package_is_named(package, call, advice, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    for module in [name for name in sys.modules if name.startswith("collalign.engine.jobs.")]:
+    for module in [name for name in sys.modules if name.startswith("collalign.engine.dask_")]:
         monkeypatch.delitem(sys.modules, module)
     with pytest.raises(CollalignError) as raised:
         call()

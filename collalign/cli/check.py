@@ -9,7 +9,7 @@ import numpy as np
 
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, warn
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.job import Job, Wanted
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, progress_display
 from collalign.options import AlignOptions

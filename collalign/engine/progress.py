@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING
 from tqdm import tqdm
 
 if TYPE_CHECKING:
-    from collalign.engine.jobs.worker import Outcome
+    from collalign.engine.worker import Outcome
 
 #: Says every stage as it begins, each minute of it and as it ends, for logs; ``record.numbers`` holds the numbers.
 STAGES = logging.getLogger("collalign.stages")

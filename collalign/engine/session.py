@@ -13,17 +13,17 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
-from collalign.engine.jobs.job import Job, K, Results, T, Wanted, run_task, table_of_stored
-from collalign.engine.jobs.local import lasting_workers
-from collalign.engine.jobs.run import Outcome, SharedTable, run_jobs
+from collalign.engine.job import Job, K, Results, T, Wanted, run_task, table_of_stored
+from collalign.engine.local_jobs import lasting_workers
 from collalign.engine.progress import STAGES, ProgressBar, is_watched
+from collalign.engine.run_jobs import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store
 from collalign.engine.store_file import KINDS, STAGE
 from data_tools.errors import InputError, SolveFailed
 
 if TYPE_CHECKING:
-    from collalign.engine.jobs.worker import Outcome
+    from collalign.engine.worker import Outcome
 
 #: Makes a progress display from (description, total, done): :class:`collalign.engine.progress.ProgressBar`.
 ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[Outcome], None]]]
@@ -206,9 +206,9 @@ class Session(Generic[OptionsT]):
         kind : str
             What is counted, for the progress display.
         run : callable
-            Of a module, as that of a :class:`collalign.engine.jobs.job.Job`; it is not expected to fail.
+            Of a module, as that of a :class:`collalign.engine.job.Job`; it is not expected to fail.
         tasks : mapping of any name to arguments
-            As those of :class:`collalign.engine.jobs.job.Wanted`.
+            As those of :class:`collalign.engine.job.Wanted`.
         shared : SharedTable, optional
             Where arguments are not of the store.
 

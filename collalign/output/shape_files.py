@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from collalign.engine.jobs.job import run_task
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.job import run_task
+from collalign.engine.run_jobs import run_jobs
 from collalign.output.collection_data import CollectionData
 from collalign.output.vertex_maps import PlaceColours, at_vertices
 from collalign.output.views import display_mesh, faces_per_shape

@@ -8,7 +8,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Results, T, Wanted
+from collalign.engine.job import Job, Results, T, Wanted
 from collalign.nonrigid.common_bases import choose_maps, common_bases
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.options import AlignSession

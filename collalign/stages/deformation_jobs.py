@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
-from collalign.engine.jobs.job import Job, Results, Wanted
+from collalign.engine.job import Job, Results, Wanted
 from collalign.engine.records import Record, to_record
 from collalign.nonrigid.functional_map import FunctionalMap, fitted_map, mutual_nearest_rows
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.job import Job, Wanted
 from collalign.engine.store import pair_seed
 from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignOptions, AlignSession

@@ -28,7 +28,7 @@ from collalign.confidence.side_model import (
     surface_sides,
     undecided_sides,
 )
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import FormerPairs, Pair
 from collalign.products.shapes import Shapes

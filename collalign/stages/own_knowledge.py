@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.engine.jobs.job import table_of_values
+from collalign.engine.job import table_of_values
 from collalign.engine.records import MAX_INDEX
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.named_frame import frame_origin, frame_rotation, without_names

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.job import Job, Wanted
 from collalign.matching_input import pair_problem
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, T, Wanted
+from collalign.engine.job import Job, T, Wanted
 from collalign.engine.store_file import NUM_FILES
 from collalign.options import ALL, AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes

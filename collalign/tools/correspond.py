@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.engine.jobs.job import Job, Results, Shared, Wanted, table_of_values
+from collalign.engine.job import Job, Results, Shared, Wanted, table_of_values
 from collalign.engine.records import to_record
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session, progress_display

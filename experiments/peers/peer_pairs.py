@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from collalign.synchronization import synchronize
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.sampling import farthest_points

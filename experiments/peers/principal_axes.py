@@ -18,7 +18,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from data_tools.arrays import FloatArray
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollectionError, OptionsError

@@ -17,7 +17,7 @@ time.perf_counter = time.process_time  # all stages are timed by it
 from collalign import RunOptions, align_collection  # noqa: E402
 from collalign.batch import BatchJob, estimate_job  # noqa: E402
 from collalign.engine import session  # noqa: E402
-from collalign.engine.jobs.run import run_jobs  # noqa: E402
+from collalign.engine.run_jobs import run_jobs  # noqa: E402
 from collalign.options import AlignOptions  # noqa: E402
 from data_tools.io.files import natural_key  # noqa: E402
 from tests.benchmarks.bench_scale import generate  # noqa: E402

@@ -15,7 +15,7 @@ import collalign.output.write
 import collalign.synchronization
 import collalign.tools.export.run
 import pairwise
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from data_tools import threads
 from data_tools.arrays import as_points
 from data_tools.embedding.embedding import sample_shape

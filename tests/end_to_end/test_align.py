@@ -16,7 +16,7 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.cli import main
-from collalign.engine.jobs.local import lasting_workers
+from collalign.engine.local_jobs import lasting_workers
 from collalign.engine.store import Store
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh

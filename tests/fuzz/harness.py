@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from tests.fuzz.mutations import mutate
 
 LIMITS = {"time_limit_s": 60.0, "memory_limit_bytes": 2 * 2**30}

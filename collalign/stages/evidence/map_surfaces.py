@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Results
+from collalign.engine.job import Job, Results
 from collalign.nonrigid.pose_maps import (
     PosedSurface,
     posed_surface,

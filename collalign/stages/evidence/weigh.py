@@ -17,7 +17,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from collalign.confidence.candidate_model import EVIDENCE, cost_log_odds, evidence_score
-from collalign.engine.jobs.job import Job, Results, Wanted
+from collalign.engine.job import Job, Results, Wanted
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses
 from collalign.options import AlignSession
 from collalign.products.pair import Pair

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from collalign.confidence.incomplete_model import MISSING_SHARE
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.pair import AlignedPair, Pair
 from collalign.products.shapes import Incomplete, Shapes

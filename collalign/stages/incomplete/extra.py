@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.stages.incomplete.detect import (
     GRID_GROWTH,

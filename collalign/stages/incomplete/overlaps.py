@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collalign.engine.jobs.job import Job, Results, Wanted
+from collalign.engine.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from data_tools.embedding.surface_points import surface_cells

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.confidence.incomplete_model import BEYOND
-from collalign.engine.jobs.job import Job, Results
+from collalign.engine.job import Job, Results
 from collalign.engine.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes

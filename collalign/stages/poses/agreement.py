@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from collalign.engine.jobs.job import Shared, SharedTable
+from collalign.engine.job import Shared, SharedTable
 from collalign.engine.records import Record
 from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignSession

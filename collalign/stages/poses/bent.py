@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.engine.jobs.job import table_of_values
+from collalign.engine.job import table_of_values
 from collalign.matching_input import pair_problem
 from collalign.options import AlignSession
 from collalign.products.pair import Pair

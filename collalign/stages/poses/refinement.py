@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import networkx as nx
 import numpy as np
 
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.job import Shared, table_of_values
 from collalign.engine.records import Record, from_record
 from collalign.matching_input import dense_points
 from collalign.options import AlignSession

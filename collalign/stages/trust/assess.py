@@ -14,7 +14,7 @@ from collalign.confidence.pose_model import (
     pose_confidence,
     resembles_none,
 )
-from collalign.engine.jobs.job import Shared, table_of_values
+from collalign.engine.job import Shared, table_of_values
 from collalign.options import AlignSession
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from collalign.engine.jobs.job import Job, Wanted
+from collalign.engine.job import Job, Wanted
 from collalign.options import AlignSession
 from collalign.tools.certify.result import JointBound, PairEnergies
 from data_tools.arrays import FloatArray, IntArray, read_only

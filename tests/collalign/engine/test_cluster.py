@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from data_tools.errors import OptionsError, RunLost
 from data_tools.options import SamplingOptions
 from data_tools.synthetic import write_collection
@@ -67,7 +67,7 @@ class Answering:
 
 
 def test_what_sends_much_may_take_longer(monkeypatch):
-    from collalign.engine.jobs import cluster as module
+    from collalign.engine import dask_cluster as module
 
     monkeypatch.setattr(module, "_ANSWER_TIMEOUT_S", 0.05)
     client = Answering()
@@ -100,7 +100,7 @@ def folder(tmp_path_factory):
 
 
 def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 2.0)
+    monkeypatch.setattr("collalign.engine.dask_cluster._ANSWER_TIMEOUT_S", 2.0)
     with own_cluster(tmp_path) as cluster:
         for number in (signal.SIGSTOP, signal.SIGKILL):
             results = run_jobs(
@@ -116,13 +116,13 @@ def test_a_scheduler_that_hangs_or_dies_ends_the_run_in_good_time(tmp_path, monk
 
 
 def test_without_workers_the_run_ends_and_what_is_finished_is_kept(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._WORKERLESS_END_S", 1.0)
+    monkeypatch.setattr("collalign.engine.dask_cluster._WORKERLESS_END_S", 1.0)
     with own_cluster(tmp_path) as cluster:
         run = RunOptions(scheduler=cluster.address, store=tmp_path / "store.sqlite")
 
         def progress(kind, total, *, done=0):
             monkeypatch.setattr(
-                "collalign.engine.jobs.cluster._ANSWER_TIMEOUT_S", 2.0
+                "collalign.engine.dask_cluster._ANSWER_TIMEOUT_S", 2.0
             )  # of the next stage
             return nullcontext(lambda job: cluster.kill_worker())
 
@@ -147,14 +147,14 @@ def test_without_workers_the_run_ends_and_what_is_finished_is_kept(folder, tmp_p
     ],
 )
 def test_addresses_without_a_scheduler_are_named(address, error, monkeypatch, capfd):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("collalign.engine.dask_cluster._CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(error, match=address or "''"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=address))
     assert "Traceback" not in capfd.readouterr().err
 
 
 def test_another_program_at_the_address_is_no_scheduler(monkeypatch):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._CONNECT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("collalign.engine.dask_cluster._CONNECT_TIMEOUT_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         with pytest.raises(RunLost, match="no Dask scheduler answers"):

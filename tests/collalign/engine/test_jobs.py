@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import collalign.engine.jobs.job as table_module
-from collalign.engine.jobs.run import SharedTable, run_jobs
+import collalign.engine.job as table_module
 from collalign.engine.progress import ProgressBar
+from collalign.engine.run_jobs import SharedTable, run_jobs
 from data_tools.errors import CollalignError, InputError, OptionsError
 from tests.faults import is_running
 from tests.job_functions import look_up, misbehave, positions, process_id, spectrum
@@ -122,10 +122,10 @@ def test_no_tasks_give_no_results():
 
 
 def test_workers_that_cannot_start_a_task_end_the_run(monkeypatch):
-    import collalign.engine.jobs.local
+    import collalign.engine.local_jobs
 
-    monkeypatch.setattr(collalign.engine.jobs.local, "run_guarded", _die_before_the_ledger)
-    monkeypatch.setattr(collalign.engine.jobs.local, "_MAX_STALLS", 2)
+    monkeypatch.setattr(collalign.engine.local_jobs, "run_guarded", _die_before_the_ledger)
+    monkeypatch.setattr(collalign.engine.local_jobs, "_MAX_STALLS", 2)
     with pytest.raises(CollalignError, match=r"die before they start a task.*EXIT\(9\)"):
         collect(spectrum, SPECTRA, num_jobs=2)
 
@@ -136,7 +136,7 @@ def _die_before_the_ledger(*arguments):
 
 def test_workers_end_when_their_parent_is_killed():
     script = (
-        "from collalign.engine.jobs.run import run_jobs\n"
+        "from collalign.engine.run_jobs import run_jobs\n"
         "from tests.job_functions import process_id\n"
         "for result in run_jobs(process_id, ((str(i), i) for i in range(100000)), num_jobs=2):\n"
         "    print(result.value, flush=True)\n"
@@ -153,7 +153,7 @@ def test_workers_end_when_their_parent_is_killed():
 def test_a_worker_that_starts_after_its_parent_is_gone_ends_at_once():
     script = (
         "import os, sys, time\n"
-        "from collalign.engine.jobs.worker import end_with_parent\n"
+        "from collalign.engine.worker import end_with_parent\n"
         "end_with_parent(int(sys.argv[1])); time.sleep(600)\n"
     )
     with subprocess.Popen(["true"]) as zombie:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.engine.jobs.run import SharedTable, run_jobs
+from collalign.engine.run_jobs import SharedTable, run_jobs
 from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
 from data_tools.synthetic import write_collection
@@ -21,7 +21,7 @@ distributed = pytest.importorskip(
     "distributed", reason="Dask is not installed: pip install 'collalign[dask]'"
 )
 dask = pytest.importorskip("dask")
-dask_jobs = pytest.importorskip("collalign.engine.jobs.dask")
+dask_jobs = pytest.importorskip("collalign.engine.dask_jobs")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def cluster():
         pytest.MonkeyPatch.context() as patch,
     ):
         for name in ("_CONNECT_TIMEOUT_S", "_ANSWER_TIMEOUT_S"):
-            patch.setattr(f"collalign.engine.jobs.cluster.{name}", 60.0)
+            patch.setattr(f"collalign.engine.dask_cluster.{name}", 60.0)
         done = threading.Event()
         replacing = threading.Thread(target=replace_lost_workers, args=(cluster, done))
         replacing.start()
@@ -99,7 +99,7 @@ def test_results_that_are_lost_on_their_way_are_asked_for_again(error, cluster, 
 
 def tables_of_workers(cluster):
     def names():
-        from collalign.engine.jobs.dask import _TABLES
+        from collalign.engine.dask_jobs import _TABLES
 
         return set(_TABLES)
 
@@ -137,7 +137,7 @@ def test_tasks_that_kill_workers_cost_only_themselves(cluster):
 
 
 def test_a_cluster_with_other_versions_is_refused(cluster, monkeypatch):
-    monkeypatch.setattr("collalign.engine.jobs.cluster._version", lambda package: "0.0")
+    monkeypatch.setattr("collalign.engine.dask_cluster._version", lambda package: "0.0")
     with pytest.raises(CollalignError, match="same versions"):
         list(run_jobs(spectrum, [("a", 1)], scheduler=cluster.scheduler_address))
 

@@ -5,8 +5,8 @@ import faulthandler
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from collalign.engine.jobs.local import _LocalRun
-from collalign.engine.jobs.worker import Call, Guard, Outcome, Task, describe, run_guarded
+from collalign.engine.local_jobs import _LocalRun
+from collalign.engine.worker import Call, Guard, Outcome, Task, describe, run_guarded
 from data_tools.errors import InputError
 
 TASK = Task(token=7, key="a", payload=3)

@@ -13,7 +13,7 @@ from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import fork_exec
 
 from collalign.console.interruption import orderly_interrupts
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.run_jobs import run_jobs
 from tests.faults import is_running
 from tests.job_functions import misbehave, nothing
 

@@ -12,9 +12,9 @@ import pytest
 from joblib import Parallel, delayed
 from joblib.externals.loky import process_executor
 
-from collalign.engine.jobs.job import Job, Wanted
-from collalign.engine.jobs.local import lasting_workers
-from collalign.engine.jobs.run import run_jobs
+from collalign.engine.job import Job, Wanted
+from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.run_jobs import run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from tests.faults import is_running

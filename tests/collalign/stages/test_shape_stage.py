@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions
-from collalign.engine.jobs.job import run_task
-from collalign.engine.jobs.worker import Call, Task, run_in_process
+from collalign.engine.job import run_task
 from collalign.engine.session import Session
+from collalign.engine.worker import Call, Task, run_in_process
 from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
 from collalign.stages.shape_stage import (

@@ -18,9 +18,9 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeAlias
 
-from collalign.engine.jobs.cluster import Cluster, Future, KilledWorker, WorkerPlugin
-from collalign.engine.jobs.job import SharedTable
-from collalign.engine.jobs.worker import Call, Outcome, Task, crash, run_guarded
+from collalign.engine.dask_cluster import Cluster, Future, KilledWorker, WorkerPlugin
+from collalign.engine.job import SharedTable
+from collalign.engine.worker import Call, Outcome, Task, crash, run_guarded
 from data_tools.errors import CollalignError, RunLost
 
 #: Batches submitted ahead for each core of the cluster.
@@ -36,7 +36,7 @@ Batch: TypeAlias = tuple[Task, ...]
 
 
 def run_dask(call: Call, tasks: Iterator[Task], *, scheduler: str) -> Generator[Outcome]:
-    """Run tasks on a Dask cluster; see :func:`collalign.engine.jobs.run.run_jobs`.
+    """Run tasks on a Dask cluster; see :func:`collalign.engine.run_jobs.run_jobs`.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not look
     name : str
         Of the table.
     data : bytes
-        The file of a :class:`~collalign.engine.jobs.job.SharedTable`.
+        The file of a :class:`~collalign.engine.job.SharedTable`.
     """
 
     def __init__(self, name: str, data: bytes) -> None:

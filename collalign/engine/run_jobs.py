@@ -1,6 +1,6 @@
 """Many independent tasks on worker processes: results stream, and a task that kills its worker costs only itself.
 
-The engine is joblib on one machine and Dask on several; both run :func:`collalign.engine.jobs.worker.run_guarded`.
+The engine is joblib on one machine and Dask on several; both run :func:`collalign.engine.worker.run_guarded`.
 What a task returns depends on its payload alone: BLAS has one thread in every mode, and nothing tells a task its
 place in the order. So one process, two workers and a cluster of the same machines give the same bytes.
 """
@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
-from collalign.engine.jobs.job import SharedTable
-from collalign.engine.jobs.local import can_start_workers, run_local
-from collalign.engine.jobs.worker import Call, Outcome, Task, run_in_process
+from collalign.engine.job import SharedTable
+from collalign.engine.local_jobs import can_start_workers, run_local
+from collalign.engine.worker import Call, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 
 __all__ = ["Outcome", "SharedTable", "run_jobs"]
@@ -50,7 +50,7 @@ def run_jobs(
     progress : callable, optional
         Called with each result, for instance a :class:`collalign.engine.progress.ProgressBar`.
     **limits
-        Of each task, ``time_limit_s`` and ``memory_limit_bytes``, see :class:`collalign.engine.jobs.worker.Call`.
+        Of each task, ``time_limit_s`` and ``memory_limit_bytes``, see :class:`collalign.engine.worker.Call`.
 
     Yields
     ------
@@ -78,7 +78,7 @@ def _outcomes(
     call: Call, tasks: Iterator[Task], num_jobs: int, scheduler: str | None
 ) -> Generator[Outcome]:
     if scheduler is not None:
-        from collalign.engine.jobs.dask import run_dask  # an optional dependency
+        from collalign.engine.dask_jobs import run_dask  # an optional dependency
 
         return run_dask(call, tasks, scheduler=scheduler)
     if (num_jobs == 1 and not call.is_limited) or not can_start_workers():

@@ -15,7 +15,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from collalign.engine.jobs.job import SharedTable
+from collalign.engine.job import SharedTable
 from collalign.engine.store_file import MAX_TEXT
 from data_tools.errors import CollalignError, OptionsError, UnavailableError
 from data_tools.io.locks import PRIVATE

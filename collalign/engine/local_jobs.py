@@ -27,7 +27,7 @@ from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import ShutdownExecutorError
 from joblib.parallel import get_active_backend
 
-from collalign.engine.jobs.worker import (
+from collalign.engine.worker import (
     Call,
     Guard,
     Outcome,
@@ -48,7 +48,7 @@ _REPLACED = "A worker stopped while some jobs were given to the executor"
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
-    """Run tasks on worker processes of this machine; see :func:`collalign.engine.jobs.run.run_jobs`.
+    """Run tasks on worker processes of this machine; see :func:`collalign.engine.run_jobs.run_jobs`.
 
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.

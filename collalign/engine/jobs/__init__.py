@@ -1,1 +1,0 @@
-"""Many independent tasks on worker processes, here or on a Dask cluster."""
