@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from collalign.registration.tuning import BENT, TUNED
+from collalign.registration.surface import TUNED
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import fitting_similarity, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -19,6 +19,39 @@ from data_tools.surface.laplacian import surface_operators
 from data_tools.surface.shape import Shape, vertex_normals
 from data_tools.threads import one_blas_thread
 
+
+class BentTuning(NamedTuple):
+    """Numbers of a registration that starts from maps of bodies that bend; lengths in parts of their radius.
+
+    What starts was chosen while looking at six ants, armadillos, humans and centaurs each, by where landmarks end up;
+    six glasses were only measured: .10 radii instead of .30 (``docs/tutorials/deformable.md``). The fit was chosen on
+    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments consistent_maps`` measures
+    the maps.
+    """
+
+    length: float = 0.1
+    """What a map says of neighbours is averaged over so far."""
+    loose: float = 1e3
+    """So loosely unbent copies stay where the source is: an unbent surface may lie anywhere."""
+    least_share: float = 0.5
+    """A map with goals for less than this share of the surface starts nothing."""
+    least_extent: float = 0.5
+    """Nor does one that leaves less than this of the surface's extent: one without order takes all to the middle."""
+    most_rotation_deg: float = 60.0
+    """Nor one that rotates the whole surface by more than this against its pose: maps are right that rotate it by up
+    to 16 degrees; those by 176 and more take the head for the tail."""
+    map_length: float = 0.05
+    """What a map says of neighbours is averaged over so far before closest points pull. The bodies err .0144 to .0147
+    sqrt(area) with .03 to .1, and .0163 with .2; the centaur errs least with .06."""
+    point_length: float = 0.03
+    """What closest points say of neighbours is averaged over so far."""
+    normal_weight: float = 0.4
+    """Of unit normals relative to positions: normals lay muscles and features onto each other. With a third of that,
+    seven bodies err 2 % more."""
+
+
+#: The numbers of a registration by maps that are in use.
+BENT = BentTuning()
 #: Vertices of a surface, each any number of times (p,), and the places where they should go (p, 3).
 MapGoals: TypeAlias = tuple[IntArray, FloatArray]
 

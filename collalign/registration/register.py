@@ -10,8 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
-from collalign.registration.surface import RegistrationSurface
-from collalign.registration.tuning import TUNED
+from collalign.registration.surface import TUNED, RegistrationSurface
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, read_only
 from data_tools.errors import InputError
 from data_tools.poses import fitting_similarity, moved_by, scales_of

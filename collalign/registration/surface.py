@@ -1,15 +1,15 @@
-"""A surface made ready for registration, and which vertices of a mean lie where a shape has nothing."""
+"""A surface made ready for registration, the numbers in use, and which vertices of a mean lie where nothing is."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from collalign.registration.tuning import TUNED
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.surface_points import MAX_DEFECTS, cloud_rim, plane_normals
@@ -17,6 +17,52 @@ from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator, lies_beyond
 from data_tools.surface.shape import Shape, outward_normals, vertex_normals
 from data_tools.surface.topology import boundary_edges
+
+
+class RegistrationTuning(NamedTuple):
+    """Numbers of a registration; lengths are in parts of the shapes' root mean square radius.
+
+    Chosen on eight mouse skulls and sixteen molars, by how well their landmarks carry each other's places over from
+    the landmarks' own poses, those of the pose on ten skulls, by how near it is to that of the landmarks; quoted
+    figures are of other specimens. ``python -m experiments calibrate registration`` tries other values of each on
+    four specimens of either kind, and on each kind what is best on the other.
+    """
+
+    num_centres: int = 600
+    """Farthest points of the source at which the Gaussians stand that a deformation is made of."""
+    num_points: int = 2500
+    """Farthest points of each shape whose closest point on the other pulls."""
+    widths: tuple[float, ...] = (0.6, 0.3)
+    """Of the Gaussians. Adding .15 follows detail that landmarks do not."""
+    amplitudes: tuple[float, ...] = (0.15, 0.09)
+    """Standard deviation of a displacement that each width is expected to need."""
+    noise: tuple[float, ...] = (0.06, 0.045, 0.03, 0.02, 0.015, 0.01, 0.01, 0.01)
+    """How far correspondences are trusted, one value per iteration: coarse deformations first."""
+    normal_noise: float = 0.03
+    """How far normals are trusted: a difference of normals of this length counts as much as a distance of the
+    iteration's noise. So normals choose the slope of a cusp at first, and positions decide at last."""
+    min_cosine: float = 0.3
+    """Correspondences of normals that differ by more than this cosine says do not count."""
+    tangential: float = 0.5
+    """Share of a correspondence's offset along the target's surface that pulls; 0 lets points slide freely. Molars
+    err least at .7 and more below .4; skulls do not care between .2 and .4."""
+    cutoff: float = 3.0
+    """Correspondences beyond so many times the median distance, or the noise where that is more, do not count."""
+    num_independent: int = 60
+    """However many correspondences there are, they weigh like so many independent ones: neighbours say the same. With
+    6000, nine of ten pairs of molars fold and skulls err 5 % more; from 400 to 60 nothing changes but fewer folds."""
+    num_compared: int = 4
+    """Iterations after which the pose of less energy is kept. After fewer, closest points that slid look as good."""
+    num_pose_points: int = 800
+    """Farthest points of each surface that settle the pose."""
+    pose_noise: tuple[float, ...] = (0.06,) * 3 + (0.03,) * 9
+    """How far correspondences are trusted on the way to the pose."""
+    pose_cutoff: float = 6.0
+    """As ``cutoff``, while the pose settles; 3 leaves sizes of skulls .1 % worse and rotations .03 deg."""
+
+
+#: The numbers of a registration that are in use.
+TUNED = RegistrationTuning()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

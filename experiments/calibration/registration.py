@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from collalign.registration import register
-from collalign.registration.surface import RegistrationSurface
-from collalign.registration.tuning import TUNED
+from collalign.registration.surface import TUNED, RegistrationSurface
 from data_tools.arrays import FloatArray
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.closest import SurfaceLocator
