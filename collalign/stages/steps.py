@@ -39,8 +39,7 @@ from collalign.stages.poses.refinement import refine_poses
 from collalign.stages.poses.synchronize import synchronize_shapes
 from collalign.stages.proofs import certify_pairs, contradictions
 from collalign.stages.trust.assess import gather_trust, with_trust
-from collalign.stages.trust.remedies import remedies
-from collalign.stages.trust.trust_notes import trust_notes
+from collalign.stages.trust.trust_notes import remedies, trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.notes import Note

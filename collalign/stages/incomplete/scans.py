@@ -17,7 +17,7 @@ from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pair
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.placement import common_positions, with_origin
 from collalign.stages.steps import Posed, Run
-from collalign.stages.trust.remedies import components_left_out
+from collalign.stages.trust.trust_notes import components_left_out
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.errors import CollectionError, InputError

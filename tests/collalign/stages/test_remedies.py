@@ -8,7 +8,7 @@ import pytest
 from collalign import AlignOptions, RunOptions
 from collalign.engine.session import Session
 from collalign.stages.shape_stage import prepare_shapes
-from collalign.stages.trust.remedies import remedies
+from collalign.stages.trust.trust_notes import remedies
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
