@@ -19,7 +19,7 @@ from pairwise.partial_surface import PartialSurface
 
 
 class PartialTuning(NamedTuple):
-    """Numbers of a search; lengths are in root mean square radii of the target.
+    """Numbers of matching in part; lengths are in root mean square radii of the target.
 
     What weighs counterparts was chosen on shapes at even positions of teeth, glasses and ants with a quarter cut off;
     what proposes poses, on 12 pieces of generated bones, chairs and ants.

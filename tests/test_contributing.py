@@ -78,6 +78,18 @@ def test_every_file_and_folder_that_is_named_exists(path):
     assert exists(path) or list((ROOT / "collalign").rglob(path.rstrip("/"))), path
 
 
+@pytest.mark.parametrize(
+    ("folder", "names"),
+    [
+        (line.split("`")[1], named(line)[1:])
+        for line in section("The files of the larger folders").splitlines()
+        if line.startswith("| `")
+    ],
+)
+def test_the_files_of_a_folder_are_there(folder, names):
+    assert {*names} <= {file.stem for file in (ROOT / folder).glob("*.py")}
+
+
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
     driver = "".join(
         (ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps")

@@ -24,7 +24,7 @@ OWN_MAP = -2
 
 
 def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
-    """Reorder samples so that row b of every shape is label b, NaN where a shape lacks it.
+    """Return samples as files of a result have them: row b of every shape is label b, NaN where it is lacking.
 
     Parameters
     ----------

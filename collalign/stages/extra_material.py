@@ -12,8 +12,8 @@ from collalign.matching_input import match_at_rotation
 from collalign.options import MAX_ROUNDS
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import ExtraMaterial, Shapes
+from collalign.stages.extra_points import TUNED, find_extra
 from collalign.stages.incomplete.add import label_map
-from collalign.stages.incomplete.extra import TUNED, find_extra
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.placement import (

@@ -76,7 +76,7 @@ class GeodesicSolver:
 
 
 def neighbour_edges(points: FloatArray) -> IntArray:
-    """Return the edges of the graph of nearest neighbours of a point cloud, shape (e, 2)."""
+    """Return the edges along which geodesics of a point cloud run, between nearest neighbours, shape (e, 2)."""
     num = min(CLOUD_NEIGHBOURS, len(points) - 1)
     if num < 1:
         return np.empty((0, 2), dtype=np.int64)
@@ -87,7 +87,7 @@ def neighbour_edges(points: FloatArray) -> IntArray:
 
 
 def edge_graph(vertices: FloatArray, edges: IntArray) -> csr_array:
-    """Return the symmetric sparse matrix of edge lengths, shape (v, v)."""
+    """Return the graph along which geodesics run: the symmetric sparse matrix of edge lengths, shape (v, v)."""
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     both = np.concatenate([edges, edges[:, ::-1]])
     entries = (np.concatenate([lengths, lengths]), (both[:, 0], both[:, 1]))

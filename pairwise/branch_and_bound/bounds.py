@@ -44,7 +44,7 @@ _RADIUS_MARGIN = 1e-7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cells(Rows):
-    """Boxes in the rotation group.
+    """The cells of branch and bound: boxes in the rotation group.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Cells(Rows):
 
 
 def radii_of(reach: FloatArray) -> FloatArray:
-    """Return the angles in radians (m,) of the farthest corners, see :meth:`Cells.reach`."""
+    """Return the angles in radians (m,) of the farthest corners of cells, see :meth:`Cells.reach`."""
     sines = np.minimum(np.sqrt((reach**2).sum(axis=2).max(axis=1)), 1.0)
     return np.asarray(np.minimum(2.0 * np.arcsin(sines) + _RADIUS_MARGIN, np.pi))
 

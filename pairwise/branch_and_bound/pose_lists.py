@@ -39,7 +39,7 @@ _NUM_STARTS = 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseRegion:
-    """Rotations that touch each other and may hold poses.
+    """A region of a pose list: cells of rotations that touch each other and may hold poses.
 
     Attributes
     ----------

@@ -191,7 +191,7 @@ class RotationSearch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenCells(Rows):
-    """Cells with what is known about them.
+    """The cells that a search has still open, with what is known about them.
 
     Attributes
     ----------

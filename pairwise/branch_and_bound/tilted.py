@@ -28,7 +28,7 @@ _ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TiltedProof:
-    """What was found about F(R) - <L, R>.
+    """What was found about a tilted energy F(R) - <L, R>.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ def prove_tilted(
     gap: float,
     time_limit_s: float | None = None,
 ) -> TiltedProof:
-    """Bound F(R) - <tilt, R> from below over the problem's group, or only descend to small values.
+    """Bound a tilted energy F(R) - <tilt, R> from below over the problem's group, or only descend to small values.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def prove_tilted(
 
 
 def with_tilt(problem: Problem, tilt: FloatArray) -> tuple[Problem, float]:
-    """Return a problem of the energy less <tilt, R>, tilt (d, d), plus a constant, and the constant."""
+    """Return a problem with a tilted energy, less <tilt, R>, tilt (d, d), plus a constant, and the constant."""
     dim, (n, k) = problem.dim, problem.allowed.shape
     left, strengths, right = np.linalg.svd(0.5 * tilt)
     sizes = [

@@ -76,7 +76,7 @@ def num_chiralities(problem: Problem) -> int:
 
 
 def tilted_bound(problem: Problem, tilt: FloatArray, depths: Sequence[IntArray]) -> float:
-    """Return a lower bound of F(R) - <tilt, R> over the problem's group.
+    """Verify a bound by cells: return a lower bound of F(R) - <tilt, R> over the problem's group.
 
     Parameters
     ----------

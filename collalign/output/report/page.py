@@ -290,5 +290,5 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
 
 
 def opener(name: str) -> str:
-    """Return a button that opens the dialog of a shape."""
+    """Return a button of the report that opens the dialog of a shape."""
     return f'<button type="button" class="link" data-shape="{html.escape(name)}">{html.escape(name)}</button>'

@@ -23,7 +23,7 @@ Fields = list[tuple[str, str, int]]
 
 
 def pack(arrays: Mapping[str, NDArray[Any]]) -> tuple[Fields, str]:
-    """Concatenate arrays, compress and encode them.
+    """Concatenate arrays, compress and encode them for the browser.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _quantise(points: FloatArray, centre: FloatArray, step: float) -> NDArray[np
 
 
 def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Return unit quaternions (m, 4) of orthogonal matrices (m, 3, 3), and whether each is a rotation times -1."""
+    """Return rotations (m, 3, 3) as the browser gets them: unit quaternions (m, 4), and which are times -1."""
     from scipy.spatial.transform import Rotation
 
     if not len(rotations):
@@ -101,7 +101,7 @@ def quaternions(rotations: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
 
 
 def sample_colors(aligned: FloatArray) -> FloatArray:
-    """Return one colour per label by its mean place in the common frame, so that neighbours look alike, shape (k, 3).
+    """Return a colour for the page of each label, by its mean place, so that neighbours look alike, shape (k, 3).
 
     Parameters
     ----------

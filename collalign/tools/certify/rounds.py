@@ -206,7 +206,7 @@ BOUNDING = Job(kind="proofs", version="joint-5", run=bound_pair, reader=TiltedPr
 
 
 def problem_of(target: Points, source: Points, group: str) -> Problem:
-    """Return the matching problem of two shapes."""
+    """Return the matching problem of two shapes of a joint bound."""
     return Problem.from_user(target[0], source[0], group=group, invariants=(target[1], source[1]))
 
 

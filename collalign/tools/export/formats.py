@@ -39,7 +39,7 @@ _SECTIONS = (
 
 
 def without_blanks(name: str) -> str:
-    """Replace every run of blanks, quotes and brackets by an underscore."""
+    """Return a name as an export writes it, with an underscore for each run of blanks, quotes and brackets."""
     return re.sub(r"[\s'\"\[\]]+", "_", name)
 
 
@@ -54,7 +54,7 @@ def for_morphologika(name: str) -> str:
 
 
 def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]:
-    """Return names by a rule, made distinct by a number at the end."""
+    """Return the names in an export by the rule of its format, made distinct by a number at the end."""
     taken: set[str] = set()
     written = []
     for name in names:
@@ -217,7 +217,7 @@ def _control(number: int, label: str, point: FloatArray) -> dict[str, Any]:
 
 
 def mesh_writer(ending: str) -> Callable[[ExportRequest], tuple[Path, ...]]:
-    """Return the writer of one mesh format: ``ply``, ``obj`` or ``stl``.
+    """Return the export of aligned meshes in one format: ``ply``, ``obj`` or ``stl``.
 
     Meshes are written at full resolution, with normals outwards where the pose mirrors, and without colours, texture
     coordinates and materials.

@@ -28,7 +28,7 @@ Space = Literal["aligned", "unscaled", "raw", "procrustes"]
 
 @dataclass(frozen=True, kw_only=True)
 class ExportRequest:
-    """One export.
+    """What a format of an export is made of.
 
     Attributes
     ----------
@@ -209,7 +209,7 @@ def label_columns(collection: Collection, taken: Iterable[str]) -> dict[str, lis
 
 
 def words(values: Iterable[float]) -> str:
-    """Return numbers in full precision, separated by blanks, without exponents, which some programs cannot read."""
+    """Return numbers as exports write them: in full, separated by blanks, without exponents."""
     return " ".join(
         "NaN" if np.isnan(value) else np.format_float_positional(value, trim="0")
         for value in values

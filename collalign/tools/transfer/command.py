@@ -101,7 +101,7 @@ def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
 
 
 def slider_table(transferred: TransferredLandmarks) -> list[list[object]]:
-    """Return between which landmarks each semilandmark of a curve slides, counted from 1, as geomorph has it."""
+    """Return the table of sliders that a transfer writes for geomorph: the neighbours of each, counted from 1."""
     rows: list[list[object]] = [["before", "slide", "after"]]
     for one in transferred.semilandmarks:
         if one.kind != "patch":
@@ -110,7 +110,7 @@ def slider_table(transferred: TransferredLandmarks) -> list[list[object]]:
 
 
 def surface_table(transferred: TransferredLandmarks) -> list[list[object]]:
-    """Return the numbers, from 1, of semilandmarks that slide along surfaces."""
+    """Return the table of semilandmarks that slide along surfaces, as a transfer writes it, counted from 1."""
     rows: list[list[object]] = [["surface"]]
     return rows + [
         [1 + row] for one in transferred.semilandmarks if one.kind == "patch" for row in one.rows
@@ -188,7 +188,7 @@ def landmarks_page(
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """What is written, and how.
+    """What a transfer of landmarks writes, and how.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def _lost(text: str, point: str) -> tuple[Note, ...]:
 
 
 def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatArray:
-    """Return the first three numbers of each line, shape (v, 3).
+    """Return the vertices of lines of an OBJ, OFF or STL file: the first three numbers of each, shape (v, 3).
 
     Raises
     ------

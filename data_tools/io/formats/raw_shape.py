@@ -145,7 +145,7 @@ def checked_indices(path: Path, values: ArrayLike, num_vertices: int) -> IntArra
 
 
 def joined(parts: Sequence[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
-    """Return several meshes, (v, 3) and (f, 3), as one, the vertices of each after those of the one before."""
+    """Return the meshes of one file, (v, 3) and (f, 3), as one mesh, the vertices of each after those before."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     vertices = np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in parts)])
     faces = [faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]

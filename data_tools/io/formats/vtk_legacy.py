@@ -190,7 +190,7 @@ class _Reader:
 
 
 def text_numbers(path: Path, content: bytes, at: int, num: int) -> tuple[FloatArray, int]:
-    """Return so many numbers (num,) of a text from a place on, and where they end.
+    """Return so many numbers (num,) of the text of a VTK file from a place on, and where they end.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import pytest
 from collalign import AlignOptions, RunOptions, align_collection, load, note_text
 from collalign.engine.session import Session
 from collalign.output.report.content import build_content
-from collalign.stages.incomplete.extra import Disks, extra_points, find_extra
+from collalign.stages.extra_points import Disks, extra_points, find_extra
 from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.embedding.surface_points import spread_points
 from data_tools.io.shapes import write_mesh

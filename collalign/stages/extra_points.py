@@ -1,4 +1,4 @@
-"""Extra material of a shape, such as a stand: surface far from that of the others, which lack little on it."""
+"""Which points are extra material, such as a stand: surface far from that of the others, which lack little on it."""
 
 from __future__ import annotations
 
