@@ -100,7 +100,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 def as_floats(
     values: ArrayLike, name: str, *, shape: Sequence[int | None] | None = None
 ) -> FloatArray:
-    """Check a numeric array and return it as finite, C-contiguous float64.
+    """Check a numeric array of any shape, or a given one, and return it as finite, C-contiguous float64.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def as_indices(
     lower: int = 0,
     shape: Sequence[int | None] | None = None,
 ) -> IntArray:
-    """Check integer indices in ``[lower, upper)`` and return them as int64.
+    """Check integer indices in ``[lower, upper)``, of any shape or a given one, and return them as int64.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def as_indices(
 
 
 def as_mask(mask: ArrayLike, name: str, *, shape: Sequence[int | None]) -> BoolArray:
-    """Check a boolean array (0 and 1 are accepted as well).
+    """Check a boolean array of shape ``shape``; 0 and 1 are accepted as well.
 
     Raises
     ------

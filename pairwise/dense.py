@@ -56,7 +56,7 @@ class DensePoints:
         normals: ArrayLike | None = None,
         invariants: ArrayLike | None = None,
     ) -> DensePoints:
-        """Check the arrays.
+        """Check points (n, d), their normals (n, d) and invariants (n, m).
 
         Raises
         ------

@@ -66,7 +66,7 @@ class PartialSurface:
         *,
         oriented: bool = True,
     ) -> PartialSurface:
-        """Check the arrays and build the grid; ``oriented`` says whether all normals point outwards.
+        """Check points (n, 3), normals (n, 3), outwards if ``oriented``, and which are on a rim (n,); build the grid.
 
         Raises
         ------

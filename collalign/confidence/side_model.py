@@ -309,7 +309,7 @@ def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:
 
 
 def preferences(energies: FloatArray) -> FloatArray:
-    """Return the log of mirrored to plain energy of each pair, limited to a factor of e^5 for equal shapes."""
+    """Return the log of mirrored to plain energies (E, 2) of pairs, shape (E,), within a factor of e^5."""
     least = energies.max(axis=1, keepdims=True) * np.exp(-5.0) + np.finfo(float).tiny
     plain, mirrored = np.log(np.maximum(energies, least)).T
     return np.asarray(mirrored - plain)

@@ -59,6 +59,8 @@ def sign_starts(
 ) -> LocalMinima:
     """Return local minima in 17 functions that the signs of the lowest 8 lead to, best energy first.
 
+    ``source_samples`` are vertices, shape (k,), and ``allowed`` says which of the target they may match, (n, k).
+
     Eigenfunctions of near-isometric shapes agree up to sign where their eigenvalues are simple; a full R in the
     larger spaces repairs those that are not.
     """

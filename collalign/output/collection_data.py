@@ -292,7 +292,7 @@ class CollectionData:
         return self.made.vertices
 
     def some(self, chosen: IntArray) -> Self:
-        """Return the collection as if there were only some of its shapes, given by position, ascending."""
+        """Return the collection as if there were only some of its shapes, given by position (n,), ascending."""
         position = {shape: at for at, shape in enumerate(chosen.tolist())}
 
         def of(values: tuple[T, ...]) -> tuple[T, ...]:

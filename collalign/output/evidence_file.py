@@ -149,7 +149,7 @@ def label_maps(pairs: Sequence[AlignedPair], labels: IntArray) -> IntArray:
 
 
 def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
-    """Return the number of the group of each shape."""
+    """Return the number of the group of each shape, shape (N,), from the positions in each group (n,)."""
     numbers = np.zeros(num_shapes, dtype=np.int64)
     for number, members in enumerate(parts):
         numbers[members] = number

@@ -113,6 +113,6 @@ def statistics_members(
 
 
 def main_part(collection: CollectionData) -> IntArray:
-    """Return positions of the shapes of the largest part, ascending; between parts no distance means anything."""
+    """Return positions (n,) of the shapes of the largest part: between parts no distance means anything."""
     values, counts = np.unique(collection.part_numbers, return_counts=True)
     return np.flatnonzero(collection.part_numbers == values[counts.argmax()])

@@ -90,7 +90,7 @@ class PlaceColours:
         self._low, self._high = placed.min(axis=0), placed.max(axis=0)
 
     def of_file(self, name: str) -> FloatArray:
-        """Return the colours of a shape's vertices and, if known, their confidence; last those of no counterpart."""
+        """Return colours of a shape's vertices, (v + 1, 3 or 4) with confidence; the last are of no counterpart."""
         num_columns = 4 if self._maps.vertex_confidence else 3
         if name not in self._maps.names:
             return _NOWHERE[None, :num_columns].copy()

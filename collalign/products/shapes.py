@@ -130,7 +130,7 @@ class ExtraMaterial:
         return np.asarray(arm / max(float(np.linalg.norm(arm)), np.finfo(float).tiny))
 
     def side(self, transform: FloatArray) -> str:
-        """Return the axis of the common frame that this direction is nearest to, such as ``-z``."""
+        """Return the axis of the common frame nearest to this direction at a pose (4, 4), such as ``-z``."""
         direction = self.direction(transform)
         axis = int(np.abs(direction).argmax())
         return ("-" if direction[axis] < 0 else "") + "xyz"[axis]

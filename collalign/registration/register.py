@@ -125,7 +125,7 @@ class Registration:
 
     @property
     def unposed(self) -> FloatArray:
-        """The vertices without the similarity: what is averaged differs in shape alone."""
+        """The vertices without the similarity, shape (v, 3): what is averaged differs in shape alone."""
         return moved_by(np.asarray(np.linalg.inv(self.pose), dtype=np.float64), self.vertices)
 
 

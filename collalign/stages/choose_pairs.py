@@ -217,7 +217,7 @@ def normalised(edges: IntArray) -> IntArray:
 
 
 def identity_hashes(identities: Iterable[str], seed: int) -> NDArray[np.uint64]:
-    """Return a 64-bit hash of each shape's identity and the seed.
+    """Return a 64-bit hash of each shape's identity and the seed, shape (N,).
 
     By content hashes, random partners depend neither on the order of the shapes nor on how many there are. Shapes of
     the same identity are told apart by their order.
@@ -271,7 +271,7 @@ def _least(values: NDArray[Any], num: int) -> IntArray:
 
 
 def near_partners(points: FloatArray, shapes: IntArray, partners: IntArray, num: int) -> IntArray:
-    """Return, for each shape, pairs with the ``num`` partners nearest in the descriptors."""
+    """Return pairs (e, 2) of each of some shapes (n,) with the ``num`` partners of nearest descriptors, (N, m)."""
     num = min(num + 1, len(partners))  # one more, since a shape may find itself
     if not len(shapes) or not num:
         return np.empty((0, 2), dtype=np.int64)

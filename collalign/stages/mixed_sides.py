@@ -99,8 +99,10 @@ def group_of_shapes(
 
     Parameters
     ----------
-    session, shapes, descriptors, edges
-        As for :func:`decide_group`.
+    session, shapes
+    descriptors : ndarray, shape (N, m)
+    edges : ndarray of int, shape (E, 2)
+        All as for :func:`decide_group`.
     """
     num = len(shapes.names)
     if num > MOST_FOR_SIDES:

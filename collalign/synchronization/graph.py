@@ -234,7 +234,7 @@ class PairGraph:
         return tuple(sorted(found, key=lambda members: int(members[0])))
 
     def subgraph(self, members: IntArray) -> tuple[PairGraph, IntArray]:
-        """Return the graph of some shapes, renumbered, and the indices of the pairs it keeps."""
+        """Return the graph of some shapes (n,), renumbered, and the indices of the pairs it keeps, shape (e,)."""
         position = np.full(self.num_shapes, -1, dtype=np.int64)
         position[members] = np.arange(len(members))
         local = position[self.edges]

@@ -102,8 +102,8 @@ def _blurred(model: EdgeModel) -> EdgeModel:
 def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolArray) -> State:
     """Alternate rotations chosen by beliefs with refinement, from given frames, while the likelihood grows.
 
-    Where no shape is ``fixed`` by hand the one that holds the gauge may rotate like all others, so that the answer
-    does not depend on which one holds it.
+    Frames have shape (N, d, d), ``free`` and ``fixed`` (N,). Where no shape is ``fixed`` by hand the one that holds
+    the gauge may rotate like all others, so that the answer does not depend on which one holds it.
     """
     model, frames = maximise_likelihood(model, frames, free, estimate=False)
     state = _with_beliefs(model, frames, free, fixed)

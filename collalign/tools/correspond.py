@@ -415,7 +415,7 @@ def _of_unit_size(cloud: FloatArray) -> FloatArray:
 
 
 def medoid(clouds: Sequence[FloatArray], candidates: Sequence[int] = ()) -> int:
-    """Return the cloud, of the candidates if there are any, whose summed distances to all others are least.
+    """Return which cloud (n, 3), of the candidates if there are any, has the least summed distance to all others.
 
     The distance of two posed clouds is the mean distance of points to the nearest of the other, both ways. The medoid
     is the best start for a mean: no shape is very far from it. Clouds should be far denser than the shapes differ:

@@ -77,7 +77,7 @@ def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
-    """Return the centroid of a shape's surface and its root mean square distance from there.
+    """Return the centroid (3,) of a shape's surface and its root mean square distance from there.
 
     Cells of a cloud count alike, however many points they have.
     """

@@ -30,7 +30,7 @@ COARSE = "coarse-steps"
 
 
 def fits_single(vertices: FloatArray) -> bool:
-    """Return whether single precision moves no point by more than a millionth of the shape's size."""
+    """Return whether single precision moves no point (v, 3) by more than a millionth of the shape's size."""
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if not len(finite):
         return True

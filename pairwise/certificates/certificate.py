@@ -66,7 +66,7 @@ class CertificateArrays:
         return name in self._arrays
 
     def floats(self, name: str, shape: Sequence[int | None]) -> FloatArray:
-        """Return a float64 copy in the problem's unit; ``None`` in the shape stands for any length.
+        """Return a float64 copy of shape ``shape`` in the problem's unit; ``None`` in it stands for any length.
 
         Raises
         ------
@@ -83,13 +83,13 @@ class CertificateArrays:
         )
 
     def bools(self, name: str, shape: Sequence[int | None]) -> BoolArray:
-        """Return a copy of a boolean array of this shape; raises as :meth:`floats`."""
+        """Return a copy of a boolean array of shape ``shape``; raises as :meth:`floats`."""
         return np.array(self._take(name, shape, "b"), dtype=np.bool_, order="C")
 
     def indices(
         self, name: str, shape: Sequence[int | None], upper: Sequence[int] | int
     ) -> IntArray:
-        """Return an int64 copy, of this shape, of integers in [0, upper); raises as :meth:`floats`."""
+        """Return an int64 copy, of shape ``shape``, of integers in [0, upper); raises as :meth:`floats`."""
         raw = np.asarray(self._take(name, shape, "iu"))
         if not ((raw >= 0) & (raw < np.asarray(upper))).all():
             raise InputError(f"certificate: {name} contains numbers outside [0, {upper})")

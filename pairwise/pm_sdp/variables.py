@@ -129,7 +129,7 @@ def primal_point(
     R: FloatArray,
     slack: FloatArray,
 ) -> PrimalPoint | None:
-    """Return the point of variables (shapes as its fields'), or None where it is not inside the cones."""
+    """Return the point of x (k, c), B (k, c, s), C (s, s), R (s,) and slack (n,), None outside the cones."""
     if (x <= 0.0)[data.valid].any() or (slack <= 0.0)[~data.equality].any():
         return None
     Y = _QUARTER + data.lifted.quaternion_change(R)
@@ -174,7 +174,7 @@ def dual_point(
     g: FloatArray,
     Y: FloatArray,
 ) -> DualPoint | None:
-    """Return the point of variables (shapes as its fields'), or None where it is not inside the cones."""
+    """Return the point of alpha (k,), beta (n,), F (k, s, s), u (k, s), g (n, s), Y (q, 4, 4), None outside the cones."""
     if (beta >= 0.0)[~data.equality].any() or not are_positive(Y):
         return None
     try:

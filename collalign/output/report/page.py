@@ -43,7 +43,7 @@ def shown_part(collection: CollectionData) -> CollectionData:
 
 
 def page_members(collection: CollectionData) -> list[IntArray]:
-    """Return the shapes of each of the pages that show all: about as many on each, most pairs within a page.
+    """Return the shapes, each (n,), of the pages that show all: about as many on each, most pairs within a page.
 
     Shapes are ordered so that those that were matched and agree are near each other (Cuthill and McKee 1969).
     """
@@ -58,7 +58,7 @@ def page_members(collection: CollectionData) -> list[IntArray]:
 
 
 def chosen_shapes(collection: CollectionData, most: int) -> IntArray:
-    """Return positions of the least confident shapes, half of ``most``, and of others evenly spaced; ascending."""
+    """Return positions of the least confident shapes, half of ``most``, and of others evenly spaced, (most,)."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")
     doubtful, others = order[: most // 2], np.sort(order[most // 2 :])
     spaced = others[np.linspace(0, len(others) - 1, most - len(doubtful)).round().astype(np.int64)]

@@ -42,7 +42,7 @@ class StoredSurface:
 
     @classmethod
     def of(cls, spectral: SpectralShape, normals: FloatArray) -> StoredSurface:
-        """Return the surface of a shape that is known at its dense samples only."""
+        """Return the surface of a shape that is known at its dense samples only, with their normals (s, 3)."""
         return cls(normals=normals, **{name: getattr(spectral, name) for name in OF_SPECTRAL})
 
     @cached_property

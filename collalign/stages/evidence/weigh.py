@@ -235,7 +235,7 @@ def weigh_doubtful_pairs(
 
 
 def votes_of(pairs: Sequence[Pair], poses: FloatArray) -> list[Votes]:
-    """Return what the pairs' candidates say about every shape, given the poses of their other shapes."""
+    """Return what the pairs' candidates say about every shape, given the poses (N, 3, 3) of their other shapes."""
     found: list[list[Votes]] = [[] for _ in poses]
     for pair in pairs:
         chance = np.exp(pair.log_odds - pair.log_odds.max())

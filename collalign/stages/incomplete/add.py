@@ -164,7 +164,7 @@ def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps 
 
 
 def incomplete_record(i: int, record: Record, reason: str, partners: IntArray) -> Incomplete:
-    """Return what is known of an incomplete shape."""
+    """Return what is known of an incomplete shape on its partners, shape (n,)."""
     return Incomplete(
         shape=i,
         reason=reason,
@@ -192,7 +192,10 @@ def incomplete_alternatives(record: Record, transform: FloatArray) -> tuple[Alte
 def incomplete_pairs(
     i: int, record: Record, partners: IntArray, rotations: FloatArray, labels: IntArray
 ) -> list[AlignedPair]:
-    """Return the pairs of an incomplete shape: how each partner likes its poses, and the map at the common ones."""
+    """Return the pairs of an incomplete shape: how each partner likes its poses, and the map at the common ones.
+
+    Partners have shape (n,), rotations ``R_common_shape`` (N, 3, 3) and labels (N, k).
+    """
     pairs = []
     for n, partner in enumerate(partners.tolist()):
         first, second = min(i, partner), max(i, partner)

@@ -263,7 +263,10 @@ def weak_cuts(
     agreeing: Overlaps,
     transforms: FloatArray,
 ) -> list[WeakCut]:
-    """Return the weakest cut between every two shapes that hang together (a tree of them: Gomory and Hu 1961)."""
+    """Return the weakest cut between every two shapes that hang together (a tree of them: Gomory and Hu 1961).
+
+    Transforms have shape (N, 4, 4).
+    """
     num, cell = len(surfaces), surfaces[0].cell
     graph = _held_together(num, agreeing)
     for i, j in agreeing:

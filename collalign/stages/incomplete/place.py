@@ -85,7 +85,7 @@ def place_shape(
 
 
 def sizes_of_complete(transforms: FloatArray, *, estimate_scale: bool) -> Sizes | None:
-    """Return the scales that an incomplete shape may have by those of complete ones, if they say anything."""
+    """Return the scales of an incomplete shape by the transforms (n, 4, 4) of complete ones, if they say anything."""
     if not estimate_scale:
         return 1.0, 1.0
     logs, (deviations, least, most) = np.log(scales_of(transforms)), KNOWN_SIZES

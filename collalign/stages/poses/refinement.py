@@ -60,7 +60,7 @@ def refine_poses(
     solution: SynchronizationResult,
     constraints: Constraints,
 ) -> FloatArray:
-    """Return ``R_common_shape`` refined by the pairs within components, each held where it is.
+    """Return ``R_common_shape``, (N, 3, 3), refined by the pairs within components, each held where it is.
 
     Parameters
     ----------

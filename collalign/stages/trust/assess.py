@@ -253,7 +253,7 @@ def _turns_of_parts(
 
 
 def partners_of(pairs: Sequence[Pair], rotations: FloatArray) -> list[list[Partner]]:
-    """Return for each shape the shapes that it was matched with, the best match first."""
+    """Return for each shape at ``R_common_shape`` (N, 3, 3) those that it was matched with, the best match first."""
     partners: list[list[Partner]] = [[] for _ in rotations]
     for pair in pairs:
         is_weighed = len(pair.log_odds) > 0

@@ -122,7 +122,7 @@ def _cell(column: str, value: object) -> str:
 
 
 def least_stable(stability: Stability) -> IntArray:
-    """Return the shapes whose pose was compared, those that stay least first."""
+    """Return the shapes whose pose was compared, those that stay least first, shape (n,)."""
     poses = stability.pose_stays
     order = np.argsort(poses, kind="stable")
     return np.asarray(order[~np.isnan(poses[order])])

@@ -90,7 +90,7 @@ class Column:
         )
 
     def design(self, chosen: BoolArray) -> FloatArray:
-        """Return the columns of the design for some of the shapes."""
+        """Return the columns of the design (n, q) for the chosen ones of all shapes (N,)."""
         if self.numbers is not None:
             return self.numbers[chosen, None]
         values = np.array(self.values, dtype=str)[chosen]
@@ -196,7 +196,7 @@ def model_terms(
 
 
 def missing_notes(model: str, names: Sequence[str], chosen: BoolArray) -> tuple[Note, ...]:
-    """Return the note on the shapes that a model leaves out; none where it takes all."""
+    """Return the note on the shapes that a model leaves out, of which ``chosen`` (N,) has the others."""
     absent = tuple(name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts)
     return (Note("model-leaves-out", absent, {"model": model}),) if absent else ()
 
