@@ -162,7 +162,7 @@ def check_collection(
     Parameters
     ----------
     arrays : mapping of name to ndarray
-        :data:`PROOF_ARRAYS` of E pairs and N shapes: edges (E, 2), frames (N, 3, 3), tilts (E, 3, 3), diagonal (N, 3, 3),
+        :data:`PROOF_ARRAYS` of E pairs and N shapes: edges (E, 2), frames and diagonal (N, 3, 3), tilts (E, 3, 3),
         num_cells (E, 1 or 2), depths (cells,) and bound (); nothing about them is believed.
     num_shapes : int
     problem : callable

@@ -174,7 +174,7 @@ def dual_point(
     g: FloatArray,
     Y: FloatArray,
 ) -> DualPoint | None:
-    """Return the point of alpha (k,), beta (n,), F (k, s, s), u (k, s), g (n, s), Y (q, 4, 4), None outside the cones."""
+    """Return the point of alpha (k,), beta (n,), F (k, s, s), u (k, s), g (n, s), Y (q, 4, 4), or None outside."""
     if (beta >= 0.0)[~data.equality].any() or not are_positive(Y):
         return None
     try:
