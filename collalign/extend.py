@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from collalign.align import align_listing
+from collalign.engine.progress import ProgressFactory, progress_display
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import ProgressFactory, Session, progress_display
+from collalign.engine.session import Session
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.products.pair import FormerPairs

@@ -22,9 +22,9 @@ from collalign.console.help import Excluded, Flag
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
 from collalign.engine.local_jobs import lasting_workers
-from collalign.engine.progress import ProgressBar
+from collalign.engine.progress import ProgressBar, progress_display
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session, progress_display
+from collalign.engine.session import Session
 from collalign.engine.store import Store
 from collalign.engine.store_file import FINISHED, STAGE
 from collalign.options import AlignOptions
@@ -47,8 +47,8 @@ from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
-from data_tools.io.output_folder import OutputFolder
-from data_tools.io.source import inputs_of, location, refuse_overlap
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
+from data_tools.io.source import inputs_of, location
 from data_tools.notes import Note, percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg

@@ -10,8 +10,9 @@ import numpy as np
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, warn
 from collalign.engine.job import Job, Wanted
+from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session, progress_display
+from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
 from collalign.wording import note_records, note_text

@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import sys
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, TypeAlias
 
 from tqdm import tqdm
 
@@ -18,6 +20,8 @@ STAGES = logging.getLogger("collalign.stages")
 #: Whether bars are drawn where somebody watches.
 SHOW_BARS: ContextVar[bool] = ContextVar("show_bars", default=True)
 _LINE_EVERY_S = 60.0
+#: Makes a progress display from (description, total, done), for instance :class:`ProgressBar`.
+ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[["Outcome"], None]]]
 
 
 def is_watched() -> bool:
@@ -100,3 +104,10 @@ class ProgressBar:
     def __exit__(self, *exception: object) -> None:
         self._bar.close()
         self._say("end")
+
+
+def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
+    """Return what shows the progress of a run: for True bars where somebody watches, lines where somebody listens."""
+    if not isinstance(progress, bool):
+        return progress
+    return ProgressBar if progress and (is_watched() or STAGES.isEnabledFor(logging.INFO)) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,11 +10,11 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from collalign.engine.job import Job, K, Results, T, Wanted, run_task, table_of_stored
 from collalign.engine.local_jobs import lasting_workers
-from collalign.engine.progress import STAGES, ProgressBar, is_watched
+from collalign.engine.progress import ProgressFactory
 from collalign.engine.run_jobs import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store
@@ -25,18 +24,7 @@ from data_tools.errors import InputError, SolveFailed
 if TYPE_CHECKING:
     from collalign.engine.worker import Outcome
 
-#: Makes a progress display from (description, total, done): :class:`collalign.engine.progress.ProgressBar`.
-ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[Outcome], None]]]
-
 OptionsT = TypeVar("OptionsT")
-
-
-def progress_display(progress: ProgressFactory | bool) -> ProgressFactory | None:
-    """Return what shows the progress of a run: for True bars where somebody watches, lines where somebody listens."""
-    if not isinstance(progress, bool):
-        return progress
-    return ProgressBar if progress and (is_watched() or STAGES.isEnabledFor(logging.INFO)) else None
-
 
 #: One step of what needs no worker, as a display counts it.
 _STEP = Outcome(key="", value=None, failure=None, seconds=0.0)

@@ -35,9 +35,9 @@ from collalign.version import __version__
 from collalign.wording import note_records, reason_text
 from data_tools.errors import InputError
 from data_tools.io.files import file_stems, readable_name, system_reason, write_atomic
-from data_tools.io.output_folder import OutputFolder
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import declared_system
-from data_tools.io.source import inputs_of, location, refuse_overlap
+from data_tools.io.source import inputs_of, location
 from data_tools.io.text_tables import csv_text
 from data_tools.poses import scales_of
 from data_tools.surface.shape import Shape

@@ -21,7 +21,6 @@ from typing import Any
 from data_tools.errors import InputError
 from data_tools.io.files import open_regular, read_text, resolved, system_reason, write_atomic
 from data_tools.io.locks import LockFile
-from data_tools.io.source import refuse_overlap
 
 #: Folder, inside of an output folder, that holds the manifest, the lock and what is not finished yet.
 BOOKS = ".collalign"
@@ -349,3 +348,35 @@ def _lock(folder: Path) -> LockFile:
         raise InputError(
             f"{folder}: cannot be written or locked ({system_reason(error)})"
         ) from None
+
+
+def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
+    """Refuse an output folder that holds an input or lies inside of one, through links and bind mounts as well.
+
+    Raises
+    ------
+    InputError
+        Naming both.
+    """
+    out, around_out = _places(folder)
+    for given in inputs:
+        source, around_source = _places(given)
+        contains, inside = bool(out & around_source), bool(source & around_out)
+        if contains or inside:
+            place = "is" if contains and inside else "contains" if contains else "lies inside of"
+            raise InputError(
+                f"{folder}: {place} {given}, the input; name a folder apart from it for the results, or results "
+                "and originals get mixed up"
+            )
+
+
+def _places(path: Path) -> tuple[set[object], set[object]]:
+    """Return what tells a path, by its name and by device and inode, and what tells it and the folders around it."""
+    own = resolved(path)
+    marks: list[set[object]] = []
+    for place in (own, *own.parents):
+        marks.append({place})
+        with suppress(OSError):
+            found = place.stat()
+            marks[-1].add((found.st_dev, found.st_ino))
+    return marks[0], set().union(*marks)

@@ -6,13 +6,12 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import TypeAlias
 from urllib.parse import unquote
 
 from data_tools.errors import InputError
-from data_tools.io.files import any_text, existing_file, open_regular, resolved
+from data_tools.io.files import any_text, existing_file, open_regular
 
 #: Larger files are refused before anything of them is read, in bytes.
 MAX_FILE_BYTES = 4 * 2**30
@@ -176,35 +175,3 @@ def _companions(path: Path, content: bytes) -> dict[str, bytes]:
         found[name] = _read(existing_file(path.parent / place), room)
         room -= len(found[name])
     return found
-
-
-def refuse_overlap(folder: Path, inputs: Iterable[Path]) -> None:
-    """Refuse an output folder that holds an input or lies inside of one, through links and bind mounts as well.
-
-    Raises
-    ------
-    InputError
-        Naming both.
-    """
-    out, around_out = _places(folder)
-    for given in inputs:
-        source, around_source = _places(given)
-        contains, inside = bool(out & around_source), bool(source & around_out)
-        if contains or inside:
-            place = "is" if contains and inside else "contains" if contains else "lies inside of"
-            raise InputError(
-                f"{folder}: {place} {given}, the input; name a folder apart from it for the results, or results "
-                "and originals get mixed up"
-            )
-
-
-def _places(path: Path) -> tuple[set[object], set[object]]:
-    """Return what tells a path, by its name and by device and inode, and what tells it and the folders around it."""
-    own = resolved(path)
-    marks: list[set[object]] = []
-    for place in (own, *own.parents):
-        marks.append({place})
-        with suppress(OSError):
-            found = place.stat()
-            marks[-1].add((found.st_dev, found.st_ino))
-    return marks[0], set().union(*marks)

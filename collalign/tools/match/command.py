@@ -30,9 +30,8 @@ from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import composed, write_atomic
-from data_tools.io.output_folder import OutputFolder
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_alike, read_shape, write_ply
-from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_files import Landmarks
 from data_tools.notes import Note, percent

@@ -38,9 +38,8 @@ from collalign.tools.transfer.run import TransferredLandmarks, transfer_landmark
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
-from data_tools.io.output_folder import OutputFolder
+from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import declared_system
-from data_tools.io.source import refuse_overlap
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_tables import READABLE
 from data_tools.notes import MAX_NAMED

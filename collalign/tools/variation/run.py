@@ -11,8 +11,8 @@ import numpy as np
 
 from collalign.analysis.label_table import read_labels
 from collalign.analysis.symmetry import mirror_normal
+from collalign.engine.progress import ProgressFactory
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import ProgressFactory
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
@@ -38,7 +38,7 @@ from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.files import composed
-from data_tools.io.source import refuse_overlap
+from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmark_files import Landmarks
 from data_tools.notes import Note
 from data_tools.poses import moved_by

@@ -8,8 +8,13 @@ import pytest
 
 from data_tools.errors import InputError
 from data_tools.io.files import file_stem, file_stems
-from data_tools.io.output_folder import BOOKS, MANIFEST_FILE, OutputFolder, output_path
-from data_tools.io.source import refuse_overlap
+from data_tools.io.output_folder import (
+    BOOKS,
+    MANIFEST_FILE,
+    OutputFolder,
+    output_path,
+    refuse_overlap,
+)
 
 
 def write(folder, files, *, writer="test"):
