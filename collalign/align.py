@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.engine.command_line import COMMAND, now
-from collalign.engine.progress import ProgressFactory, progress_display
+from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunKeywords, RunOptions
-from collalign.engine.session import Session
+from collalign.engine.session import ProgressFactory, Session
 from collalign.engine.store_file import FINISHED
 from collalign.options import AlignKeywords, AlignOptions, AlignSession
 from collalign.output.collection import Collection

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from typing import IO, TYPE_CHECKING, TypeAlias
+from typing import IO, TYPE_CHECKING
 
 from tqdm import tqdm
 
 if TYPE_CHECKING:
+    from collalign.engine.session import ProgressFactory
     from collalign.engine.worker import Outcome
 
 #: Says every stage as it begins, each minute of it and as it ends, for logs; ``record.numbers`` holds the numbers.
@@ -20,8 +19,6 @@ STAGES = logging.getLogger("collalign.stages")
 #: Whether bars are drawn where somebody watches.
 SHOW_BARS: ContextVar[bool] = ContextVar("show_bars", default=True)
 _LINE_EVERY_S = 60.0
-#: Makes a progress display from (description, total, done), for instance :class:`ProgressBar`.
-ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[["Outcome"], None]]]
 
 
 def is_watched() -> bool:

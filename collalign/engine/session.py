@@ -10,19 +10,18 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.job import Job, K, Results, T, Wanted, run_task, table_of_stored
 from collalign.engine.local_jobs import lasting_workers
-from collalign.engine.progress import ProgressFactory
 from collalign.engine.run_jobs import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store
 from collalign.engine.store_file import KINDS, STAGE
 from data_tools.errors import InputError, SolveFailed
 
-if TYPE_CHECKING:
-    from collalign.engine.worker import Outcome
+#: Makes a progress display from (description, total, done): :class:`collalign.engine.progress.ProgressBar`.
+ProgressFactory: TypeAlias = Callable[..., AbstractContextManager[Callable[[Outcome], None]]]
 
 OptionsT = TypeVar("OptionsT")
 

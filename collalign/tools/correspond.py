@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from collalign.engine.job import Job, Results, Shared, Wanted, table_of_values
-from collalign.engine.progress import ProgressFactory, progress_display
+from collalign.engine.progress import progress_display
 from collalign.engine.records import to_record
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session
+from collalign.engine.session import ProgressFactory, Session
 from collalign.engine.store import fingerprint
 from collalign.output.collection import Collection
 from collalign.output.loading import load

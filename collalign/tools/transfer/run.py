@@ -18,8 +18,8 @@ from collalign.confidence.radius_model import (
     calibrate,
     radii,
 )
-from collalign.engine.progress import ProgressFactory
 from collalign.engine.run_options import RunOptions
+from collalign.engine.session import ProgressFactory
 from collalign.landmarks.carry import (
     Template,
     at_places,

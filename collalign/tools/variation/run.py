@@ -11,8 +11,8 @@ import numpy as np
 
 from collalign.analysis.label_table import read_labels
 from collalign.analysis.symmetry import mirror_normal
-from collalign.engine.progress import ProgressFactory
 from collalign.engine.run_options import RunOptions
+from collalign.engine.session import ProgressFactory
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
