@@ -327,7 +327,7 @@ def look_around(problem: Problem, minima: LocalMinima, *, seed: int = 0) -> Loca
 def apart_rotations(
     rotations: FloatArray, angle_rad: float, num: int, *, mirrored: BoolArray | None = None
 ) -> IntArray:
-    """Return positions of the first ``num`` rotations (m, d, d) that are pairwise at least ``angle_rad`` apart.
+    """Return which rotations (m, d, d) a search goes on with: the first ``num`` that are ``angle_rad`` apart.
 
     Where it is known which ones are mirrored, the first ones of each chirality follow up to its share of ``num``.
     """

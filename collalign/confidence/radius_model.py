@@ -104,7 +104,7 @@ class RadiusEvidence:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """What the templates say about errors.
+    """What the templates say about errors of carried landmarks.
 
     Attributes
     ----------

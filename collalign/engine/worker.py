@@ -28,7 +28,7 @@ _ORPHAN_POLL_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """What every task of a run has in common; None is no limit.
+    """What every task that workers run has in common, with its limits; None is no limit.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ def run_guarded(call: Call, task: Task, guard: Guard | None) -> Outcome:
 
 
 def crash(task: Task, reason: str) -> Outcome:
-    """Return the outcome of a task that has ended its workers."""
+    """Return the outcome of a task that has ended its worker processes."""
     return Outcome(
         key=task.key,
         value=None,

@@ -212,7 +212,7 @@ LOWEST = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
-    """Some points of a surface: rows of its basis, its own embedding of them, and what roughness costs."""
+    """One side of a functional map: rows of the basis at some points, their embedding, and what roughness costs."""
 
     basis: FloatArray
     own: FloatArray

@@ -241,7 +241,7 @@ _LAST_SHIFT = np.uint64(31)
 
 
 def pair_hashes(one: np.uint64, others: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return a hash of (one, other) for each other: the finaliser of SplitMix64."""
+    """Return the hashes by which random partners of one shape are chosen: the finaliser of SplitMix64."""
     with np.errstate(over="ignore"):
         x = others + one * _INCREMENT
         for shift, factor in _ROUNDS:

@@ -112,7 +112,7 @@ def goals_of(onto: IntArray, back: IntArray, stored: Shape) -> MapGoals:
     ]
 
 
-def map_starts(
+def template_maps(
     maps: VertexMaps, reference: Shape, template: Shape, file_vertices: IntArray
 ) -> Mapping[str, BothWays]:
     """Return the maps between the template, one of the shapes, and all shapes that have maps.
@@ -192,7 +192,7 @@ def correspond(
     source, file_vertices = posed_shape(files[reference])
     starts: Mapping[str, BothWays] = {}
     if maps is not None:
-        starts = map_starts(maps, stored_shape(files[reference]), source, file_vertices)
+        starts = template_maps(maps, stored_shape(files[reference]), source, file_vertices)
     for _ in range(NUM_ROUNDS):
         registered = _register_all(session, files, source, starts)
         found, failed = dict(registered), registered.failures

@@ -320,7 +320,7 @@ def _text_rows(start: str, rows: NDArray[Any]) -> str:
 
 
 def write_ply(path: Path, vertices: FloatArray, faces: IntArray, **values: NDArray[Any]) -> Path:
-    """Write a binary PLY, atomically, with values of the vertices, shape (v,), as further properties.
+    """Write a shape as binary PLY, atomically, with values of the vertices, shape (v,), as further properties.
 
     Bytes, such as ``red``, stay; all else is in single precision, but for positions that would lose by it
     (:func:`write_mesh`). MeshLab, ParaView, 3D Slicer and R (Rvcg) read it.

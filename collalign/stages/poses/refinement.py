@@ -149,7 +149,7 @@ def refine_rotations(
 def local_pairs(
     num_shapes: int, edges: IntArray, energies: FloatArray, *, num: int = NUM_NEIGHBOURS
 ) -> IntArray:
-    """Return the pairs of least energy of every shape, and a spanning forest of least energy.
+    """Return the pairs that are refined: those of least energy of every shape, and a spanning forest.
 
     Parameters
     ----------
