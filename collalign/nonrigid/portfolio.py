@@ -248,7 +248,7 @@ def sharpened(target: SpectralShape, source: SpectralShape, chosen: Refined) -> 
 
 
 def settled(target: SpectralShape, source: SpectralShape, coarse: Refined) -> Refined:
-    """Return what a candidate map leads to with all samples, smooth both ways, by the functions of the shapes alone."""
+    """Return what a candidate map leads to with all samples, smooth both ways, by the functions of shapes alone."""
     maps = _at_all_samples(target, source, coarse)
     return refined_with_evidence(
         target, source, HarmonicRefiner(target, source).refine(*maps, ANNEALED), coarse.origin
