@@ -14,8 +14,8 @@ from collalign.engine.session import Session
 from collalign.engine.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.choose_pairs import all_pairs
+from collalign.stages.evidence.candidates import MOST_SEARCHED
 from collalign.stages.evidence.decide import wants_maps
-from collalign.stages.evidence.pair_search import MOST_SEARCHED
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs

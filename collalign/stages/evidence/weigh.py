@@ -23,9 +23,15 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.products.trust import UNCERTAIN
-from collalign.stages.evidence.candidates import PoseWeigher, distinct_weighed
+from collalign.stages.evidence.candidates import (
+    SEARCHED,
+    STARTED,
+    PoseWeigher,
+    distinct_weighed,
+    search_pair,
+    searched_surfaces,
+)
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces
-from collalign.stages.evidence.pair_search import SEARCHED, STARTED, search_pair, searched_surfaces
 from collalign.stages.shape_stage import SAMPLING, wanted_file
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only

@@ -19,9 +19,15 @@ from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
 from collalign.stages import steps
-from collalign.stages.evidence.candidates import MAX_CANDIDATES, PoseWeigher, distinct_weighed
+from collalign.stages.evidence.candidates import (
+    MAX_CANDIDATES,
+    SEARCHED,
+    PoseWeigher,
+    distinct_weighed,
+    search_pair,
+    searched_surfaces,
+)
 from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
-from collalign.stages.evidence.pair_search import SEARCHED, search_pair, searched_surfaces
 from collalign.stages.evidence.weigh import (
     PairEvidence,
     by_energy,
