@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from collalign.confidence.radius_model import spread
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.embedding.surface_points import NUM_NEIGHBOURS
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
 
 #: Landmarks farther than this from their specimen's surface and from its copy of the mean, in parts of the root mean
@@ -181,31 +179,3 @@ def fuse(
     points = (weights[..., None] * filled).sum(axis=0)
     points[weights.sum(axis=0) == 0] = np.nan
     return points, spread(said, weights)
-
-
-#: Radius of the neighbourhood whose relief counts, in root mean square radii.
-_AROUND = 0.25
-
-
-def reliefs(item: Template, mean: FloatArray, copy: FloatArray, unit: float) -> FloatArray:
-    """Return how far a template's surface is from flat around each landmark, in radii, shape (l,).
-
-    It is the standard deviation from the plane that fits best. On a flat place nothing holds a landmark.
-
-    Parameters
-    ----------
-    item : Template
-    mean, copy : ndarray, shape (v, 3)
-        The mean surface, and its copy on the template, none missing.
-    unit : float
-        Root mean square radius of the mean.
-    """
-    tree, places = cKDTree(mean), item.places.on(mean)
-    nearest = tree.query(places, k=min(NUM_NEIGHBOURS, len(mean)))[1]
-    near = tree.query_ball_point(places, _AROUND * unit)
-    found = []
-    for few, many in zip(nearest, near, strict=True):
-        patch = copy[np.union1d(few, many).astype(np.int64)]
-        thickness = np.linalg.svd(patch - patch.mean(axis=0), compute_uv=False)[-1]
-        found.append(thickness / (np.sqrt(len(patch)) * unit))
-    return np.array(found)

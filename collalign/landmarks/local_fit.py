@@ -1,4 +1,4 @@
-"""Whether a rigid fit of a landmark's surroundings agrees with the smooth map that carried the landmark."""
+"""How well the surface around a landmark holds it, and whether a rigid fit of it agrees with the smooth map."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from data_tools.surface.normals import vertex_normals
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -163,3 +164,50 @@ def _tangent_planes(
     planes = (normals[places.corners] * places.weights[:, :, None]).sum(axis=1)
     planes /= np.maximum(np.linalg.norm(planes, axis=1, keepdims=True), np.finfo(float).tiny)
     return places.on(surface.vertices).reshape(points.shape), planes.reshape(points.shape)
+
+
+#: Radii of the neighbourhoods that hold a landmark, in root mean square radii: a surface may be smooth around it and
+#: have its features farther away.
+_REACHES = (0.15, 0.4, 0.9)
+#: How much a turn of the neighbourhood costs, which may hide a slide: what is farther away holds it as well.
+_TURN = 0.03
+#: The hold of a place on which nothing is seen of a slide. These numbers were chosen by the rank correlation of
+#: radius and error with one template, each of seven classes left out. With turns of .01 to .1 and a least hold of
+#: 1e-4 to 1e-3 it changes by .03 at most in any class.
+_LEAST_HOLD = 3e-4
+
+
+def holds(places: FloatArray, vertices: FloatArray, faces: IntArray, unit: float) -> FloatArray:
+    """Return how well a surface determines the place of each landmark on it, shape (l,).
+
+    A neighbourhood that slides along itself leaves the surface by a mean squared distance, even where a turn hides
+    some of it. In the direction where this is least, in squares of the slide, it is the hold: 0 on planes and along
+    a smooth shaft. The geometric mean over neighbourhoods of three sizes counts.
+
+    Parameters
+    ----------
+    places : ndarray, shape (l, 3)
+    vertices : ndarray, shape (v, 3)
+    faces : ndarray of int, shape (f, 3)
+    unit : float
+        Root mean square radius of the surface.
+
+    References
+    ----------
+    Gelfand and Guibas, Shape segmentation using local slippage analysis (SGP 2004).
+    """
+    normals = vertex_normals(vertices, faces)
+    tree = cKDTree(vertices)
+    nearest = tree.query(places, k=min(FIT.fewest, len(vertices)))[1]
+    logs = np.zeros(len(places))
+    for reach in _REACHES:
+        balls = tree.query_ball_point(places, reach * unit)
+        for at, (few, many) in enumerate(zip(nearest, balls, strict=True)):
+            near = np.union1d(few, many).astype(np.int64)
+            arms = np.cross((vertices[near] - places[at]) / (reach * unit), normals[near])
+            rows = np.concatenate([arms, normals[near]], axis=1)
+            moments = rows.T @ rows / len(near)
+            turns = np.linalg.solve(moments[:3, :3] + _TURN * np.eye(3), moments[:3, 3:])
+            least = np.linalg.eigvalsh(moments[3:, 3:] - moments[3:, :3] @ turns)[0]
+            logs[at] += np.log(max(float(least), _LEAST_HOLD)) / len(_REACHES)
+    return np.exp(logs)

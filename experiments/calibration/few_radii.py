@@ -23,7 +23,7 @@ COLLECTIONS = ("teeth", "mouse skulls", "long bones", "teddy", "fish", "plane", 
 #: What the rows of the table are called.
 FEW = ("OF_FEW[0]", "OF_FEW[1]", "OF_FEW[2]")
 #: Errors below it, in the variation of the shapes, are the hand's.
-_LEAST_ERROR = 1e-3
+LEAST_ERROR = 1e-3
 #: Of one collection, by the number of templates: what radii follow, shape (m, 4), and errors, shape (m,).
 Seen: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]
 
@@ -85,7 +85,7 @@ def few_table(seen: Sequence[Seen]) -> tuple[tuple[float, ...], ...]:
             block[:, :3] = local
             if number:
                 block[:, [2 + number]] = spread
-            log = np.log(np.maximum(errors, _LEAST_ERROR))
+            log = np.log(np.maximum(errors, LEAST_ERROR))
             weight = 1.0 / np.sqrt(max(1, len(errors)))
             blocks.append(weight * (block - block.mean(axis=0)))
             logs.append(weight * (log - log.mean()))

@@ -187,9 +187,9 @@ def measure_few(cell: Cell) -> Record:
     Returns
     -------
     dict
-        By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, and ``errors k`` (m,) in
-        root mean square radii; ``variation`` of the shapes likewise. Shapes in doubt get no landmarks, as in a
-        transfer. ``processor_s``.
+        By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, ``errors k`` (m,) in root
+        mean square radii, and ``landmark k`` (m,), which one it is; ``variation`` of the shapes in radii. Shapes in
+        doubt get no landmarks, as in a transfer. ``processor_s``.
     """
     settings = cell.settings
     found: dict[str, Any] = {}
@@ -214,7 +214,7 @@ def measure_few(cell: Cell) -> Record:
         }
         rng = np.random.default_rng([settings["seed"], 1])
         for k in range(1, MIN_TEMPLATES):
-            rows = [np.empty((0, 5))]
+            rows = [np.empty((0, 6))]
             for _ in range(settings["sets"]):
                 chosen = [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
                 for name in (name for name in templates if name not in chosen):
@@ -223,7 +223,9 @@ def measure_few(cell: Cell) -> Record:
                     )
                     errors = carrier.errors(name, points) / evidence.unit
                     found["variation"] = evidence.variation / evidence.unit
-                    rows.append(np.column_stack([errors, evidence.shown()])[lost == ""])
+                    every = np.column_stack([errors, np.arange(len(errors)), evidence.shown()])
+                    rows.append(every[lost == ""])
             every = np.concatenate(rows)
-            found[f"errors {k}"], found[f"shown {k}"] = every[:, 0], every[:, 1:]
+            found[f"errors {k}"], found[f"landmark {k}"] = every[:, 0], every[:, 1]
+            found[f"shown {k}"] = every[:, 2:]
     return {**found, "processor_s": elapsed.processor_s}

@@ -26,11 +26,10 @@ from collalign.landmarks.carry import (
     fuse,
     off_surface,
     on_surface,
-    reliefs,
     template,
     template_distance,
 )
-from collalign.landmarks.local_fit import Surroundings, fit_surroundings
+from collalign.landmarks.local_fit import Surroundings, fit_surroundings, holds
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import LandmarkTable, evenly_spaced, landmark_table
 from collalign.landmarks.templates import (
@@ -245,9 +244,10 @@ class LandmarkCarrier:
                 self._around[item.shape] = around
         if not self.templates:
             raise InputError("landmarks: none of the specimens with landmarks could be registered")
-        self._reliefs = {
-            item.shape: reliefs(item, dense.mean, dense.completed[item.shape], radius)
-            for item in self.templates
+        copies = [(item, dense.completed[item.shape]) for item in self.templates]
+        self._holds = {
+            item.shape: holds(item.places.on(copy), copy, dense.faces, radius)
+            for item, copy in copies
         }
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
         self._scale = {
@@ -290,7 +290,7 @@ class LandmarkCarrier:
                     residual=nothing,
                     unit=1.0,
                     variation=0.0,
-                    relief=nothing,
+                    hold=nothing,
                     slip=nothing,
                     misfit=nothing,
                 )
@@ -366,7 +366,7 @@ class LandmarkCarrier:
             residual=at_places(templates, dense.residual[row]).mean(axis=0),
             unit=self._radius,
             variation=self._variation,
-            relief=self._mean_known(templates, [self._reliefs[item.shape] for item in templates]),
+            hold=self._mean_known(templates, [self._holds[item.shape] for item in templates]),
             slip=slip,
             misfit=misfit,
         )

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 
-from collalign.landmarks.local_fit import Surroundings, fit_surroundings
+from collalign.landmarks.local_fit import Surroundings, fit_surroundings, holds
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape, vertex_normals
@@ -73,3 +75,32 @@ def test_missing_landmarks_are_no_trouble_and_a_cloud_stays(shape):
     places, misfits = fit_surroundings(around, shape.vertices, shape.vertices, cloud, nothing, 1.0)
     np.testing.assert_allclose(places[0], shape.vertices[7], atol=1e-9)
     assert np.isfinite(misfits).all()
+
+
+def test_a_shaft_does_not_hold_a_landmark_and_its_ends_do():
+    """Wherever the shaft lies: a landmark slides along it, and around it."""
+    directions, faces = sphere_mesh(3000)
+    x, y, z = directions.T
+    shaft = np.column_stack([0.2 * x, 0.2 * y, 1.5 * z])
+    for end in ([0.7, 0.0, 0.7], [-0.6, 0.4, -0.7]):
+        bump = np.exp(-((directions - np.array(end) / np.linalg.norm(end)) ** 2).sum(axis=1) / 0.05)
+        shaft += 0.4 * bump[:, None] * directions
+    rows = [int(np.argmax(directions @ one)) for one in ([0.7, 0, 0.7], [-0.6, 0.4, -0.7])]
+    rows += [int(np.argmin(np.abs(z) + np.abs(x - 0.9))), int(np.argmin(np.abs(z - 0.1)))]
+    found = holds(shaft[rows], shaft, faces, 1.0)
+    assert found[:2].min() > 10 * found[2:].max()
+    moved = shaft @ Rotation.from_euler("xyz", [0.5, 0.2, 2.0]).as_matrix().T * 3.0 + 2.0
+    np.testing.assert_allclose(holds(moved[rows], moved, faces, 3.0), found, rtol=1e-6)
+
+
+def test_planes_and_clouds_hold_nothing():
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 21)], indexing="ij"), axis=-1)
+    plane = np.column_stack([grid.reshape(-1, 2), np.zeros(21 * 21)])
+    faces = Delaunay(plane[:, :2]).simplices
+    bump = np.array(plane)
+    bump[:, 2] = 0.3 * np.exp(-(plane**2).sum(axis=1) / 0.05)
+    middle = [220]
+    nothing = np.empty((0, 3), dtype=np.int64)
+    least = holds(plane[middle], plane, faces, 1.0)
+    np.testing.assert_allclose(holds(plane[middle], plane, nothing, 1.0), least)
+    assert holds(bump[middle], bump, faces, 1.0) > 20 * least
