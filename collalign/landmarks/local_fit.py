@@ -19,7 +19,8 @@ class LocalFit(NamedTuple):
     """Numbers of the fit; lengths are in parts of the mean's root mean square radius.
 
     Chosen on planes and birds with one template, by the rank correlation of slip and error: the nearest 16 of 300
-    spread points gave .27 and .16.
+    spread points gave .27 and .16. The last three were chosen by that of radius and error, each of seven classes left
+    out. With turns of .01 to .1 and a least hold of 1e-4 to 1e-3 it changes by .03 at most in any class.
     """
 
     around: float = 0.2
@@ -36,6 +37,12 @@ class LocalFit(NamedTuple):
     """Gaps of this size count half, in that unit."""
     damping: float = 2e-3
     """How much of each movement stays that no plane holds: a flat place slides."""
+    reaches: tuple[float, ...] = (0.15, 0.4, 0.9)
+    """Of the neighbourhoods that hold a landmark: the features of a surface that is smooth there may be far."""
+    turn: float = 0.03
+    """What a turn costs that hides a slide of a neighbourhood."""
+    least_hold: float = 3e-4
+    """Of a place on which nothing is seen of a slide."""
 
 
 #: The numbers in use.
@@ -166,17 +173,6 @@ def _tangent_planes(
     return places.on(surface.vertices).reshape(points.shape), planes.reshape(points.shape)
 
 
-#: Radii of the neighbourhoods that hold a landmark, in root mean square radii: a surface may be smooth around it and
-#: have its features farther away.
-_REACHES = (0.15, 0.4, 0.9)
-#: How much a turn of the neighbourhood costs, which may hide a slide: what is farther away holds it as well.
-_TURN = 0.03
-#: The hold of a place on which nothing is seen of a slide. These numbers were chosen by the rank correlation of
-#: radius and error with one template, each of seven classes left out. With turns of .01 to .1 and a least hold of
-#: 1e-4 to 1e-3 it changes by .03 at most in any class.
-_LEAST_HOLD = 3e-4
-
-
 def holds(places: FloatArray, vertices: FloatArray, faces: IntArray, unit: float) -> FloatArray:
     """Return how well a surface determines the place of each landmark on it, shape (l,).
 
@@ -200,14 +196,14 @@ def holds(places: FloatArray, vertices: FloatArray, faces: IntArray, unit: float
     tree = cKDTree(vertices)
     nearest = tree.query(places, k=min(FIT.fewest, len(vertices)))[1]
     logs = np.zeros(len(places))
-    for reach in _REACHES:
+    for reach in FIT.reaches:
         balls = tree.query_ball_point(places, reach * unit)
         for at, (few, many) in enumerate(zip(nearest, balls, strict=True)):
             near = np.union1d(few, many).astype(np.int64)
             arms = np.cross((vertices[near] - places[at]) / (reach * unit), normals[near])
             rows = np.concatenate([arms, normals[near]], axis=1)
             moments = rows.T @ rows / len(near)
-            turns = np.linalg.solve(moments[:3, :3] + _TURN * np.eye(3), moments[:3, 3:])
+            turns = np.linalg.solve(moments[:3, :3] + FIT.turn * np.eye(3), moments[:3, 3:])
             least = np.linalg.eigvalsh(moments[3:, 3:] - moments[3:, :3] @ turns)[0]
-            logs[at] += np.log(max(float(least), _LEAST_HOLD)) / len(_REACHES)
+            logs[at] += np.log(max(float(least), FIT.least_hold)) / len(FIT.reaches)
     return np.exp(logs)

@@ -17,6 +17,7 @@ from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.closest import SurfaceLocator
+from data_tools.surface.outliers import UNIT_FACTORS
 from data_tools.surface.shape import Shape
 
 #: Median distances from the surface, in its root mean square radii. Landmarks of experts are nearer than SURE (at
@@ -27,7 +28,6 @@ SURE, FAR = 0.02, 0.1
 _NEARER, _MIN_LANDMARKS = 4.0, 4
 #: Landmarks that spread over less, in the same unit, are near any surface through that place.
 _ONE_PLACE = 0.2
-_UNITS = (10.0, 100.0, 1000.0, 25.4)
 #: A place between samples of a cloud may be as far as most of them are from their third neighbours.
 _AROUND, _MOST = 4, 0.95
 _Points = TypeVar("_Points", Landmarks, Semilandmarks)
@@ -230,7 +230,7 @@ def _rescaled(
     points: FloatArray, surface: _Surface, *, larger: bool = False
 ) -> list[tuple[float, float]]:
     """Return other units, and how near landmarks are in them; none that brings them all into one place."""
-    factors = [*_UNITS, *(() if larger else (1 / unit for unit in _UNITS))]
+    factors = [*UNIT_FACTORS, *(() if larger else (1 / unit for unit in UNIT_FACTORS))]
     spread = _spread(points)
     return [
         (factor, surface.median(points * factor))

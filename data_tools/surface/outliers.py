@@ -139,13 +139,15 @@ def _out_of_place(
 
 #: Shapes so many times larger or smaller than the median one may be in another unit.
 ODD_FACTOR = 8.0
-#: What a unit is mistaken for another by: millimetres for centimetres, or for inches.
-_UNIT_FACTORS = (10.0, 25.4)
-#: Nearer to the median, shapes are odd behind a gap at least so wide, and as wide as the range of all others; so many
-#: others are needed. Divided by the factor they lie in that range, up to the slack. Of 400 draws of 6 to 50 sizes,
-#: even over a threefold range with one of them wrong by 10, 97 to 100 % are found; without a wrong one, none of 1000
-#: is named, and of lognormal sizes of deviation .5 as few as .1 to 1.3 % of the draws.
-_LEAST_GAP, _FEWEST_OTHERS, _SLACK = 2.0, 5, 1.25
+#: By what one unit differs from another for which it is taken: millimetres, centimetres, metres, inches.
+UNIT_FACTORS = (10.0, 100.0, 1000.0, 25.4)
+#: Nearer to the median, shapes are odd behind a gap at least so wide, and as wide as the range of all others. Divided
+#: by the factor they lie in that range, up to the slack. Of 400 draws of 6 to 50 sizes, even over a threefold range
+#: with one of them wrong by 10, 97 to 100 % are found; without a wrong one, none of 1000 is named, and of lognormal
+#: sizes of deviation .5 as few as .1 to 1.3 % of the draws.
+_LEAST_GAP, _SLACK = 2.0, 1.25
+#: Fewer others have no range.
+_FEWEST_OTHERS = 5
 
 
 def odd_ratios(sizes: Mapping[str, float]) -> dict[str, float]:
@@ -176,7 +178,7 @@ def _behind_a_gap(ratios: Mapping[str, float]) -> set[str]:
         gap = ratios[names[at]] / ratios[names[at - 1]]
         if len(others) < _FEWEST_OTHERS or gap < max(_LEAST_GAP, high / low):
             continue
-        for factor in _UNIT_FACTORS:
+        for factor in UNIT_FACTORS:
             right = factor if few is below else 1.0 / factor
             smallest, largest = right * ratios[few[0]], right * ratios[few[-1]]
             if low / _SLACK <= smallest and largest <= high * _SLACK:
