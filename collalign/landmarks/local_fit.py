@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from data_tools.surface.normals import vertex_normals
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import each_moved_by, fitting_similarity
 from data_tools.surface.closest import SurfaceLocator
+from data_tools.surface.shape import vertex_normals
 
 
 class LocalFit(NamedTuple):

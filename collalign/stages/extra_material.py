@@ -101,7 +101,7 @@ def _looks_for_extra(run: Run) -> bool:
 def _found_at(answer: _Answer, whole: Shapes, most_lacking: float) -> dict[str, ExtraSurface]:
     """Return the extra material of whole shapes at the poses of an answer; none where most of these are in doubt."""
     run, _, posed = answer
-    if np.median(posed.solution.confidence) < TUNED.least_confidence:
+    if np.median(posed.solution.confidence) <= TUNED.doubtful:
         return {}
     lacking = {one.shape for one in posed.incomplete}
     part = [i for i in max(posed.solution.parts, key=len).tolist() if i not in lacking]

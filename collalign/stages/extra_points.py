@@ -34,8 +34,9 @@ class ExtraTuning(NamedTuple):
     teddies, spiders and humans without.
     """
 
-    least_confidence: float = 0.5
-    """Poses tell what is extra if the median shape's has this confidence; symmetric shapes may lie anywhere."""
+    doubtful: float = 0.5
+    """Poses tell what is extra if the median shape's confidence is above this, the most of a pose in doubt; symmetric
+    shapes may lie anywhere."""
     most_partners: int = 12
     """Shapes that each is compared with; it is refined on about half of them."""
     far_ratio: float = 5.0

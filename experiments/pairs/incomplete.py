@@ -240,7 +240,7 @@ def measure(bench: Bench) -> Outcome:
         for name, num in COMPLETE_SETS
         if not bench.quick
     }
-    of_sets = bench.measure(measure_cut_collection, sets, version="2")
+    of_sets = bench.measure(measure_cut_collection, sets, version="3")
     of_complete = bench.measure(measure_complete_collection, complete, apart=True)
     return Outcome(
         tables=(
