@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, extremes, read_only
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import FEWEST_POINTS, LocalSurface
@@ -133,8 +133,9 @@ def _cell_means(
     centre = points.mean(axis=0)
     axes = np.linalg.eigh((points - centre).T @ (points - centre))[1]
     cells = np.floor((points - centre) @ axes / cell).astype(np.int64)
-    cells -= cells.min(axis=0)
-    sizes = cells.max(axis=0) + 1
+    low, high = extremes(cells)
+    cells -= low
+    sizes = high - low + 1
     keys = (cells[:, 0] * sizes[1] + cells[:, 1]) * sizes[2] + cells[:, 2]
     if normals is not None:
         along = normals @ axes

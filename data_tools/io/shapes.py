@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import FloatArray, IntArray, extremes, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import write_atomic
 from data_tools.io.formats.obj_off_stl import STL_TRIANGLE
@@ -36,7 +36,8 @@ def fits_single(vertices: FloatArray) -> bool:
         return True
     with np.errstate(over="ignore"):
         moved = np.abs(finite.astype(np.float32) - finite).max()
-    return bool(moved <= 1e-6 * np.ptp(finite, axis=0).max())
+    low, high = extremes(finite)
+    return bool(moved <= 1e-6 * (high - low).max())
 
 
 def coarse_note(vertices: FloatArray) -> tuple[Note, ...]:
@@ -52,12 +53,12 @@ def coarse_note(vertices: FloatArray) -> tuple[Note, ...]:
     tuple of Note
         One with the step and its share of the size, or none.
     """
+    low, high = extremes(vertices)
+    coordinates = np.ascontiguousarray(vertices.T)
     with np.errstate(all="ignore"):  # of what is beyond single precision
-        is_single = (vertices.astype(np.float32) == vertices).all(axis=0)
-        steps = np.where(
-            is_single, np.spacing(np.abs(vertices).max(axis=0).astype(np.float32)), 0.0
-        )
-    step, size = float(steps.max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        is_single = (coordinates.astype(np.float32) == coordinates).all(axis=1)
+        steps = np.where(is_single, np.spacing(np.maximum(-low, high).astype(np.float32)), 0.0)
+    step, size = float(steps.max()), float(np.linalg.norm(high - low))
     if not step > 1e-3 * size:
         return ()
     return (Note(COARSE, values={"step": step, "share": step / size}),)
@@ -366,8 +367,9 @@ def _checked(source: Source, raw: RawShape, name: str) -> Shape:
         )
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{name}: ')}") from error
-    extent = float(np.abs(shape.vertices).max())
-    if extent > 1e100 or not np.ptp(shape.vertices, axis=0).any():
+    low, high = extremes(shape.vertices)
+    extent = float(np.maximum(-low, high).max())
+    if extent > 1e100 or (low == high).all():
         reason = "coordinates beyond 1e100" if extent > 1e100 else "all points lie in one place"
         raise InputError(f"{path}: {reason}")
     shape = replace(shape, notes=(*shape.notes, *coarse_note(shape.vertices)))

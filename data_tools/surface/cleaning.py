@@ -9,7 +9,7 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_faces, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, as_faces, extremes, read_only
 from data_tools.errors import InputError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
@@ -53,7 +53,8 @@ def decimate(
     if len(faces) <= max_faces:
         return vertices, faces
     # The thresholds of the library are lengths: without a common unit, millimetres and metres would differ.
-    centre, unit = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+    low, high = extremes(vertices)
+    centre, unit = vertices.mean(axis=0), float((high - low).max()) or 1.0
     scaled = (vertices - centre) / unit
     small, triangles = fast_simplification.simplify(
         scaled, faces.astype(np.int32), target_count=max_faces
@@ -68,9 +69,9 @@ def _clustered(
 ) -> tuple[FloatArray, IntArray]:
     """Return a mesh of about so many vertices, the means of connected vertices of one cell."""
     side = float(np.sqrt(_CELLS_PER_AREA * face_areas(vertices, faces).sum() / num_clusters))
-    cells = np.floor((vertices - vertices.min(axis=0)) / side).astype(np.int64)
-    x, y, z = cells.T
-    sizes = cells.max(axis=0) + 1
+    low, high = extremes(vertices)
+    x, y, z = np.floor((vertices - low) / side).astype(np.int64).T
+    sizes = np.floor((high - low) / side).astype(np.int64) + 1
     cell = (x * sizes[1] + y) * sizes[2] + z
     corners = np.ascontiguousarray(faces.T)
     of = cell[corners]
@@ -254,9 +255,8 @@ def _drop_degenerate(
 ) -> tuple[IntArray, FloatArray]:
     """Return the triangles that are left and their areas."""
     areas = face_areas(vertices, faces)
-    good: BoolArray = np.asarray(
-        2.0 * areas > DEGENERATE_TOL * float((np.ptp(vertices, axis=0) ** 2).sum())
-    )
+    low, high = extremes(vertices)
+    good: BoolArray = np.asarray(2.0 * areas > DEGENERATE_TOL * float(((high - low) ** 2).sum()))
     doubtful = np.flatnonzero(~good)  # no side is longer than the diagonal
     sides = vertices[faces[doubtful]] - vertices[faces[doubtful][:, [2, 0, 1]]]
     longest_squared = np.einsum("fkd,fkd->fk", sides, sides).max(axis=1, initial=0.0)

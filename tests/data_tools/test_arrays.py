@@ -34,6 +34,11 @@ def test_bad_points_are_refused_by_name(values, word):
     assert "molar.ply" in str(error.value)
 
 
+def test_extremes_are_those_of_each_coordinate():
+    low, high = arrays.extremes(np.array([[3, -1], [0, 5], [2, 2]]))
+    assert (low.tolist(), high.tolist()) == ([0, -1], [3, 5])
+
+
 def test_weights():
     assert arrays.as_weights(None, "w", num=3).tolist() == [1, 1, 1]
     for wrong in ([1, -1, 1], [0, 0, 0], [1, 1], [1, np.nan, 1]):
