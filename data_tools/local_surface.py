@@ -159,17 +159,17 @@ def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) 
         In the units of the points.
     """
     num = len(points)
-    near = cKDTree(points).query_pairs(radius, output_type="ndarray")
-    near = near[(points[near[:, 0]] != points[near[:, 1]]).any(axis=1)]
-    at, other = np.ascontiguousarray(np.concatenate([near, near[:, ::-1]]).T)
+    one, two = cKDTree(points).query_pairs(radius, output_type="ndarray").T
     places, directions = np.ascontiguousarray(points.T), np.ascontiguousarray(normals.T)
+    apart = (places.take(one, axis=1) != places.take(two, axis=1)).any(axis=0)
+    at, other = (np.concatenate(ends)[np.tile(apart, 2)] for ends in ((one, two), (two, one)))
     counts, lengths = np.zeros(num * 3 * NUM_BINS), np.empty(len(at))
     for first in range(0, len(at), CACHED_ENTRIES):
         slab = slice(first, first + CACHED_ENTRIES)
-        arms = places[:, other[slab]] - places[:, at[slab]]
+        arms = places.take(other[slab], axis=1) - places.take(at[slab], axis=1)
         lengths[slab] = np.sqrt(_dot(arms, arms))
         arms /= lengths[slab]
-        own, theirs = directions[:, at[slab]], directions[:, other[slab]]
+        own, theirs = (directions.take(ends[slab], axis=1) for ends in (at, other))
         across = _cross(arms, own)
         across /= np.maximum(np.sqrt(_dot(across, across)), 1e-9)
         third = np.arctan2(_dot(_cross(own, across), theirs), _dot(own, theirs)) / np.pi
