@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from collalign.nonrigid.map_options import SurfaceOptions
@@ -20,7 +19,7 @@ from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.closest import SurfacePoints, closest_on_triangles
-from data_tools.surface.laplacian import Spectrum, SurfaceOperators
+from data_tools.surface.laplacian import Spectrum, SurfaceOperators, factor_symmetric
 from data_tools.surface.shape import Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import face_areas
 from data_tools.threads import one_blas_thread
@@ -65,7 +64,7 @@ def smoothed_curvature(shape: Shape, operators: SurfaceOperators, *, time: float
         Step of the flow at unit area: features larger than about sqrt(time) survive.
     """
     mass = diags_array(operators.mass).tocsc()
-    step = splu((mass + (time * shape.area) * operators.stiffness).tocsc())
+    step = factor_symmetric((mass + (time * shape.area) * operators.stiffness).tocsc())
     positions = shape.vertices
     for _ in range(2):
         positions = step.solve(mass @ positions)

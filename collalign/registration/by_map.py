@@ -8,14 +8,13 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from collalign.registration.surface import TUNED
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import fitting_similarity, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
-from data_tools.surface.laplacian import surface_operators
+from data_tools.surface.laplacian import factor_symmetric, surface_operators
 from data_tools.surface.shape import Shape, vertex_normals
 from data_tools.threads import one_blas_thread
 
@@ -96,7 +95,7 @@ class ArapSolver:
         right_side = np.zeros((num, 3))
         np.add.at(right_side, vertices, share[:, None] * places)
         total = np.bincount(vertices, weights=share, minlength=num)
-        solve = splu(csc_array(self._stiffness + diags_array(total))).solve
+        solve = factor_symmetric(csc_array(self._stiffness + diags_array(total))).solve
         return lambda edges: np.asarray(solve(edges + right_side))
 
     def rotated_edges(self, moved: FloatArray) -> FloatArray:

@@ -11,13 +11,13 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.sparse.linalg import SuperLU, splu
 
 from collalign.synchronization.frames import cayley, relative
 from collalign.synchronization.model import EdgeModel, squared_distances
 from collalign.synchronization.spectral import DENSE_LIMIT
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import chordal_angles
+from data_tools.surface.laplacian import factor_symmetric
 from data_tools.threads import one_blas_thread
 
 #: Largest tangent step per axis, radians: beyond it the quadratic model means nothing.
@@ -107,9 +107,9 @@ def _solve_laplacian(
     ends, coupling = number[edges[inside]], weights[inside]
     matrix = _minus_couplings(degree[free], ends, coupling)
     tree = _heaviest_forest(ends, coupling, len(force))
-    preconditioner = _factor(_minus_couplings(degree[free], ends[tree], coupling[tree]))
+    preconditioner = factor_symmetric(_minus_couplings(degree[free], ends[tree], coupling[tree]))
     solution = _conjugate_gradients(matrix, preconditioner.solve, force)
-    return _factor(matrix).solve(force) if solution is None else solution
+    return factor_symmetric(matrix).solve(force) if solution is None else solution
 
 
 def _minus_couplings(degree: FloatArray, ends: IntArray, coupling: FloatArray) -> csc_matrix:
@@ -125,13 +125,6 @@ def _heaviest_forest(ends: IntArray, coupling: FloatArray, count: int) -> IntArr
     rank[order] = np.arange(1.0, len(coupling) + 1.0)
     found = minimum_spanning_tree(coo_matrix((rank, tuple(ends.T)), shape=(count, count)).tocsr())
     return np.sort(order[found.data.astype(np.int64) - 1])
-
-
-def _factor(matrix: csc_matrix) -> SuperLU:
-    """Factor a symmetric positive definite matrix, without the pivoting that it does not need."""
-    return splu(
-        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
 
 
 def _conjugate_gradients(

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import robust_laplacian
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+from scipy.sparse import coo_array, csc_array, csc_matrix, diags_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, SuperLU, eigsh, splu
 from scipy.spatial import cKDTree
 
 from data_tools.arrays import FloatArray, IntArray, read_only
@@ -171,15 +171,19 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
 
 
 def _shifted_inverse(matrix: csc_array) -> LinearOperator:
-    """Return the inverse of a positive semidefinite matrix minus the shift.
+    """Return the inverse of a positive semidefinite matrix minus the shift."""
+    shifted = csc_array(matrix - SHIFT * diags_array(np.ones(matrix.shape[0])))
+    return LinearOperator(matrix.shape, matvec=factor_symmetric(shifted).solve, dtype=np.float64)
+
+
+def factor_symmetric(matrix: csc_array | csc_matrix) -> SuperLU:
+    """Factor a symmetric positive definite matrix.
 
     Ordered for symmetric matrices and without pivoting, which a positive definite one does not need, the factors have
     half the entries of those that SuperLU finds by default.
     """
-    shifted = csc_array(matrix - SHIFT * diags_array(np.ones(matrix.shape[0])))
     options = {"SymmetricMode": True}
-    factor = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return LinearOperator(matrix.shape, matvec=factor.solve, dtype=np.float64)
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
 
 def _cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:

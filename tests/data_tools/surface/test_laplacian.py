@@ -1,10 +1,13 @@
 import numpy as np
 import pytest
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import splu
 
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.laplacian import (
     cotangent_laplacian,
+    factor_symmetric,
     spectrum,
     surface_operators,
     vertex_areas,
@@ -17,6 +20,15 @@ from data_tools.synthetic_shapes import blob, sphere_mesh
 @pytest.fixture(scope="module")
 def sphere():
     return Shape.from_arrays(*sphere_mesh(2500), name="sphere")
+
+
+def test_a_symmetric_factor_solves_with_fewer_entries_than_the_usual_one(sphere):
+    operators = surface_operators(sphere)
+    matrix = csc_array(operators.stiffness + diags_array(operators.mass))
+    wanted = np.random.default_rng(0).standard_normal(len(operators.mass))
+    factor = factor_symmetric(matrix)
+    np.testing.assert_allclose(factor.solve(matrix @ wanted), wanted, atol=1e-9)
+    assert factor.L.nnz < 0.7 * splu(matrix).L.nnz
 
 
 def with_fin(shape):
