@@ -39,12 +39,6 @@ class PartialSurface:
         Root mean square distance of the points from the centre.
     oriented : bool
         Whether the normals' signs are known; else those of each connected piece agree.
-    grid : ndarray of int32, shape (a, b, c)
-        The point nearest to the centre of each cell, -1 where none is within reach.
-    corner : ndarray, shape (3,)
-        Of the grid's box.
-    cell : float
-        Side of a cell.
     """
 
     points: FloatArray
@@ -53,9 +47,6 @@ class PartialSurface:
     centre: FloatArray
     radius: float
     oriented: bool
-    grid: NDArray[np.int32]
-    corner: FloatArray
-    cell: float
 
     @classmethod
     def from_user(
@@ -66,7 +57,7 @@ class PartialSurface:
         *,
         oriented: bool = True,
     ) -> PartialSurface:
-        """Check points (n, 3), normals (n, 3), outwards if ``oriented``, and which are on a rim (n,); build the grid.
+        """Check points (n, 3), normals (n, 3), outwards if ``oriented``, and which are on a rim (n,).
 
         Raises
         ------
@@ -87,16 +78,6 @@ class PartialSurface:
             )
         centre = checked.mean(axis=0)
         radius = float(np.sqrt(((checked - centre) ** 2).sum(axis=1).mean()))
-        reach = GRID_MARGIN * radius
-        corner, top = checked.min(axis=0) - reach, checked.max(axis=0) + reach
-        cell = float((top - corner).max() / GRID_CELLS)
-        sides = np.maximum(np.ceil((top - corner) / cell).astype(int), 1)
-        places = np.stack(
-            np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1
-        ).reshape(-1, 3)
-        found = cKDTree(checked).query(
-            corner + (places + 0.5) * cell, distance_upper_bound=reach + cell
-        )[1]
         return cls(
             points=read_only(checked),
             normals=read_only(directions),
@@ -104,17 +85,31 @@ class PartialSurface:
             centre=read_only(centre),
             radius=radius,
             oriented=oriented,
-            grid=read_only(np.where(found < num, found, -1).astype(np.int32).reshape(sides)),
-            corner=read_only(corner),
-            cell=cell,
         )
+
+    @cached_property
+    def _grid(self) -> tuple[NDArray[np.int32], FloatArray, float]:
+        """The point nearest to each cell (a, b, c), -1 where none is near; the corner of all; a cell's side."""
+        reach = GRID_MARGIN * self.radius
+        corner, top = self.points.min(axis=0) - reach, self.points.max(axis=0) + reach
+        cell = float((top - corner).max() / GRID_CELLS)
+        sides = np.maximum(np.ceil((top - corner) / cell).astype(int), 1)
+        places = np.stack(
+            np.meshgrid(*(np.arange(n) for n in sides), indexing="ij"), axis=-1
+        ).reshape(-1, 3)
+        found = cKDTree(self.points).query(
+            corner + (places + 0.5) * cell, distance_upper_bound=reach + cell
+        )[1]
+        found = np.where(found < len(self.points), found, -1)
+        return found.astype(np.int32).reshape(sides), corner, cell
 
     def nearest(self, places: FloatArray) -> IntArray:
         """Return about the nearest point to each place (q, 3), its cell's centre's, -1 where none is in reach."""
-        cells = np.floor((places - self.corner) / self.cell).astype(np.int64)
-        inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
+        grid, corner, cell = self._grid
+        cells = np.floor((places - corner) / cell).astype(np.int64)
+        inside = ((cells >= 0) & (cells < grid.shape)).all(axis=-1)
         cells[~inside] = 0
-        found = self.grid[cells[..., 0], cells[..., 1], cells[..., 2]]
+        found = grid[cells[..., 0], cells[..., 1], cells[..., 2]]
         return np.where(inside, found, -1).astype(np.int64)
 
     @cached_property

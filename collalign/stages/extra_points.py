@@ -123,12 +123,15 @@ def extra_points(
     elsewhere is missing where the others have it.
     """
     step = -(-len(partners) // NUM_PARTNERS)
+    every = [Disks(one.points, one.normals) for one in partners]
+    least_far = TUNED.least_far * float(np.median([one.radius for one in partners]))
+    gaps = np.median([one.distances(surface.points) for one in every[::step]], axis=0)
+    if (gaps >= TUNED.grown * least_far).mean() < TUNED.least_share:
+        return np.zeros(len(gaps), dtype=np.bool_)  # refined, still fewer would be far
     pose = refined_on(partners[::step], surface)
     own = Disks(pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T)
-    every = [Disks(one.points, one.normals) for one in partners]
     gaps = np.median([one.distances(own.points) for one in every], axis=0)
-    radius = float(np.median([one.radius for one in partners]))
-    far = max(TUNED.far_ratio * float(np.median(gaps)), TUNED.least_far * radius)
+    far = max(TUNED.far_ratio * float(np.median(gaps)), least_far)
     extra = _largest_piece(own.points, gaps >= TUNED.grown * far, gaps >= far)
     if not extra.any():
         return extra

@@ -119,7 +119,9 @@ def test_the_grid_answers_with_nearly_the_nearest_point(whole):
     places = to.points[rng.integers(NUM, size=50)] + 0.05 * rng.standard_normal((50, 3))
     found = to.nearest(places)
     exact = cKDTree(to.points).query(places)[0]
-    assert (np.linalg.norm(to.points[found] - places, axis=1) <= exact + np.sqrt(3) * to.cell).all()
+    assert (
+        np.linalg.norm(to.points[found] - places, axis=1) <= exact + np.sqrt(3) * to._grid[2]
+    ).all()
     assert to.nearest(np.full((1, 3), 100.0)).tolist() == [-1]
 
 
