@@ -1,4 +1,7 @@
-"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers."""
+"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers.
+
+joblib is imported where workers start: it takes longer than the rest of the engine, and one process needs none.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,6 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-
-from joblib import Parallel, delayed
-from joblib.executor import MemmappingExecutor
-from joblib.externals.loky import reusable_executor
-from joblib.externals.loky.backend import resource_tracker as loky_tracker
-from joblib.externals.loky.process_executor import ShutdownExecutorError
-from joblib.parallel import get_active_backend
 
 from collalign.engine.worker import (
     Call,
@@ -62,8 +58,11 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
 
 def can_start_workers() -> bool:
     """Return whether joblib starts workers here: not in daemons, and not below threads of its own."""
-    is_main = threading.current_thread() is threading.main_thread()
-    return not current_process().daemon and (is_main or get_active_backend()[0].nesting_level == 0)
+    if current_process().daemon or threading.current_thread() is threading.main_thread():
+        return not current_process().daemon
+    from joblib.parallel import get_active_backend
+
+    return bool(get_active_backend()[0].nesting_level == 0)
 
 
 @contextmanager
@@ -194,6 +193,8 @@ class _LocalRun:
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
         """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
+        from joblib import Parallel, delayed
+
         limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
         pool = Parallel(
             n_jobs=max(2, num_jobs),
@@ -243,6 +244,9 @@ def _end_idle_workers_at_exit() -> None:
 
 
 def _dismiss_workers() -> None:
+    from joblib.executor import MemmappingExecutor
+    from joblib.externals.loky import reusable_executor
+
     executor = (
         reusable_executor._executor
     )  # asking for it would make a new one where a worker has died
@@ -269,6 +273,8 @@ def _uninterrupted() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from joblib.externals.loky.backend import resource_tracker as loky_tracker
+
     for tracker in (
         loky_tracker,
         resource_tracker,
@@ -301,6 +307,7 @@ def _put_off() -> Iterator[None]:
 @contextmanager
 def _silent_pool() -> Iterator[None]:
     """Keep quiet that a thread of the pool wanted to hand out a task when the pool had already been ended."""
+    from joblib.externals.loky.process_executor import ShutdownExecutorError
 
     def says_something(record: logging.LogRecord) -> bool:
         return not (record.exc_info and isinstance(record.exc_info[1], ShutdownExecutorError))
