@@ -120,8 +120,8 @@ def counterparts(
     of_source, of_target = target.nearest(moved), source.nearest(unmoved)
     rotated = source.normals[:num_points] @ np.swapaxes(poses.rotation, 1, 2)
     rotated_back = target.normals[:num_points] @ poses.rotation
-    there = ((moved - target.points[of_source]) ** 2).sum(axis=2) / target.radius**2
-    back = ((unmoved - source.points[of_target]) ** 2).sum(axis=2) / target.radius**2
+    there = _squared(moved - target.points.take(of_source, axis=0)) / target.radius**2
+    back = _squared(unmoved - source.points.take(of_target, axis=0)) / target.radius**2
     back *= poses.scale[:, None] ** 2
     signed = target.oriented and source.oriented
     there += TUNED.normal_weight**2 * _apart(rotated, target.normals[of_source], signed=signed)
@@ -134,9 +134,14 @@ def counterparts(
     )
 
 
+def _squared(vectors: FloatArray) -> FloatArray:
+    """Return the squared lengths of vectors (p, l, 3), shape (p, l)."""
+    return np.asarray(np.einsum("pla,pla->pl", vectors, vectors))
+
+
 def _apart(first: FloatArray, second: FloatArray, *, signed: bool) -> FloatArray:
     """Return the squared distance of unit normals; of the nearer of both directions where their signs are unknown."""
-    squared = np.asarray(((first - second) ** 2).sum(axis=2))
+    squared = _squared(first - second)
     return squared if signed else np.minimum(squared, np.maximum(4.0 - squared, 0.0))
 
 
@@ -189,7 +194,7 @@ def _similarities(
     """Return the weighted similarities (Umeyama 1991; symmetric scale) that keep each pose's chirality."""
     total = weights.sum(axis=1, keepdims=True)
     share = weights / np.maximum(total, _LEAST_WEIGHT)
-    mean_to, mean_of = ((share[..., None] * points).sum(axis=1) for points in (to, of))
+    mean_to, mean_of = ((share[:, None] @ points)[:, 0] for points in (to, of))
     to, of = to - mean_to[:, None], of - mean_of[:, None]
     moments = np.swapaxes(share[..., None] * to, 1, 2) @ of
     signs = np.where(np.linalg.det(poses.rotation) < 0, -1.0, 1.0)
@@ -199,7 +204,7 @@ def _similarities(
             nearest_orthogonal(moments * signs[:, None, None], determinant=1.0)
             * signs[:, None, None]
         )
-    sizes = [(share * (points**2).sum(axis=2)).sum(axis=1) for points in (to, of)]
+    sizes = [(share * _squared(points)).sum(axis=1) for points in (to, of)]
     scales = np.clip(np.sqrt(sizes[0] / np.maximum(sizes[1], np.finfo(float).tiny)), *scale_range)
     shifts = mean_to - scales[:, None] * np.einsum("pab,pb->pa", rotations, mean_of)
     is_held = total[:, 0] < _LEAST_WEIGHT

@@ -251,10 +251,9 @@ def _explained(
 ) -> FloatArray:
     """Return 1 where a match lies within reach at a pose and its normals agree, else 0, shape (p, m)."""
     gaps = source[0] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target[0]
-    cosines = (source[1] @ np.swapaxes(rotations, 1, 2) * target[1]).sum(axis=2)
-    return np.asarray(
-        ((gaps * gaps).sum(axis=2) < reach**2) & (cosines > MATCH_COSINE), dtype=np.float64
-    )
+    cosines = np.einsum("pmi,mi->pm", source[1] @ np.swapaxes(rotations, 1, 2), target[1])
+    near = np.einsum("pmi,pmi->pm", gaps, gaps) < reach**2
+    return np.asarray(near & (cosines > MATCH_COSINE), dtype=np.float64)
 
 
 def _procrustes(
