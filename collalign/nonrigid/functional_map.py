@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dposv
+from scipy.sparse import csr_array
 
 from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
@@ -179,12 +180,12 @@ def fitted_map(
         Of the square of each coefficient, relative to the mean of the squared residuals.
     """
     known, back = np.flatnonzero(forward >= 0), np.flatnonzero(backward >= 0)
-    images = backward[back]
-    counts = np.bincount(np.concatenate([known, images]), minlength=len(source))
+    at, to = np.concatenate([known, backward[back]]), np.concatenate([forward[known], back])
+    counts = np.bincount(at, minlength=len(source))
     gram = source.T @ (source * counts[:, None])
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram) + counts.sum() * cost
-    right_side = source[known].T @ target[forward[known]] + source[images].T @ target[back]
-    _, fitted, is_singular = dposv(gram, right_side)
+    pairs = csr_array((np.ones(len(at)), (at, to)), shape=(len(source), len(target)))
+    _, fitted, is_singular = dposv(gram, source.T @ (pairs @ target))
     if is_singular:
         raise np.linalg.LinAlgError("no point of either shape has an image")
     return np.asarray(fitted, dtype=np.float64)

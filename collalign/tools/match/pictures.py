@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _GREY = np.full(3, 0.6)
 #: Triangles of a mesh that are drawn, about; a panel has some 300 pixels a side.
-_MOST_DRAWN = 20_000
+_MOST_DRAWN = 10_000
 #: Half turn about the vertical axis of the picture.
 _FROM_BEHIND = np.diag([-1.0, 1.0, -1.0])
 
