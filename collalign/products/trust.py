@@ -14,11 +14,11 @@ UNCERTAIN = 0.9
 #: Kinds of evidence about a pose, the columns of :attr:`Trust.evidence`.
 KINDS = (
     *("votes", "margin", "collection votes", "lead", "misfit"),
-    *("local margin", "mismatch", "local misfit", "cycles"),
+    *("local margin", "mismatch", "local misfit", "cycles", "block margin"),
 )
 #: The positions of these columns.
 VOTES, MARGIN, COLLECTION_VOTES, LEAD, MISFIT, *_ = range(len(KINDS))
-LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, CYCLES = range(MISFIT + 1, len(KINDS))
+LOCAL_MARGIN, MISMATCH, LOCAL_MISFIT, CYCLES, BLOCK_MARGIN = range(MISFIT + 1, len(KINDS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,10 @@ class Trust:
         * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
         * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with;
         * cycles: log-odds that the pairs of all shapes that it can be compared with, as first matched, know the poses
-          and do not choose between two at random (:func:`collalign.confidence.pose_model.cycle_log_odds`).
+          and do not choose between two at random (:func:`collalign.confidence.pose_model.cycle_log_odds`);
+        * block margin: margin and local margin together of the least certain block of shapes that it belongs to,
+          rotated as one (:func:`collalign.stages.trust.blocks.block_margins`). A wrong rotation keeps such a block
+          together, so that the shapes in it support one another.
 
         Pairs with a shape that resembles no other one count for that shape alone. What is said of neighbourhoods is
         NaN where surfaces have too few points for neighbourhoods.

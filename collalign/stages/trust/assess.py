@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from collalign.options import AlignSession
 from collalign.products.pair import MAX_ALTERNATIVES, Alternative, Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import (
+    BLOCK_MARGIN,
     COLLECTION_VOTES,
     CYCLES,
     KINDS,
@@ -31,6 +33,7 @@ from collalign.products.trust import (
     VOTES,
     Trust,
 )
+from collalign.stages.trust.blocks import block_margins
 from collalign.stages.trust.near_symmetry import near_symmetries
 from collalign.stages.trust.rival_poses import (
     MAX_PARTNERS,
@@ -117,8 +120,10 @@ def gather_trust(
     apart = [np.eye(3)[None]] * len(samples)
     return replace(
         trust,
-        evidence=_evidence(trust, costs, rotations, partners, components, apart),
-        up_to_symmetry=_evidence(trust, costs, rotations, partners, components, trust.symmetries),
+        evidence=_evidence(trust, costs, rotations, turns, partners, components, apart),
+        up_to_symmetry=_evidence(
+            trust, costs, rotations, turns, partners, components, trust.symmetries
+        ),
     )
 
 
@@ -172,11 +177,15 @@ def _evidence(
     trust: Trust,
     costs: Sequence[FloatArray],
     rotations: FloatArray,
+    turns: Sequence[FloatArray],
     partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
     alike: Sequence[FloatArray],
 ) -> FloatArray:
-    """Return the evidence about every pose, one row per shape, where poses that turns (t, 3, 3) part count as one."""
+    """Return the evidence about every pose, one row per shape; poses that ``alike`` (t, 3, 3) part count as one.
+
+    ``turns`` are those of :func:`_turns_of_parts`, whose poses are the last that have costs.
+    """
     evidence = _fits(costs, components)
     agreeing = [_agreeing(alike[i] @ rotations[i], own) for i, own in enumerate(partners)]
     for i, own in enumerate(partners):
@@ -197,7 +206,43 @@ def _evidence(
             evidence[known, COLLECTION_VOTES] = evidence[related, VOTES].mean()
             heard = related[evidence[related, VOTES] >= CONTRADICTED_VOTES]
             evidence[known, CYCLES] = _cycles(heard.tolist(), partners, agreeing)
+            angles = pose_angle_deg(turns[known[0]][:, None], alike[known[0]])
+            others = np.asarray((angles > APART_DEG).all(axis=1))
+            for some in (related, heard):  # what its own pairs contradict is in nobody's block
+                evidence[some, BLOCK_MARGIN] = _block_margins(some, costs, partners, others)
     return read_only(evidence)
+
+
+def _block_margins(
+    members: IntArray,
+    costs: Sequence[FloatArray],
+    partners: Sequence[Sequence[Partner]],
+    others: BoolArray,
+) -> FloatArray:
+    """Return the block margins of some shapes over those of the part's turns that give ``others`` (t,) than its pose.
+
+    The costs of the poses that the turns lead to are the last of each shape. Where neighbourhoods are not known of
+    all, dense points stand for them.
+    """
+    place = {shape: at for at, shape in enumerate(members.tolist())}
+    ends, tried = [], []
+    for shape, at in place.items():
+        against = costs[shape][:, [0, *range(-len(others), 0)], :-1].transpose(2, 1, 0)
+        for partner, cost in zip(partners[shape], against, strict=False):
+            if partner.shape in place:
+                ends.append((at, place[partner.shape]))
+                tried.append(np.log(cost))
+    margins = np.full(len(members), np.inf)
+    if tried:
+        logs = np.stack(tried)
+        if np.isnan(logs[..., LOCAL]).any():
+            logs[..., LOCAL] = logs[..., GAP]
+        before, *after = logs.sum(axis=2).T
+        pairs = np.full((2, len(members), len(members)), np.nan)
+        for cost in itertools.compress(after, others):
+            pairs[:, *np.transpose(ends)] = cost - before, before
+            margins = np.minimum(margins, block_margins(*pairs))
+    return margins
 
 
 def _fits(costs: Sequence[FloatArray], components: Sequence[IntArray]) -> FloatArray:

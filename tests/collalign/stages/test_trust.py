@@ -122,6 +122,7 @@ def test_right_poses_have_votes_and_margins_and_a_wrong_one_has_neither(right, f
     assert column(trust, "votes")[2] == 0.5 / NUM
     np.testing.assert_allclose(column(trust, "collection votes"), column(trust, "votes").mean())
     assert column(trust, "margin")[2] < 0
+    assert column(trust, "block margin")[2] < 0 < column(right, "block margin").min()
     assert np.argmax(column(trust, "misfit")) == 2
     chance = pose_confidence(trust)
     assert chance[2] < 0.2
@@ -186,20 +187,21 @@ def test_the_cost_is_zero_on_itself_and_sees_normals(rng):
 
 
 def test_evidence_for_a_pose_never_lowers_its_probability():
-    middle = np.array([0.5, 0.2, 0.6, 0.4, 0.0, 0.2, 0.4, 0.0, 20.0])
+    middle = np.array([0.5, 0.2, 0.6, 0.4, 0.0, 0.2, 0.4, 0.0, 20.0, 1.0])
     for at, kind in enumerate(KINDS):
-        if "mis" in kind or kind == "cycles":
+        if "mis" in kind or kind in ("cycles", "block margin"):
             continue  # what only limits
         step = 0.2 * np.eye(len(KINDS))[at]
         assert probability((middle - step)[None]) < probability((middle + step)[None])
     assert np.isnan(probability(np.full((1, len(KINDS)), np.nan))).all()
     assert (
-        probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0]])) == MOST_CONFIDENT
+        probability(np.array([[1.0, 9.0, 1.0, 9.0, -1.0, 9.0, 0.1, 0.0, 20.0, 9.0]]))
+        == MOST_CONFIDENT
     )
 
 
 #: No misfit, and nothing known of neighbourhoods.
-REST = (0.0, np.nan, np.nan, np.nan, 20.0)
+REST = (0.0, np.nan, np.nan, np.nan, 20.0, 1.0)
 
 
 def trust_of(evidence, excess, leads=None):
@@ -230,7 +232,7 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     assert chance(0.4, 5.0, 0.4, 9.0) == chance(0.4, 0.8, 0.4, 4.0)
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
-    misses_by_more = np.array([[1.0, 0.2, 1.0, 4.0, 0.5, 0.2, 0.3, 0.0, 20.0]])
+    misses_by_more = np.array([[1.0, 0.2, 1.0, 4.0, 0.5, 0.2, 0.3, 0.0, 20.0, 1.0]])
     assert probability(misses_by_more) == UNCERTAIN
 
 
@@ -252,7 +254,7 @@ def test_rivals_that_fit_as_well_share_the_confidence():
 
 
 def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
-    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.5, 0.3, 0.0, 20.0])
+    sure = np.array([1.0, 0.8, 1.0, 4.0, 0.0, 0.5, 0.3, 0.0, 20.0, 1.0])
     plain = trust_in(
         [sure, sure], [np.eye(3)[None]] * 2, [np.array([0.5])] * 2, [np.array([5.0])] * 2
     )
@@ -414,6 +416,7 @@ def test_a_block_that_most_pairs_turn_alike_is_in_doubt(crowns):
     pairs = [wrong if (pair.target + pair.source) % 5 < 3 else pair for pair, wrong in both]
     trust = trusted(samples, pairs, turned)
     assert 0.5 < column(trust, "votes")[block].mean() < 0.8
+    assert column(trust, "block margin")[block].max() < 0.0
     assert pose_confidence(trust)[block].max() < DOUBT
 
 
@@ -519,8 +522,9 @@ def test_turns_are_told_by_their_axes():
 def seen_of(**kinds):
     """Return the evidence about one shape whose pose all of it speaks for, but for what is given."""
     usual = {"votes": 0.9, "margin": 0.5, "collection votes": 0.9, "lead": 4.0, "misfit": 0.0}
-    local = {"local margin": 0.5, "mismatch": 0.4, "local misfit": 0.0, "cycles": 20.0}
-    known = usual | local | {name.replace("_", " "): value for name, value in kinds.items()}
+    local = {"local margin": 0.5, "mismatch": 0.4, "local misfit": 0.0}
+    joint = {"cycles": 20.0, "block margin": 1.0}
+    known = usual | local | joint | {name.replace("_", " "): value for name, value in kinds.items()}
     return np.array([[known[kind] for kind in KINDS]])
 
 
@@ -575,15 +579,21 @@ def test_a_shape_that_its_own_pairs_contradict_says_nothing_of_the_others(flippe
 
 
 @pytest.mark.parametrize(
-    ("num", "num_contradicted", "local_margin", "is_enough"),
-    [(3, 0, 0.2, False), (3, 0, 0.4, True), (5, 0, 0.2, True), (6, 4, 0.6, False)],
+    ("num", "num_contradicted", "block_margin", "is_enough"),
+    [
+        (3, 0, 0.0, False),
+        (3, 0, 0.1, True),
+        (5, 0, -0.1, True),
+        (6, 4, 0.2, False),
+        (9, 0, -0.5, False),
+    ],
 )
-def test_few_shapes_or_contradictory_pairs_need_a_clear_local_margin(
-    num, num_contradicted, local_margin, is_enough
+def test_few_shapes_or_contradictory_pairs_need_a_clear_block_margin(
+    num, num_contradicted, block_margin, is_enough
 ):
     cycles = cycle_log_odds(num, num * (num - 1) // 2, num_contradicted)
-    seen = seen_of(cycles=cycles, local_margin=local_margin)
-    assert probability(seen_of(local_margin=local_margin)) > DOUBT
+    seen = seen_of(cycles=cycles, block_margin=block_margin)
+    assert probability(seen_of()) > DOUBT
     assert (probability(seen) >= DOUBT) == is_enough
 
 
