@@ -106,7 +106,7 @@ def test_radii_of_few_templates_are_fitted_to_ranks_and_hold_on_average():
     rng = np.random.default_rng(0)
 
     def collection(factor, num):
-        shown = np.exp(rng.normal(-1, 1, (3, num, 4)))
+        shown = np.exp(rng.normal(2, 1, (3, num, 4)))
         errors = factor * shown[..., 1] ** 1.5 * np.exp(rng.normal(0, 0.3, (3, num)))
         return list(zip(shown, errors, strict=True))
 
