@@ -131,15 +131,13 @@ def point_gaps(
         yield np.matmul(left, right, out=gaps)
 
 
-def surface_points(
-    samples: Samples, *, first: int, every: int = 2
-) -> tuple[FloatArray, FloatArray]:
+def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatArray]:
     """Return every second dense point, in radii about the mean of all, and their normals, both (n, 3).
 
-    Without any, each ``every``-th sample of a surface, whose copies share its samples, and all points of a cloud.
+    Without any, every second sample of a surface, whose copies share its samples, and all points of a cloud.
     """
     if len(samples.dense_positions) < 2:
-        step = 1 if samples.rim == "unknown" else every
+        step = 1 if samples.rim == "unknown" else 2
         return _normalised(samples.positions)[first % step :: step], np.empty((0, 3))
     chosen = slice(first, 2 * NUM_POINTS, 2)
     return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
