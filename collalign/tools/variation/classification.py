@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from collalign.analysis.label_table import known_label
+from collalign.analysis.procrustes import unit_size
 from collalign.output.collection import Collection
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
@@ -208,7 +209,7 @@ def surface_distances(
     Parameters
     ----------
     clouds : sequence of ndarray, each (k, 3)
-        Evenly spread points of each surface at its pose, see :func:`unit_cloud`.
+        Evenly spread points of each surface at its pose, centred and of unit centroid size.
     part_numbers : ndarray of int, shape (N,)
         Shapes of different part_numbers are not aligned with each other.
     num_near : int
@@ -246,14 +247,8 @@ def posed_clouds(collection: Collection) -> list[FloatArray]:
     for (vertices, _), rotation in zip(collection.surfaces, collection.rotations, strict=True):
         shape = Shape.from_arrays(vertices)
         chosen = farthest_points(shape, min(NUM_POINTS, len(vertices)), metric="euclidean")
-        clouds.append(unit_cloud(vertices[chosen]) @ rotation.T)
+        clouds.append(unit_size(vertices[None, chosen])[0] @ rotation.T)
     return clouds
-
-
-def unit_cloud(points: FloatArray) -> FloatArray:
-    """Return points centred and of unit centroid size, shape (k, 3)."""
-    centred = points - points.mean(axis=0)
-    return np.asarray(centred / np.linalg.norm(centred))
 
 
 def near_pairs(distances: FloatArray, num: int) -> list[tuple[int, int]]:

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from collalign.analysis.label_table import read_labels
-from collalign.analysis.procrustes import procrustes_distances
+from collalign.analysis.procrustes import procrustes_distances, unit_size
 from collalign.tools.variation.classification import (
     classify_leave_one_out,
     distances_at_poses,
     near_pairs,
     surface_distances,
-    unit_cloud,
 )
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
@@ -80,7 +79,8 @@ def test_bad_input_is_refused():
 
 
 def cloud(shape):
-    return unit_cloud(shape.vertices[farthest_points(shape, 150, metric="euclidean")])
+    chosen = farthest_points(shape, 150, metric="euclidean")
+    return unit_size(shape.vertices[None, chosen])[0]
 
 
 @pytest.fixture(scope="module")
