@@ -27,6 +27,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
+from collalign.stages.components import pose_with_components
 from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
 from collalign.stages.match_pairs import num_reused_pairs
@@ -39,7 +40,7 @@ from collalign.stages.own_knowledge import (
 )
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
-from collalign.stages.shape_stage import prepare_shapes, prepare_with_components
+from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
@@ -179,25 +180,34 @@ def align_listing(
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
         session = with_marks(with_own_samples(session, given), own)
-        session, shapes = prepare_with_components(session, listing, given)
-        constraints = given_constraints(shapes, session.options, own, fixed, kept)
-    run = Run(
-        session=session, shapes=shapes, constraints=constraints, former=former, times_s=times_s
-    )
-    missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
-    if not missing and looks_for_incomplete(session.options):
-        stay = {
-            *constraints.fixed,
-            *((constraints.reference,) if session.options.reference else ()),
-        }
-        found_open = open_among_closed(shapes)
-        missing = {i: why for i, why in found_open.items() if i not in stay}
-    run, matched, posed = pose_without_extra(
-        run, missing, lambda extra: prepare_shapes(session, listing, given, extra)
-    )
+
+    def posed_with(session: AlignSession) -> tuple[Run, Matched, Posed]:
+        with steps.timed(session, times_s, "shapes"):
+            shapes = prepare_shapes(session, listing, given)
+            constraints = given_constraints(shapes, session.options, own, fixed, kept)
+        run = Run(
+            session=session,
+            shapes=shapes,
+            constraints=constraints,
+            former=former,
+            times_s=times_s,
+        )
+        missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+        if not missing and looks_for_incomplete(session.options):
+            stay = {
+                *constraints.fixed,
+                *((constraints.reference,) if session.options.reference else ()),
+            }
+            found_open = open_among_closed(shapes)
+            missing = {i: why for i, why in found_open.items() if i not in stay}
+        return pose_without_extra(
+            run, missing, lambda extra: prepare_shapes(session, listing, given, extra)
+        )
+
+    run, matched, posed = pose_with_components(session, posed_with)
     session.enter(FINISHED)
     matched = replace(
-        matched, notes=(*own_notes(own, given, constraints, posed.rotations), *matched.notes)
+        matched, notes=(*own_notes(own, given, run.constraints, posed.rotations), *matched.notes)
     )
     times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
     found = _collected(run, matched, posed, listing.skipped_names)

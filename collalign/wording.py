@@ -58,8 +58,8 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "copies": lambda of: _copies(of, **of.values),
     "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
     "part. How the parts are rotated against each other is uncertain.",
-    "components-joined": "Most shapes are assembled of several components. All of these are matched; "
-    "--cleaning.components largest keeps only the largest of each shape.",
+    "components-joined": "Most shapes are assembled of several components, and the largest ones left poses in doubt. "
+    "So all components were matched. To forbid this, use --cleaning.components largest.",
     "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
     "shapes, try --cleaning.components all.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",

@@ -19,7 +19,7 @@ from collalign.stages.evidence.decide import wants_maps
 from collalign.stages.evidence.weigh import weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs
-from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_with_components
+from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_shapes
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing
 
@@ -105,7 +105,7 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
     chosen = sorted({round(place) for place in np.linspace(0, num - 1, min(num, NUM_TRIAL_SHAPES))})
     with Session.open(options, replace(run, store=None)) as session:
         started = time.perf_counter()
-        session, shapes = prepare_with_components(session, listing.some(chosen))
+        shapes = prepare_shapes(session, listing.some(chosen))
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
         if wants_maps(options, shapes.samples, pairs):

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.engine.job import Job, T, Wanted
 from collalign.engine.store_file import NUM_FILES
-from collalign.options import ALL, AUTO, AlignOptions, AlignSession
+from collalign.options import AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.embedding import Samples, sample_file
@@ -22,7 +22,6 @@ from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import with_components
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.outliers import odd_ratios
 
@@ -84,37 +83,6 @@ def prepare_shapes(
             f"{len(shapes.names)} readable shapes, at least two are needed to align a collection{reasons}"
         )
     return shapes
-
-
-def prepare_with_components(
-    session: AlignSession,
-    listing: FolderListing,
-    own: Mapping[str, OwnPoints] | None = None,
-) -> tuple[AlignSession, Shapes]:
-    """Prepare shapes as :func:`prepare_shapes` does, and decide which components of their meshes are kept.
-
-    Returns
-    -------
-    session : Session
-        Its options hold the decision.
-    shapes : Shapes
-        With a note where all components are kept.
-    """
-    asked = session.options.cleaning
-    if asked.components != AUTO:
-        return session, prepare_shapes(session, listing, own)
-    session = _with_cleaning(session, replace(asked, components="largest"))
-    shapes = prepare_shapes(session, listing, own)
-    decided = with_components(asked, [samples.notes for samples in shapes.samples])
-    if decided.components != ALL:
-        return session, shapes
-    session = _with_cleaning(session, decided)
-    shapes = prepare_shapes(session, listing, own)
-    return session, replace(shapes, notes=(Note("components-joined"), *shapes.notes))
-
-
-def _with_cleaning(session: AlignSession, cleaning: CleaningOptions) -> AlignSession:
-    return replace(session, options=replace(session.options, cleaning=cleaning))
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:

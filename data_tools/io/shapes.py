@@ -21,7 +21,7 @@ from data_tools.io.listing import READERS, joint_digest, parts_of
 from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import clean, drop_non_finite, with_components
+from data_tools.surface.cleaning import are_assembled, clean, drop_non_finite
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 
@@ -172,10 +172,8 @@ def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None)
     """
     cleaning = CleaningOptions() if cleaning is None else cleaning
     shapes = [read_shape(path, cleaning) for path in paths]
-    if cleaning.components == "auto":
-        decided = with_components(cleaning, [shape.notes for shape in shapes])
-        if decided.components == "all":
-            shapes = [read_shape(path, decided) for path in paths]
+    if cleaning.components == "auto" and are_assembled([shape.notes for shape in shapes]):
+        shapes = [read_shape(path, replace(cleaning, components="all")) for path in paths]
     return shapes
 
 

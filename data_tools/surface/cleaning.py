@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import fast_simplification
 import numpy as np
@@ -101,9 +100,9 @@ DEGENERATE_TOL = 1e-14
 #: Components whose area is at least this share of the largest one's are kept with it: which of two bones in a file is
 #: the larger one is chance, and would differ from file to file.
 NEAR_TIE = 0.8
-#: Where more than this share of the area of the median shape would be dropped with its smaller components, these are
-#: parts of an object, and kept. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble
-#: (guitars, guns, pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
+#: Where more than this share of the area of the median shape is dropped with its smaller components, these are no
+#: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
+#: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
 MOST_DROPPED = 0.05
 #: The code of the note of a mesh of several components.
 COMPONENTS_KEPT = "components-kept"
@@ -287,20 +286,16 @@ def _largest_components(
     return faces[good]
 
 
-def with_components(options: CleaningOptions, notes: Sequence[Sequence[Note]]) -> CleaningOptions:
-    """Return the options with a decision on which components are kept, for shapes that are matched with each other.
+def are_assembled(notes: Sequence[Sequence[Note]]) -> bool:
+    """Return whether the smaller components of most shapes are too much of them to be fragments.
 
     Parameters
     ----------
-    options : CleaningOptions
     notes : sequence of sequence of Note
-        What cleaning by these options said of each shape.
+        What cleaning said of each shape.
     """
-    if options.components != "auto":
-        return options
     dropped = [1.0 - share_kept(own) for own in notes]
-    assembled = bool(dropped) and float(np.median(dropped)) > MOST_DROPPED
-    return replace(options, components="all" if assembled else "largest")
+    return bool(dropped) and float(np.median(dropped)) > MOST_DROPPED
 
 
 def _drop_unreferenced(

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from collalign.matching_input import dense_points, pair_problem
-from collalign.options import ALL, AUTO, TwoShapeKeywords, TwoShapeOptions
+from collalign.options import AUTO, TwoShapeKeywords, TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples, sample_file
@@ -18,7 +18,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import Origin, location
 from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity
-from data_tools.surface.cleaning import with_components
+from data_tools.surface.cleaning import are_assembled
 from data_tools.threads import one_blas_thread
 from pairwise.dense import RefinedPose, ranked_on_dense
 from pairwise.matching import match_problem
@@ -202,9 +202,8 @@ def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[
         ]
 
     found = sampled(options.cleaning)
-    if options.cleaning.components == AUTO:
-        decided = with_components(options.cleaning, [samples.notes for samples in found])
-        found = sampled(decided) if decided.components == ALL else found
+    if options.cleaning.components == AUTO and are_assembled([one.notes for one in found]):
+        found = sampled(replace(options.cleaning, components="all"))
     return found
 
 

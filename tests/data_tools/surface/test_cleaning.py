@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -127,16 +125,9 @@ def test_options_check_themselves():
 
 
 @pytest.mark.parametrize(
-    ("asked", "shares", "decided"),
-    [
-        ("auto", (1.0, 0.97, 0.4), "largest"),
-        ("auto", (1.0, 0.9, 0.4), "all"),
-        ("auto", (), "largest"),
-        ("largest", (0.5, 0.5), "largest"),
-        ("all", (1.0, 1.0), "all"),
-    ],
+    ("shares", "assembled"),
+    [((1.0, 0.97, 0.4), False), ((1.0, 0.9, 0.4), True), ((), False)],
 )
-def test_smaller_components_are_kept_where_most_shapes_would_lose_much(asked, shares, decided):
+def test_shapes_are_assembled_where_most_lose_much_with_smaller_components(shares, assembled):
     notes = [[Note(cleaning.COMPONENTS_KEPT, values={"share": 100.0 * share})] for share in shares]
-    options = CleaningOptions(merge_vertices=False, components=asked)
-    assert cleaning.with_components(options, notes) == replace(options, components=decided)
+    assert cleaning.are_assembled(notes) == assembled
