@@ -56,10 +56,10 @@ GOALS = (
 _ABOUT = f"""
 Random sub-collections of {FEWEST} to {MOST} shapes (uniform in the logarithm), default options, random poses, and
 generated collections of many kinds; a shape is right if it is within 20 degrees of the truth in the frame that
-most of its collection agrees with. In a part of {INTRUDED} of the runs one shape is replaced by a generated one of
-another kind or by a cloud of noise. *Unrelated blobs* and *noise* have no right answer: every pose that is not in
-doubt counts as wrong. Exactly symmetric families are right in several poses; there a word about it is owed, and they
-count in no other figure.
+most of its part agrees with. Parts are not aligned with each other, and a shape alone in its part is not right. In a
+part of {INTRUDED} of the runs one shape is replaced by a generated one of another kind or by a cloud of noise.
+*Unrelated blobs* and *noise* have no right answer: every pose that is not in doubt counts as wrong. Exactly symmetric
+families are right in several poses; there a word about it is owed, and they count in no other figure.
 
 Each real collection has {RUNS["real"]} runs and each generated family {RUNS["generated"]}, so the figures of one
 collection rest on few shapes. Larger collections are not measured here.

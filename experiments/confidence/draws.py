@@ -106,11 +106,16 @@ def shape_facts(aligned: Collection, posed: PosedCollection, kind: str) -> list[
 
 
 def _parts(aligned: Collection, known: list[int]) -> list[list[int]]:
-    """Return the shapes whose poses can be compared: those of one name but for its digits, or all."""
-    stems = {aligned.names[i].rstrip("0123456789") for i in known}
-    if stems != {"chair", "figure"}:
-        return [known]
-    return [[i for i in known if aligned.names[i].startswith(stem)] for stem in sorted(stems)]
+    """Return the shapes whose poses can be compared: of one part of two or more, and in a mixture of one name."""
+    sizes = np.bincount(aligned.part_numbers)
+    stems = {i: aligned.names[i].rstrip("0123456789") for i in known}
+    is_mixture = set(stems.values()) == {"chair", "figure"}
+    found: dict[tuple[int, str], list[int]] = {}
+    for i in known:
+        part = int(aligned.part_numbers[i])
+        if sizes[part] > 1:
+            found.setdefault((part, stems[i] if is_mixture else ""), []).append(i)
+    return list(found.values())
 
 
 def _drawn(kind: str, data: Path, folder: Path, rng: np.random.Generator) -> PosedCollection:

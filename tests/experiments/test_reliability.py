@@ -1,11 +1,13 @@
 """Measures of a confidence: honest statements pass, overconfident and shuffled ones do not."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from collalign.products.trust import KINDS
-from experiments.collections.posed import MIRRORED_DEG
+from experiments.collections.posed import MIRRORED_DEG, PosedCollection
 from experiments.confidence.confidence import by_size, stated_by_held_out_weights
-from experiments.confidence.draws import measure_run, measure_runs
+from experiments.confidence.draws import measure_run, measure_runs, shape_facts
 from experiments.confidence.fit import training_rows
 from experiments.confidence.reliability import auc_within, reliability, right_above, unnoticed_runs
 from experiments.experiment import Cell
@@ -129,3 +131,26 @@ def test_a_run_is_drawn_by_its_number_and_says_what_was_stated_and_is_true(tmp_p
     assert len(first["stated"]) != len(other["stated"])
     assert not first["intruder"].any()
     assert first["named"].all()
+
+
+def test_shapes_of_different_parts_are_not_compared(tmp_path):
+    names = tuple(f"m{i}" for i in range(5))
+    relative = np.broadcast_to(np.eye(3), (5, 5, 3, 3))
+    posed = PosedCollection(folder=tmp_path, names=names, relative=relative)
+    rotations = np.stack([np.eye(3)] * 5)
+    rotations[3:] = np.diag([-1.0, -1.0, 1.0])
+    aligned = SimpleNamespace(
+        names=names,
+        rotations=rotations,
+        confidence=np.ones(5),
+        notes=(),
+        made=SimpleNamespace(trust=None),
+    )
+    for parts, right in (
+        ([0, 0, 0, 0, 0], [True, True, True, False, False]),
+        ([0, 0, 0, 1, 1], [True, True, True, True, True]),
+        ([0, 0, 2, 1, 1], [True, True, False, True, True]),  # alone: nothing to be right about
+    ):
+        aligned.part_numbers = np.array(parts)
+        facts = shape_facts(aligned, posed, "teeth")
+        assert [fact["right"] for fact in facts] == right
