@@ -106,6 +106,13 @@ def extremes(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return coordinates.min(axis=1), coordinates.max(axis=1)
 
 
+def sums_by_owner(rows: FloatArray, owner: IntArray, num: int) -> FloatArray:
+    """Return the sums of the rows (n, m) of each owner, shape (num, m), given the owner of each row (n,)."""
+    return np.stack(
+        [np.bincount(owner, weights=column, minlength=num) for column in rows.T], axis=1
+    )
+
+
 def as_floats(
     values: ArrayLike, name: str, *, shape: Sequence[int | None] | None = None
 ) -> FloatArray:

@@ -254,18 +254,16 @@ class Store:
 
     def median_seconds(self, kind: str) -> float:
         """Return the median time of records of a kind, which first tasks of workers hardly raise; NaN if unknown."""
-        seconds = [
-            one
-            for (one,) in self._query(
-                f"SELECT seconds FROM {table_of(kind)} WHERE seconds IS NOT NULL"
-            )
-        ]
-        return statistics.median(seconds) if seconds else float("nan")
+        return self._median("seconds", kind)
 
     def median_bytes(self, kind: str) -> float:
         """Return the median size of records of a kind; NaN if there is none."""
-        sizes = [size for (size,) in self._query(f"SELECT length(record) FROM {table_of(kind)}")]
-        return statistics.median(sizes) if sizes else float("nan")
+        return self._median("length(record)", kind)
+
+    def _median(self, value: str, kind: str) -> float:
+        found = self._query(f"SELECT {value} FROM {table_of(kind)} WHERE {value} IS NOT NULL")
+        values = [one for (one,) in found]
+        return statistics.median(values) if values else float("nan")
 
     @property
     def _name(self) -> str:

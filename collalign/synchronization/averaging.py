@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from collalign.synchronization.frames import cayley, relative
 from collalign.synchronization.model import EdgeModel, squared_distances
 from collalign.synchronization.spectral import DENSE_LIMIT
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, sums_by_owner
 from data_tools.rotations import chordal_angles
 from data_tools.surface.laplacian import factor_symmetric
 from data_tools.threads import one_blas_thread
@@ -61,14 +61,7 @@ def gauss_newton_step(
     rows, cols = np.triu_indices(dim, 1)
     aligned = np.swapaxes(frames[left], 1, 2) @ targets @ frames[right]
     pull = (aligned - np.swapaxes(aligned, 1, 2))[:, rows, cols] / 2.0
-    force = np.stack(
-        [
-            np.bincount(left, weights=column, minlength=count)
-            - np.bincount(right, weights=column, minlength=count)
-            for column in pull.T
-        ],
-        axis=1,
-    )
+    force = sums_by_owner(pull, left, count) - sums_by_owner(pull, right, count)
     moves = np.zeros_like(force)
     moves[free] = _solve_laplacian(edges, weights, count, free, force[free])
     largest = float(np.abs(moves).max(initial=0.0))

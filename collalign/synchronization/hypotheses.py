@@ -8,7 +8,7 @@ import numpy as np
 
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.model import PRIORS, EdgeModel
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, sums_by_owner
 from data_tools.poses import APART_DEG
 
 #: Rounds of messages at most; they have settled when none changes by more.
@@ -49,18 +49,11 @@ def propagate_beliefs(
         mixed = fresh if _ == 0 else DAMPING * messages + (1.0 - DAMPING) * fresh
         change = float(np.abs(np.exp(mixed) - np.exp(messages)).max(initial=0.0))
         messages = mixed
-        field = _summed(messages, target, len(start))
+        field = sums_by_owner(messages, target, len(start))
         cavity = _softmax(field[source] - messages[reverse])
         if change < MESSAGE_TOL:
             break
-    return _softmax(_summed(messages, target, len(start)))
-
-
-def _summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
-    """Return the sums of rows (n, L) by owner, shape (count, L)."""
-    return np.stack(
-        [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
-    )
+    return _softmax(sums_by_owner(messages, target, len(start)))
 
 
 def _softmax(field: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
-from data_tools.arrays import FloatArray, IntArray
+from data_tools.arrays import FloatArray, IntArray, sums_by_owner
 from data_tools.threads import one_blas_thread
 
 #: Most that the distance to a label counts, relative to the strongest support by maps.
@@ -135,10 +135,7 @@ def _support(matches: csr_matrix, labels: IntArray, total: int) -> csr_matrix:
 def _label_means(clouds: FloatArray, labels: IntArray, total: int) -> FloatArray:
     """Return the mean of the samples of each label, shape (k, d)."""
     count = np.bincount(labels, minlength=total).astype(np.float64)
-    sums = np.stack(
-        [np.bincount(labels, weights=column, minlength=total) for column in clouds.T], axis=1
-    )
-    return np.asarray(sums / count[:, None])
+    return np.asarray(sums_by_owner(clouds, labels, total) / count[:, None])
 
 
 def _assigned(support: FloatArray, labels: IntArray) -> IntArray:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, Holds, extremes, read_only
+from data_tools.arrays import BoolArray, FloatArray, Holds, extremes, read_only, sums_by_owner
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import FEWEST_POINTS, LocalSurface
@@ -142,20 +141,13 @@ def _cell_means(
         largest = np.abs(along).argmax(axis=1)
         keys = keys * NUM_SIDES + 2 * largest + (along[np.arange(len(along)), largest] > 0)
     _, which, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    means = _sums(points - centre, which, len(counts)) / counts[:, None] + centre
+    means = sums_by_owner(points - centre, which, len(counts)) / counts[:, None] + centre
     if normals is None:
         return means, np.zeros_like(means)
-    directions = _sums(normals, which, len(counts)) / counts[:, None]
+    directions = sums_by_owner(normals, which, len(counts)) / counts[:, None]
     lengths = np.linalg.norm(directions, axis=1)
     kept = lengths > LEAST_NORMAL
     return means[kept], directions[kept] / lengths[kept, None]
-
-
-def _sums(values: FloatArray, which: NDArray[np.int64], num: int) -> FloatArray:
-    """Return the sum of the rows of each cell, shape (num, 3)."""
-    return np.stack(
-        [np.bincount(which, weights=column, minlength=num) for column in values.T], axis=1
-    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,15 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_faces, extremes, read_only
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_faces,
+    extremes,
+    read_only,
+    sums_by_owner,
+)
 from data_tools.errors import InputError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
@@ -81,9 +89,7 @@ def _clustered(
     if num > _MOST_KEYED:
         return vertices, faces
     counts = np.bincount(cluster, minlength=num)
-    means = np.column_stack(
-        [np.bincount(cluster, weights=axis, minlength=num) for axis in vertices.T]
-    )
+    means = sums_by_owner(vertices, cluster, num)
     a, b, c = corners = cluster[corners]
     triangles = corners.T[(a != b) & (b != c) & (c != a)]
     a, b, c = np.sort(triangles, axis=1).T

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, sums_by_owner
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean
@@ -121,9 +121,7 @@ def _out_of_place(
     across = np.where(far[across[:, :1]], across, across[:, ::-1])  # from far to near
     of, near = group[across[:, 0]], across[:, 1]
     counts = np.bincount(of, minlength=num)
-    sums = np.stack(
-        [np.bincount(of, weights=axis, minlength=num) for axis in vertices[near].T], axis=1
-    )
+    sums = sums_by_owner(vertices[near], of, num)
     from_mean = np.linalg.norm(vertices[near] - (sums / np.maximum(counts, 1)[:, None])[of], axis=1)
     spread, target = np.zeros(num), np.zeros(num, dtype=np.int64)
     np.maximum.at(spread, of, from_mean)

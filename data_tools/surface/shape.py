@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only
+from data_tools.arrays import FloatArray, IntArray, as_faces, as_points, read_only, sums_by_owner
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.topology import face_areas, face_crosses
@@ -180,9 +180,7 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     Triangles count by their area.
     """
     at, each = faces.T.ravel(), np.tile(face_crosses(vertices, faces), 3)
-    normals = np.stack(
-        [np.bincount(at, weights=axis, minlength=len(vertices)) for axis in each], axis=1
-    )
+    normals = sums_by_owner(each.T, at, len(vertices))
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
 

@@ -79,3 +79,9 @@ def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_sl
     with pytest.raises(InputError, match="not orthogonal"):
         arrays.as_rotations(np.eye(3) * (1.0 + 1e-5), "R")
     assert arrays.as_rotations(np.eye(3) * (1.0 + 1e-8), "R").shape == (3, 3)
+
+
+def test_rows_are_summed_by_their_owners():
+    rows = np.arange(6.0).reshape(3, 2)
+    found = sums_by_owner(rows, np.array([2, 0, 2]), 4)
+    np.testing.assert_array_equal(found, [[2, 3], [0, 0], [4, 6], [0, 0]])
