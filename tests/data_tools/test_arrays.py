@@ -83,5 +83,5 @@ def test_one_reflection_among_rotations_is_refused_and_so_is_a_matrix_that_is_sl
 
 def test_rows_are_summed_by_their_owners():
     rows = np.arange(6.0).reshape(3, 2)
-    found = sums_by_owner(rows, np.array([2, 0, 2]), 4)
+    found = arrays.sums_by_owner(rows, np.array([2, 0, 2]), 4)
     np.testing.assert_array_equal(found, [[2, 3], [0, 0], [4, 6], [0, 0]])
