@@ -12,7 +12,7 @@ import shutil
 import stat
 import tomllib
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
@@ -254,12 +254,28 @@ def file_stem(name: str) -> str:
 
 def file_stems(names: Iterable[str]) -> list[str]:
     """Return file stems of several shapes, made distinct (also where case does not count) by a number at the end."""
+    return distinct_forms(names, file_stem, same=str.casefold)
+
+
+def distinct_forms(
+    names: Iterable[str], form: Callable[[str], str], *, same: Callable[[str], str] = str
+) -> list[str]:
+    """Return another form of each of several names, made distinct by a number at the end.
+
+    Parameters
+    ----------
+    names : iterable of str
+    form : callable
+        Returns the form of a name.
+    same : callable
+        Forms for which it returns the same are not distinct.
+    """
     taken: set[str] = set()
-    stems = []
+    forms = []
     for name in names:
-        stem, number = file_stem(name), 2
-        while stem.casefold() in taken:
-            stem, number = f"{file_stem(name)}-{number}", number + 1
-        taken.add(stem.casefold())
-        stems.append(stem)
-    return stems
+        distinct, number = form(name), 2
+        while same(distinct) in taken:
+            distinct, number = f"{form(name)}-{number}", number + 1
+        taken.add(same(distinct))
+        forms.append(distinct)
+    return forms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from collalign.tools.export.request import (
     words,
 )
 from data_tools.arrays import FloatArray
-from data_tools.io.files import file_stems
+from data_tools.io.files import distinct_forms, file_stems
 from data_tools.io.shapes import LPS_RAS, CoordinateSystem, write_mesh
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_files import SemilandmarkRows
@@ -53,19 +53,6 @@ def for_morphologika(name: str) -> str:
     return safe
 
 
-def written_names(names: Iterable[str], rule: Callable[[str], str]) -> list[str]:
-    """Return the names in an export by the rule of its format, made distinct by a number at the end."""
-    taken: set[str] = set()
-    written = []
-    for name in names:
-        safe, number = rule(name), 2
-        while safe in taken:
-            safe, number = f"{rule(name)}-{number}", number + 1
-        taken.add(safe)
-        written.append(safe)
-    return written
-
-
 def specimen_table(request: ExportRequest, written: list[str]) -> Path:
     """Write ``specimens.csv``: shape, size, confidence, whether it counts, and labels of every specimen of a file."""
     collection = request.collection
@@ -96,7 +83,7 @@ def write_tps(request: ExportRequest) -> tuple[Path, ...]:
     would multiply by it.
     """
     _, coordinates = request.landmarks()
-    names = written_names(request.collection.names, without_blanks)
+    names = distinct_forms(request.collection.names, without_blanks)
     comments = [
         specimen_comment(space=request.space, reflected=side)
         for side in request.collection.reflected.tolist()
@@ -126,7 +113,7 @@ def write_morphologika(request: ExportRequest) -> tuple[Path, ...]:
     Labels become the sections ``[labels]`` and ``[labelvalues]``, blanks in them underscores, unknown ones NA.
     """
     landmarks, coordinates = request.landmarks()
-    names = written_names(request.collection.names, for_morphologika)
+    names = distinct_forms(request.collection.names, for_morphologika)
     lines = [
         "[individuals]",
         str(len(names)),
