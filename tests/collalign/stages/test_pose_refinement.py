@@ -1,6 +1,7 @@
 """Which pairs are refined, and that refinement brings disturbed poses of equal shapes back."""
 
 import itertools
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.poses.refinement import local_pairs, refine_rotations
+from collalign.stages.poses.refinement import local_pairs, refine_pair, refine_rotations
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
@@ -77,6 +78,23 @@ def test_disturbed_poses_come_back(session, rng):
     assert errors_deg(disturbed, truth).max() > 5
     assert errors_deg(refined, truth).max() < 0.5
     assert np.allclose(refined[0], disturbed[0])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_planes_bring_other_triangles_of_a_surface_onto_it(side):
+    """Closest points alone are as accurate as the points are dense."""
+    options = SamplingOptions(num_points=16, num_dense_points=200)
+    mirror = np.array([side, 1.0, 1.0])
+    ends = []
+    for num, flip in ((500, np.ones(3)), (900, mirror)):
+        shape = crown(num_vertices=num)
+        flipped = Shape.from_arrays(shape.vertices * flip, shape.faces[:, :: int(flip[0])])
+        ends.append(sample_shape(flipped, options, EmbeddingOptions(kind="xyz")))
+    start = Rotation.from_rotvec([0.05, -0.04, 0.06]).as_matrix() * mirror
+    points_alone = [replace(one, local=None) for one in ends]
+    fine, coarse = (refine_pair(*each, start)[0] for each in (ends, points_alone))
+    assert rotation_angle_deg(fine * mirror, np.eye(3)) < 0.2
+    assert rotation_angle_deg(coarse * mirror, np.eye(3)) > 1.0
 
 
 def test_fixed_poses_stay(session, rng):
