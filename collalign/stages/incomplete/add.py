@@ -86,6 +86,12 @@ def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 
+def _mean_confidence(confidence: FloatArray, partners: IntArray, shape: int) -> float:
+    """Return how sure the shapes are that one lies on: its pose is no surer. One other shape alone sets the frame."""
+    others = confidence[partners[partners != shape]]
+    return float(others.mean()) if len(others) > 1 else 1.0
+
+
 def _merged(
     run: Run,
     complete: Posed,
@@ -115,7 +121,8 @@ def _merged(
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
         may_be_stranger = strange[i] or is_unlike(mismatches[i], float(record["likeness"]))
-        confidence[i] = min(pose_chance(record), STRANGE_LIMIT if may_be_stranger else 1.0)
+        limit = STRANGE_LIMIT if may_be_stranger else _mean_confidence(confidence, partners, i)
+        confidence[i] = min(pose_chance(record), limit)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)

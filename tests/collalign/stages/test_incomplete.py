@@ -110,6 +110,14 @@ def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
     assert np.isfinite(aligned.consensus).all()
 
 
+def test_a_piece_is_no_surer_than_the_shapes_it_lies_on(planted, store, monkeypatch):
+    monkeypatch.setattr("collalign.stages.incomplete.add.pose_chance", lambda record: 1.0)
+    sure = align(planted[0], store=store, incomplete="tooth2, ")
+    whole = np.delete(sure.confidence, 2)
+    assert sure.confidence[2] == pytest.approx(whole.mean())
+    assert whole.mean() < 1.0
+
+
 def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
     teeth = [read_shape(file) for file in sorted(planted[0].glob("*.ply"))]
     clouds = [spread_points(replace(one, faces=np.empty((0, 3), int)), 300) for one in teeth]
