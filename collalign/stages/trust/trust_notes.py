@@ -12,7 +12,7 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import DOUBT, MISMATCH, VOTES, Trust
 from collalign.stages.poses.synchronize import pair_graph
-from collalign.stages.trust.near_symmetry import describe_rotations
+from collalign.stages.trust.rival_poses import describe_rotations
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.notes import MAX_NAMED, Note, listed

@@ -25,8 +25,14 @@ from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages.local_evidence import local_evidence, surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
-from collalign.stages.trust.near_symmetry import TWELFTHS, describe_rotations, near_symmetries
-from collalign.stages.trust.rival_poses import Partner, leads_over, rival_poses
+from collalign.stages.trust.rival_poses import (
+    TWELFTHS,
+    Partner,
+    describe_rotations,
+    leads_over,
+    near_symmetries,
+    rival_poses,
+)
 from collalign.stages.trust.trust_notes import trust_notes
 from collalign.synchronization import synchronize
 from data_tools.embedding.embedding import sample_shape
