@@ -30,8 +30,8 @@ from pairwise.rotation_pattern import RotationPattern
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Most steps of closest points, before planes; with 16 the median errors of horses and dolphins are the same.
-MOST_STEPS = 6
+#: Most steps of closest points alone, and before planes.
+MOST_STEPS, FIRST_STEPS = 16, 6
 #: Scales that refinement may give a surface on another one, both of one radius.
 SCALES = (0.8, 1.25)
 
@@ -39,7 +39,9 @@ SCALES = (0.8, 1.25)
 def refine_pair(target: Samples, source: Samples, start: FloatArray) -> tuple[FloatArray, float]:
     """Refine the pose of one pair on the dense samples, then from points to planes; runs inside a worker.
 
-    Closest points come near from far; planes let surfaces slide along each other, and are of more points.
+    Closest points come near from far; planes let surfaces slide along each other, and are of more points. Surfaces
+    that are open, or may be, stay with closest points: on planes, teeth slide along the walls that cuts have left
+    (median error 7.0 degrees instead of 4.7).
 
     Returns
     -------
@@ -49,9 +51,10 @@ def refine_pair(target: Samples, source: Samples, start: FloatArray) -> tuple[Fl
         Of the closest points, in squares of the target's radius.
     """
     to, of = (dense_points(shape, invariants=False) for shape in (target, source))
-    found = refine_pose(to, of, start, max_iterations=MOST_STEPS)
+    are_closed = target.rim == source.rim == "closed"
+    found = refine_pose(to, of, start, max_iterations=FIRST_STEPS if are_closed else MOST_STEPS)
     rotation = found.pose.rotation
-    if target.local is not None and source.local is not None:
+    if are_closed and target.local is not None and source.local is not None:
         rotation = _on_planes(target.local, source.local, rotation)
     return rotation, found.energy / to.radius**2
 
