@@ -120,7 +120,9 @@ def _merged(
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        may_be_stranger = strange[i] or is_unlike(mismatches[i], float(record["likeness"]))
+        excess = float(np.asarray(record["evidence"])[1, 0])
+        is_elsewhere = is_unlike(mismatches[i], float(record["likeness"]), excess)
+        may_be_stranger = strange[i] or is_elsewhere
         limit = STRANGE_LIMIT if may_be_stranger else _mean_confidence(confidence, partners, i)
         confidence[i] = min(pose_chance(record), limit)
         alternatives[i] = incomplete_alternatives(record, transforms[i])

@@ -137,14 +137,14 @@ def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
     assert rotation_angle_deg(found["rotations"][0], planted[1][2].T) < 15
     assert found["mismatch"] < 0.6
     assert found["likeness"] > 0.8
-    assert not is_unlike(found["mismatch"], found["likeness"])
+    assert not is_unlike(found["mismatch"], found["likeness"], found["evidence"][1, 0])
     small = chair(np.random.default_rng(0))
     small = spread_points(replace(small, vertices=0.5 * small.vertices), 300)
     stranger = place_shape(
         small, tuple(clouds[i] for i in whole), np.stack(poses)[whole], "SO", True
     )
     assert stranger["likeness"] < 0.8
-    assert is_unlike(0.3, stranger["likeness"])
+    assert is_unlike(0.3, stranger["likeness"], stranger["evidence"][1, 0])
 
 
 def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
@@ -158,7 +158,7 @@ def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
     found = place_shape(few, (other, other), np.tile(np.eye(4), (2, 1, 1)), "SO", False)
     assert len(found["rotations"]) == 1
     assert np.isnan(found["mismatch"])
-    assert is_unlike(found["mismatch"], 1.0)
+    assert is_unlike(found["mismatch"], 1.0, -0.2)
 
 
 def test_missing_regions_have_no_labels(aligned):
@@ -275,6 +275,12 @@ def test_nothing_is_missing_among_whole_teeth(without):
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         few = prepare_shapes(session, list_shapes([Path(file) for file in without.files[:3]]))
         assert find_incomplete(session, few, without.pairs[:0], without.transforms[:3]) == {}
+
+
+def test_a_piece_that_matches_better_than_usual_is_of_the_kind_though_its_break_is_closed():
+    assert is_unlike(0.4, 0.7, -0.01)
+    assert not is_unlike(0.4, 0.7, -0.1)
+    assert not is_unlike(0.4, 0.9, -0.01)
 
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
