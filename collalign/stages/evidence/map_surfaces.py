@@ -81,7 +81,7 @@ def prepare_surface_file(
 
 #: Prepares a surface. The version changes whenever the same file would give another one.
 PREPARING = Job(
-    kind="surfaces", version="surface-4", run=prepare_surface_file, reader=StoredSurface
+    kind="surfaces", version="surface-3", run=prepare_surface_file, reader=StoredSurface
 )
 
 
