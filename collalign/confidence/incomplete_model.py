@@ -26,10 +26,10 @@ KNOWN_SIZES = (2.5, 0.03, 0.2)
 WEIGHTS = (5.5, 28.3, 5.7)
 #: Log odds of a pose per logarithm of its energy, where there is but one other shape. Of 96 pairs of which one lacks
 #: a quarter (ants, fish, teddies, people, glasses and chairs at even positions, 69 % right) 5, 8, 15 and 30 have mean
-#: log losses of .54, .53, .60 and .88. Poses that neighbourhoods propose of 135 pieces, like those of the weights above, on one
-#: complete shape each ask for 8.1: 71 % are right, none wrong of 23 at .9 or more. The costs of either surface, of
-#: what is shared, and of what is lost apart rank no better. ``python -m experiments calibrate margins`` measures pairs
-#: again.
+#: log losses of .54, .53, .60 and .88.
+#: Of 135 pieces like those of the weights above, each on one complete shape, at poses that neighbourhoods propose,
+#: a fit gives 8.1: 71 % are right, none wrong of 23 at .9 or more. The costs of either surface, of what is shared,
+#: and of what is lost rank no better apart. ``python -m experiments calibrate margins`` measures pairs again.
 PAIR_WEIGHT = 8.0
 #: A piece may be no part of shapes of this kind if less of it than the first number has a counterpart on them,
 #: relative to what they have of each other, and what both share is hardly more alike than they are: the second kind
