@@ -1,4 +1,4 @@
-"""Refines synchronized poses on dense samples: near pairs by closest points and planes, then synchronization again.
+"""Refines synchronized poses on dense samples: near pairs by closest points, then synchronization again.
 
 Matches of few samples are accurate to their spacing, and distant shapes pull each other off the true pose. So the
 discrete question (which pose) is settled on all pairs first, and then the pairs of similar shapes alone are refined
@@ -13,6 +13,7 @@ import networkx as nx
 import numpy as np
 
 from collalign.engine.job import Shared, table_of_values
+from collalign.engine.records import Record, from_record
 from collalign.matching_input import dense_points
 from collalign.options import AlignSession
 from collalign.products.pair import Pair, are_weighed
@@ -22,50 +23,34 @@ from collalign.stages.poses.bent import bent_poses
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.local_surface import LocalSurface
-from data_tools.poses import Similarity
-from pairwise.dense import refine_pose
-from pairwise.features.poses import refine_on_planes
+from pairwise.dense import DensePoints, refine_pose
 from pairwise.rotation_pattern import RotationPattern
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Most steps of closest points alone, and before planes.
-MOST_STEPS, FIRST_STEPS = 16, 6
-#: Scales that refinement may give a surface on another one, both of one radius.
-SCALES = (0.8, 1.25)
+#: Most steps of closest points.
+MOST_STEPS = 16
 
 
-def refine_pair(target: Samples, source: Samples, start: FloatArray) -> tuple[FloatArray, float]:
-    """Refine the pose of one pair on the dense samples, then from points to planes; runs inside a worker.
-
-    Closest points come near from far; planes let surfaces slide along each other, and are of more points. Surfaces
-    that are open, or may be, stay with closest points: on planes, teeth slide along the walls that cuts have left
-    (median error 7.0 degrees instead of 4.7).
+def refine_pair(
+    target: DensePoints, source: DensePoints, start: FloatArray
+) -> tuple[FloatArray, float]:
+    """Refine the pose of one pair on the dense samples; runs inside a worker.
 
     Returns
     -------
     rotation : ndarray, shape (3, 3)
         ``R_target_source``.
     energy : float
-        Of the closest points, in squares of the target's radius.
+        In squares of the target's radius.
     """
-    to, of = (dense_points(shape, invariants=False) for shape in (target, source))
-    are_closed = target.rim == source.rim == "closed"
-    found = refine_pose(to, of, start, max_iterations=FIRST_STEPS if are_closed else MOST_STEPS)
-    rotation = found.pose.rotation
-    if are_closed and target.local is not None and source.local is not None:
-        rotation = _on_planes(target.local, source.local, rotation)
-    return rotation, found.energy / to.radius**2
+    found = refine_pose(target, source, start, max_iterations=MOST_STEPS)
+    return found.pose.rotation, found.energy / target.radius**2
 
 
-def _on_planes(target: LocalSurface, source: LocalSurface, rotation: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) refined from points to planes, shift and scale with it."""
-    flip = np.array([np.sign(np.linalg.det(rotation)), 1.0, 1.0])
-    other = source if flip[0] > 0 else source.mirrored()
-    start = Similarity.rigid((rotation * flip)[None], np.zeros((1, 3)))
-    found = refine_on_planes(target, other, start, scale_range=SCALES)
-    return np.asarray(found.rotation[0] * flip)
+def points_from_record(record: Record, name: str) -> DensePoints:
+    """Return the dense points of a shape's record, without invariants."""
+    return dense_points(from_record(Samples, record, name), invariants=False)
 
 
 def refine_poses(
@@ -144,10 +129,10 @@ def refine_rotations(
     """
     local = local_pairs(len(samples), edges, energies)
     pattern = RotationPattern.from_user(None, 3, group)
-    shapes = [Shared(key=str(i), reader=Samples) for i in range(len(samples))]
+    points = [Shared(key=str(i), reader=points_from_record) for i in range(len(samples))]
     starts = {(i, j): rotations[i].T @ rotations[j] for i, j in local.tolist()}
     tasks = {
-        (i, j): {"target": shapes[i], "source": shapes[j], "start": start}
+        (i, j): {"target": points[i], "source": points[j], "start": start}
         for (i, j), start in starts.items()
     }
     with table_of_values(samples) as table:

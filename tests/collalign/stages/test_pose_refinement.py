@@ -1,7 +1,6 @@
 """Which pairs are refined, and that refinement brings disturbed poses of equal shapes back."""
 
 import itertools
-from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -11,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.poses.refinement import local_pairs, refine_pair, refine_rotations
+from collalign.stages.poses.refinement import local_pairs, refine_rotations
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import crown, sphere_mesh
+from data_tools.synthetic_shapes import crown
 
 
 def all_edges(num):
@@ -78,32 +77,6 @@ def test_disturbed_poses_come_back(session, rng):
     assert errors_deg(disturbed, truth).max() > 5
     assert errors_deg(refined, truth).max() < 0.5
     assert np.allclose(refined[0], disturbed[0])
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_planes_bring_other_triangles_of_a_surface_onto_it(side):
-    """Closest points alone are as accurate as the points are dense."""
-    options = SamplingOptions(num_points=16, num_dense_points=200)
-    mirror = np.array([side, 1.0, 1.0])
-    ends = []
-    for num, flip in ((500, np.ones(3)), (900, mirror)):
-        directions, faces = sphere_mesh(num)
-        lumps = 1.0 + 0.3 * directions[:, :1] ** 3 + 0.4 * directions[:, 1:2] * directions[:, 2:]
-        points = directions * lumps * [1.6, 1.0, 0.7] * flip
-        ends.append(
-            sample_shape(
-                Shape.from_arrays(points, faces[:, :: int(flip[0])]),
-                options,
-                EmbeddingOptions(kind="xyz"),
-            )
-        )
-    start = Rotation.from_rotvec([0.05, -0.04, 0.06]).as_matrix() * mirror
-    points_alone = [replace(one, local=None) for one in ends]
-    fine, coarse = (refine_pair(*each, start)[0] for each in (ends, points_alone))
-    assert rotation_angle_deg(fine * mirror, np.eye(3)) < 0.2
-    assert rotation_angle_deg(coarse * mirror, np.eye(3)) > 1.0
-    opened = [replace(one, rim="open") for one in ends]
-    assert rotation_angle_deg(refine_pair(*opened, start)[0] * mirror, np.eye(3)) > 1.0
 
 
 def test_fixed_poses_stay(session, rng):
