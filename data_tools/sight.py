@@ -49,6 +49,8 @@ class SightTuning(NamedTuple):
     """... those that differ by this cosine."""
     front_cells: float = 1.5
     """A point is in front of what was seen if it is so many cells nearer than all that was seen around, ..."""
+    least_faced: float = 0.3
+    """Normals that are steeper than this cosine belong to a surface that is seen from its edge, ..."""
     beside_pixels: int = 2
     """... and beside it if nothing was seen in so many pixels around."""
 
@@ -96,14 +98,19 @@ class DepthImage:
         heights[np.isneginf(heights)] = np.inf
         return cls(axes=axes, corner=corner, heights=heights, is_beside=is_beside, cell=cell)
 
-    def conflicts(self, points: FloatArray) -> FloatArray:
-        """Return the shares of points (p, n, 3) that are in front of what was seen and beside it, shape (p, 2)."""
+    def conflicts(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return the shares of points (p, n, 3) that are in front of what was seen and beside it, shape (p, 2).
+
+        Points of a surface that was seen from its edge, by their normals (p, n, 3) of either sign, are not in front:
+        a thin board is missed between two pixels.
+        """
+        is_faced = np.abs(normals @ self.axes[2]) >= TUNED.least_faced
         along = points @ self.axes.T
         pixels = np.floor((along[..., :2] - self.corner) / self.cell).astype(np.int64)
         inside = ((pixels >= 0) & (pixels < self.heights.shape)).all(axis=-1)
         pixels[~inside] = 0
         seen = self.heights[pixels[..., 0], pixels[..., 1]]
-        in_front = inside & (along[..., 2] > seen + TUNED.front_cells * self.cell)
+        in_front = inside & is_faced & (along[..., 2] > seen + TUNED.front_cells * self.cell)
         beside = ~inside | self.is_beside[pixels[..., 0], pixels[..., 1]]
         return np.stack([in_front.mean(axis=1), beside.mean(axis=1)], axis=1)
 

@@ -265,7 +265,7 @@ def range_view(
     Parameters
     ----------
     shape : Shape
-        A mesh whose triangles wind outwards.
+        A mesh; a camera sees either side of an open sheet.
     direction : ndarray, shape (3,)
         From the mesh to the camera.
     pixels : int
@@ -293,7 +293,7 @@ def range_view(
     cells = at[:, 0] * (at[:, 1].max() + 1) + at[:, 1]
     order = np.lexsort((-depth, cells))
     nearest = order[np.unique(cells[order], return_index=True)[1]]
-    seen = nearest[normals[nearest] @ sight > _STEEPEST_COSINE]
+    seen = nearest[np.abs(normals[nearest] @ sight) > _STEEPEST_COSINE]
     return np.asarray(
         read_only(points[seen] + noise * radius * rng.standard_normal(len(seen))[:, None] * sight)
     )

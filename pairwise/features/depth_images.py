@@ -164,15 +164,25 @@ def sight_conflicts(
     num_points : int
         Points of either surface that are looked at, at most.
     """
-    to, of = (one.points[:: -(-len(one.points) // num_points)] for one in (target, source))
+    to, of = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
     shares = np.full((2, len(rotations), 2), np.nan)
     inverses = np.swapaxes(rotations, 1, 2)
-    for side, seen, points in (
-        (0, source, (to - shifts[:, None]) @ rotations),
-        (1, target, of @ inverses + shifts[:, None]),
+    for side, seen, points, normals in (
+        (
+            0,
+            source,
+            (target.points[to] - shifts[:, None]) @ rotations,
+            target.normals[to] @ rotations,
+        ),
+        (
+            1,
+            target,
+            source.points[of] @ inverses + shifts[:, None],
+            source.normals[of] @ inverses,
+        ),
     ):
         if seen.depth_images:
-            possible = np.stack([image.conflicts(points) for image in seen.depth_images])
+            possible = np.stack([image.conflicts(points, normals) for image in seen.depth_images])
             least = possible.sum(axis=2).argmin(axis=0)
             shares[:, :, side] = possible[least, np.arange(len(points))].T
     return shares[0], shares[1]

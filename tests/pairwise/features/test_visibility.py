@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
+from data_tools.sight import DepthImage
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import range_view
 from data_tools.synthetic_shapes import blob
@@ -62,6 +63,17 @@ def test_nothing_is_in_front_at_the_right_pose_and_much_at_a_wrong_one(views):
     far, all_beside = sight_conflicts(target, source, np.eye(3)[None], np.full((1, 3), 50.0))
     assert far.max() == 0.0
     assert all_beside.min() == 1.0
+
+
+def test_a_board_that_shows_its_edge_is_not_in_front():
+    x, y = (grid.ravel() for grid in np.mgrid[-1:1:60j, -1:1:60j])
+    dome = np.stack([x, y, 0.6 - 0.6 * (x**2 + y**2)], axis=1)
+    board = np.stack([x, np.zeros_like(x), 1.5 + y], axis=1)
+    image = DepthImage.along(np.array([0.0, 0.0, 1.0]), dome, 0.1)
+    ends = np.tile([[0.0, 1.0, 0.0]], (len(board), 1))
+    assert image.conflicts(board[None], ends[None])[0, 0] == 0.0
+    facing = np.tile([[0.0, 0.6, -0.8]], (len(board), 1))
+    assert image.conflicts(board[None], facing[None])[0, 0] > 0.9
 
 
 def test_conflicts_grow_with_both_shares_but_what_is_beside_counts_only_so_far():
