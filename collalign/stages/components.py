@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from collalign.options import AUTO, AlignSession
-from collalign.products.trust import DOUBT
+from collalign.products.trust import UNCERTAIN
 from collalign.stages.steps import Matched, Posed, Run
 from data_tools.notes import Note
 from data_tools.options import Components
@@ -25,7 +25,7 @@ def pose_with_components(
     """Pose shapes by the components that ``cleaning.components`` asks for; "auto" decides.
 
     The largest components alone pose most shapes best: geodesics and spectra are of one surface. Where most shapes
-    lose much without the others, and half of the poses are in doubt or of unknown confidence, all shapes are posed
+    lose much without the others, and half of the poses are uncertain or of unknown confidence, all shapes are posed
     once more by all components. The poses of the higher mean confidence stay. Guitars and pianos are sure by their
     bodies; of generated chairs, beds and cars, which are assembled of boxes, the largest box says little.
 
@@ -50,7 +50,7 @@ def pose_with_components(
 
     answer = posed("largest")
     lost = [samples.notes for samples in answer[0].shapes.samples]
-    if not are_assembled(lost) or np.median(answer[2].solution.confidence) >= DOUBT:
+    if not are_assembled(lost) or np.median(answer[2].solution.confidence) >= UNCERTAIN:
         return answer
     run, matched, whole = posed("all")
     if whole.solution.confidence.mean() <= answer[2].solution.confidence.mean():

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.engine.job import Job, T, Wanted
 from collalign.engine.store_file import NUM_FILES
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.embedding import Samples, sample_file
@@ -186,8 +186,11 @@ def wanted_shapes(
     wanted, excluded = {}, []
     # Not part of the key: samples are the same, and what lacks the chirality is measured later.
     with_chirality = options.group == "auto" and len(listing.files) <= MOST_FOR_SIDES
+    cleaning = options.cleaning
+    if cleaning.components == AUTO:  # the largest ones are tried first
+        cleaning = replace(cleaning, components="largest")
     settings = {
-        "cleaning": options.cleaning,
+        "cleaning": cleaning,
         "sampling": options.sampling,
         "embedding": options.embedding,
     }

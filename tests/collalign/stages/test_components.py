@@ -14,7 +14,7 @@ from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from tests.notes import codes
 
-SURE, DOUBT, WORSE, UNKNOWN = (0.97, 0.96, 0.5), (0.97, 0.6, 0.5), (0.6, 0.6, 0.5), (np.nan,) * 3
+SURE, DOUBT, WORSE, UNKNOWN = (0.97, 0.92, 0.5), (0.97, 0.6, 0.5), (0.6, 0.6, 0.5), (np.nan,) * 3
 
 
 @pytest.mark.parametrize(
