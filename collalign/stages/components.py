@@ -11,6 +11,7 @@ import numpy as np
 from collalign.options import AUTO, AlignSession
 from collalign.products.trust import UNCERTAIN
 from collalign.stages.steps import Matched, Posed, Run
+from data_tools.arrays import FloatArray
 from data_tools.notes import Note
 from data_tools.options import Components
 from data_tools.surface.cleaning import are_assembled
@@ -50,9 +51,16 @@ def pose_with_components(
 
     answer = posed("largest")
     lost = [samples.notes for samples in answer[0].shapes.samples]
-    if not are_assembled(lost) or np.median(answer[2].solution.confidence) >= UNCERTAIN:
+    if not are_assembled(lost) or np.median(_confidences(answer)) >= UNCERTAIN:
         return answer
-    run, matched, whole = posed("all")
-    if whole.solution.confidence.mean() <= answer[2].solution.confidence.mean():
+    whole = posed("all")
+    if _confidences(whole).mean() <= _confidences(answer).mean():
         return answer
-    return run, replace(matched, notes=(Note("components-joined"), *matched.notes)), whole
+    run, matched, poses = whole
+    return run, replace(matched, notes=(Note("components-joined"), *matched.notes)), poses
+
+
+def _confidences(answer: _Answer) -> FloatArray:
+    """Return the confidences of all shapes (N,), 0 of those left out: the largest component may have few vertices."""
+    run, _, posed = answer
+    return np.append(posed.solution.confidence, np.zeros(len(run.shapes.excluded)))

@@ -14,7 +14,8 @@ from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from tests.notes import codes
 
-SURE, DOUBT, WORSE, UNKNOWN = (0.97, 0.92, 0.5), (0.97, 0.6, 0.5), (0.6, 0.6, 0.5), (np.nan,) * 3
+SURE, DOUBT, WORSE = (0.97, 0.93, 0.92, 0.5), (0.97, 0.8, 0.6, 0.5), (0.6, 0.6, 0.6, 0.5)
+UNKNOWN = (np.nan,) * 4
 
 
 @pytest.mark.parametrize(
@@ -27,6 +28,7 @@ SURE, DOUBT, WORSE, UNKNOWN = (0.97, 0.92, 0.5), (0.97, 0.6, 0.5), (0.6, 0.6, 0.
         ("auto", 50.0, UNKNOWN, UNKNOWN, "all", 2),
         ("largest", 50.0, DOUBT, SURE, "largest", 1),
         ("all", 50.0, SURE, DOUBT, "all", 1),
+        ("auto", 50.0, (0.97, 0.92), SURE, "all", 2),  # two are left out
     ],
 )
 def test_all_components_are_taken_where_they_leave_less_in_doubt(
@@ -38,8 +40,9 @@ def test_all_components_are_taken_where_they_leave_less_in_doubt(
         components = session.options.cleaning.components
         posed.append(components)
         lost = [Note(COMPONENTS_KEPT, values={"share": kept if components != "all" else 100.0})]
-        shapes = SimpleNamespace(samples=[SimpleNamespace(notes=lost)] * 3)
         confidence = np.array(whole if components == "all" else largest)
+        samples = [SimpleNamespace(notes=lost)] * len(confidence)
+        shapes = SimpleNamespace(samples=samples, excluded=("few points",) * (4 - len(samples)))
         solution = SimpleNamespace(confidence=confidence)
         matched = Matched(group="SO", pairs=[], failed=[], solution=None, notes=())
         return (
