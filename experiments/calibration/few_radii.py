@@ -31,12 +31,15 @@ Seen: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]
 def measure_few_radii(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
     """Fit radii of few templates to the errors of all collections together, and of all but one."""
     settings = QUICK_SETTINGS if quick else SETTINGS
-    return fit_few(
-        [
-            seen_in(measure_few(Cell(data=data, settings={**settings, "dataset": one})))
-            for one in collections
-        ]
+    records = (
+        measure_few(Cell(data=data, settings={**settings, "dataset": one})) for one in collections
     )
+    return fit_few([seen_in(record) for record in records if was_carried(record)])
+
+
+def was_carried(record: Mapping[str, Any]) -> bool:
+    """Return whether any landmark was carried: poses in doubt carry none."""
+    return "variation" in record
 
 
 def seen_in(record: Mapping[str, Any]) -> Seen:

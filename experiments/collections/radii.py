@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import spearmanr
 
@@ -16,6 +18,7 @@ from experiments.calibration.few_radii import (
     few_table,
     ranked,
     seen_in,
+    was_carried,
 )
 from experiments.collections.carrying import measure_few
 from experiments.experiment import Bench, Experiment, Outcome
@@ -57,9 +60,10 @@ def measure(bench: Bench) -> Outcome:
     found = bench.measure(
         measure_few, {name: {**settings, "dataset": name} for name in names}, version=VERSION
     )
-    seen = {name: seen_in(found[name]) for name in names}
+    nothing = [name for name in names if not was_carried(found[name])]
+    seen = {name: seen_in(found[name]) for name in names if name not in nothing}
     rows: list[Row] = []
-    for name in names:
+    for name in seen:
         table = few_table([one for other, one in seen.items() if other != name])
         figures = zip(
             seen[name],
@@ -84,7 +88,7 @@ def measure(bench: Bench) -> Outcome:
                     "open": 100 * float(np.mean(shown[:, 0] < OPEN)),
                 }
             )
-    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), text=_text(rows))
+    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), text=_text(rows, nothing))
 
 
 COLUMNS = (
@@ -110,13 +114,16 @@ def _if_known(landmark: FloatArray, errors: FloatArray) -> float:
     return float(spearmanr(means[which], errors).statistic)
 
 
-def _text(rows: list[Row]) -> str:
+def _text(rows: list[Row], nothing: Sequence[str]) -> str:
     short = [
         f"{row['collection']}, {row['templates']} ({row['ranked']:.3f})"
         for row in rows
         if isinstance(row["ranked"], float) and row["ranked"] < GOAL
     ]
-    return f"Below a correlation of {GOAL} where left out: {', '.join(short) or 'none'}."
+    text = f"Below a correlation of {GOAL} where left out: {', '.join(short) or 'none'}."
+    if nothing:
+        text += f" Not in the table, because no pose is sure enough to carry landmarks: {', '.join(nothing)}."
+    return text
 
 
 EXPERIMENT = Experiment(
