@@ -30,8 +30,7 @@ from data_tools.surface.shape import Shape
 from data_tools.surface.topology import (
     face_areas,
     is_open_surface,
-    mesh_edges,
-    vertex_components,
+    mesh_components,
 )
 
 #: Larger point clouds are thinned to this many points; samples stay points of the original. With 20 000, noisy clouds
@@ -143,7 +142,7 @@ class WorkingSurface:
 
 
 def _is_connected(mesh: Shape) -> bool:
-    return vertex_components(len(mesh.vertices), [mesh_edges(mesh.faces)])[0] == 1
+    return mesh_components(len(mesh.vertices), mesh.faces)[0] == 1
 
 
 def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, Note | None]:

@@ -21,7 +21,7 @@ from data_tools.errors import InputError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas, vertex_components
+from data_tools.surface.topology import face_areas, mesh_components, vertex_components
 
 #: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together. A
 #: generated bone of 600 000 triangles, decimated to 4000, then lies 3.6e-4 sqrt(area) from the original (root mean
@@ -275,8 +275,7 @@ def _largest_components(
     num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]
 ) -> IntArray:
     """Return the triangles of the largest component, and of those nearly as large."""
-    corners = np.ascontiguousarray(faces.T)
-    _, labels = vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
+    _, labels = mesh_components(num_vertices, faces)
     of_face = labels[faces[:, 0]]
     areas = np.bincount(of_face, weights=face_area)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())

@@ -71,6 +71,15 @@ def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int
     return int(is_root.sum()), (np.cumsum(is_root) - 1)[root]
 
 
+def mesh_components(num_vertices: int, faces: IntArray) -> tuple[int, IntArray]:
+    """Return the number of connected components of a mesh (t, 3) and each vertex's label, shape (v,).
+
+    Vertices of no triangle are components of their own. Edges need not be known.
+    """
+    corners = np.ascontiguousarray(faces.T)
+    return vertex_components(num_vertices, [corners[:2].T, corners[1:].T])
+
+
 def is_open_surface(vertices: FloatArray, faces: IntArray) -> bool:
     """Return whether a mesh (t, 3) has a rim: a boundary long compared with its size (no small holes)."""
     if not len(faces):
