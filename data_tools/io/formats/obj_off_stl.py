@@ -55,7 +55,7 @@ def read_obj(source: Source) -> RawShape:
             num_before.append(len(points))
     if not points:
         raise InputError(f"{path}: not an OBJ file, it has no vertex lines 'v x y z'")
-    faces = _obj_faces(path, polygons, num_before)
+    faces = _obj_faces(path, polygons, num_before, ends=text.endswith(("\n", "\r")))
     if faces.size and faces.max() >= len(points):
         raise InputError(f"{path}: a face names vertex {faces.max() + 1}, there are {len(points)}")
     return RawShape(vertices_of_lines(path, points), faces, _lost(text, points[0]))
@@ -92,7 +92,12 @@ def vertices_of_lines(path: Path, lines: list[str], *, first: int = 1) -> FloatA
     return np.array(vertices).reshape(-1, 3)
 
 
-def _obj_faces(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
+def _obj_faces(path: Path, lines: list[str], num_before: list[int], *, ends: bool) -> IntArray:
+    """Return the triangles (t, 3) of the faces in lines; ``ends`` says whether the last line of the file is finished.
+
+    Modellers write edges as faces of two corners. The last face may be one too, if its line is finished and others
+    have three.
+    """
     table = parse_table("\n".join(lines), num_rows=len(lines))
     if (
         table is not None
@@ -105,7 +110,8 @@ def _obj_faces(path: Path, lines: list[str], num_before: list[int]) -> IntArray:
         [_corner(path, position, word, before) for word in line.split()]
         for position, (line, before) in enumerate(zip(lines, num_before, strict=True), start=1)
     ]
-    if polygons and len(polygons[-1]) < 3:
+    is_edge = ends and any(len(polygon) >= 3 for polygon in polygons)
+    if polygons and len(polygons[-1]) < 3 and not is_edge:
         raise InputError(f"{path}: face {len(lines)} has {len(polygons[-1])} corners (truncated?)")
     return _split(polygons)
 

@@ -1,4 +1,4 @@
-"""STL as other programs write it, on files made by hand."""
+"""OBJ and STL as other programs write them, on files made by hand."""
 
 import struct
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.formats.obj_off_stl import read_stl
+from data_tools.io.formats.obj_off_stl import read_obj, read_stl
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.source import Source
 from data_tools.notes import Note
@@ -106,3 +106,18 @@ def test_what_is_odd_is_said():
 def test_what_is_cut_off_is_refused(content, reason):
     with pytest.raises(InputError, match=reason):
         read(content)
+
+
+#: Two triangles, as OBJ.
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
+
+
+@pytest.mark.parametrize("edges", ["f 1 3\n", "f 1/1 3/1\nf 2\n"])
+def test_edges_that_are_written_as_faces_are_left_out(edges):
+    found = read_obj(Source(Path("a.obj"), (SQUARE + edges).encode()))
+    np.testing.assert_array_equal(found.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_a_last_face_that_breaks_off_is_refused():
+    with pytest.raises(InputError, match=r"face 3 has 2 corners \(truncated\?\)"):
+        read_obj(Source(Path("a.obj"), (SQUARE + "f 1 3").encode()))
