@@ -198,7 +198,7 @@ def align_listing(
                 *constraints.fixed,
                 *((constraints.reference,) if session.options.reference else ()),
             }
-            found_open = open_among_closed(shapes)
+            found_open = open_among_closed(session.options, shapes)
             missing = {i: why for i, why in found_open.items() if i not in stay}
         return pose_without_extra(
             run, missing, lambda extra: prepare_shapes(session, listing, given, extra)

@@ -17,6 +17,7 @@ from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
 from data_tools.poses import Similarity, moved_by, scales_of
+from data_tools.surface.cleaning import are_assembled
 from pairwise.partial_match import refine, scales_allowed
 from pairwise.partial_surface import PartialSurface
 
@@ -57,13 +58,23 @@ def named_incomplete(
     return {names.index(name): NAMED for name in sorted(set(asked))}
 
 
-def open_among_closed(shapes: Shapes) -> dict[int, str]:
+def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:
     """Return the shapes whose surfaces are open, as at a break, where most, and enough, are not."""
     num = len(shapes.samples)
+    if not _may_be_broken(options, shapes):
+        return {}
     suspects = [i for i, item in enumerate(shapes.samples) if item.rim == "open"]
     if num - len(suspects) < MIN_SHAPES or len(suspects) > MOST_MISSING * num:
         return {}
     return dict.fromkeys(suspects, OPEN)
+
+
+def _may_be_broken(options: AlignOptions, shapes: Shapes) -> bool:
+    """Return whether a border may be a break. Objects that are assembled of components have borders everywhere."""
+    assembled = options.cleaning.components == ALL or are_assembled(
+        [item.notes for item in shapes.samples]
+    )
+    return not assembled
 
 
 def match_like_copies(pairs: Iterable[Pair]) -> set[int]:
@@ -98,6 +109,8 @@ def find_incomplete(
     if its surface is open.
     """
     samples = shapes.samples
+    if not _may_be_broken(session.options, shapes):
+        return {}
     are_dense = all(len(item.dense_positions) >= NUM_POINTS for item in samples)
     if len(samples) < MIN_SHAPES or not are_dense or all(item.rim == "closed" for item in samples):
         return {}

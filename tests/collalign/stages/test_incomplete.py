@@ -35,9 +35,11 @@ from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.options import SamplingOptions
+from data_tools.notes import Note
+from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.cleaning import COMPONENTS_KEPT
 from data_tools.synthetic import bumped, deformed_family
 from data_tools.synthetic_shapes import blob, chair, crown
 from experiments.calibration.fragments import closed
@@ -397,10 +399,24 @@ def test_points_that_stand_for_all_samples_lie_apart():
 
 
 def test_open_shapes_are_broken_where_most_and_enough_are_not():
-    closed, other = (SimpleNamespace(rim=rim) for rim in ("unknown", "open"))
+    options = AlignOptions()
+    closed, other = (SimpleNamespace(rim=rim, notes=()) for rim in ("unknown", "open"))
     for num, found in ((6, [6]), (4, [])):
-        assert list(open_among_closed(SimpleNamespace(samples=[*[closed] * num, other]))) == found
-    assert open_among_closed(SimpleNamespace(samples=[*[closed] * 5, *[other] * 6])) == {}
+        shapes = SimpleNamespace(samples=[*[closed] * num, other])
+        assert list(open_among_closed(options, shapes)) == found
+    assert open_among_closed(options, SimpleNamespace(samples=[*[closed] * 5, *[other] * 6])) == {}
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_borders_of_assembled_objects_are_no_breaks(joined):
+    """Neither where all components are matched, nor where most of the surface is left out."""
+    options = AlignOptions(cleaning=CleaningOptions(components="all" if joined else "largest"))
+    lost = () if joined else (Note(COMPONENTS_KEPT, values={"share": 60}),)
+    closed, other = (SimpleNamespace(rim=rim, notes=lost) for rim in ("closed", "open"))
+    shapes = SimpleNamespace(samples=[*[closed] * 6, other])
+    assert open_among_closed(options, shapes) == {}
+    session = SimpleNamespace(options=options)
+    assert find_incomplete(session, shapes, (), np.eye(4)[None]) == {}
 
 
 def test_open_shapes_that_match_like_copies_are_posed_with_the_others():
