@@ -59,7 +59,7 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
     "part. How the parts are rotated against each other is uncertain.",
     "components-joined": "Most shapes are assembled of several components, and the largest ones left poses in doubt. "
-    "So all components were matched. To forbid this, use --cleaning.components largest.",
+    "So the surface around all components was matched. To forbid this, use --cleaning.components largest.",
     "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
     "shapes, try --cleaning.components all.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",

@@ -29,9 +29,9 @@ class CleaningOptions:
     components : {"auto", "largest", "all"}
         largest keeps only the connected part of the largest area, with those within 20 % of it, and without the few
         vertices far from all others; fragments otherwise attract samples, and outliers change poses. all keeps
-        everything, as objects need that are assembled of parts. auto keeps the largest, but where most shapes lose
-        more than a twentieth of their area, two shapes are matched by all components, and a collection is if the
-        largest ones leave poses in doubt and all components leave less.
+        everything, as objects need that are assembled of parts, and matches the surface around all of them. auto
+        keeps the largest, but where most shapes lose more than a twentieth of their area, two shapes are matched by
+        all components, and a collection is if the largest ones leave poses in doubt and all components leave less.
     """
 
     merge_vertices: bool = True

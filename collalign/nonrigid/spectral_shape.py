@@ -12,7 +12,6 @@ from collalign.nonrigid.map_options import SurfaceOptions
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
-from data_tools.embedding.surface_points import MAX_DEFECTS
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
 from data_tools.notes import Note
@@ -20,7 +19,7 @@ from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.closest import SurfacePoints, closest_on_triangles
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators, factor_symmetric
-from data_tools.surface.shape import Shape, orientation_defects, vertex_normals
+from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import face_areas
 from data_tools.threads import one_blas_thread
 

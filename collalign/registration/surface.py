@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.sampling import farthest_points
-from data_tools.embedding.surface_points import MAX_DEFECTS, cloud_rim, plane_normals
+from data_tools.embedding.surface_points import cloud_rim, plane_normals
 from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator, lies_beyond
-from data_tools.surface.shape import Shape, outward_normals, vertex_normals
+from data_tools.surface.shape import MAX_DEFECTS, Shape, outward_normals, vertex_normals
 from data_tools.surface.topology import boundary_edges
 
 

@@ -23,7 +23,7 @@ from data_tools.notes import Note
 from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.surface.extra import ExtraSurface, without_extra
 from data_tools.surface.laplacian import Spectrum
-from data_tools.surface.shape import Shape, outward_normals
+from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
 #: Weight of the eigenfunctions divided by the square roots of their eigenvalues; .1 to .3 work, 3 hurts.
@@ -45,9 +45,11 @@ class Samples:
     name : str
         Of the shape.
     vertex_indices : ndarray of int, shape (k,)
-        The samples, as vertices of the shape, in the order of farthest point sampling.
+        The samples, as vertices of the shape, in the order of farthest point sampling; the nearest vertices where
+        components were joined, and then not always distinct.
     positions : ndarray, shape (k, 3)
-        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0.
+        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0. Where components were joined, the samples lie
+        on triangles, between these vertices.
     coordinates : ndarray, shape (k, d)
         The positions, then the weighted Laplace-Beltrami block if there is one.
     block_sizes : tuple of int
@@ -144,10 +146,11 @@ def sample_shape(
     if own is None or own.samples is None:
         chosen = _choose_samples(surface, sampling)
         indices = _distinct(surface, chosen, shape)
+        points = surface.places(chosen) if surface.is_joined else shape.vertices[indices]
     else:
         indices = own.samples
-        chosen = cKDTree(surface.shape.vertices).query(shape.vertices[indices])[1]
-    points = shape.vertices[indices]
+        points = shape.vertices[indices]
+        chosen = cKDTree(surface.shape.vertices).query(points)[1]
     offset = points.mean(axis=0)
     scale = _unit_of_length(points - offset, surface, sampling)
     positions = (points - offset) / scale
@@ -159,9 +162,7 @@ def sample_shape(
     else:
         descriptors = [(own.weight, own.invariants[surface.to_original])]
     dense_chosen = _choose_dense(surface, sampling)
-    dense = surface.to_original[dense_chosen]
-    dense_positions = (shape.vertices[dense] - offset) / scale
-    normals = outward_normals(shape, at=dense)
+    dense_positions = (surface.places(dense_chosen) - offset) / scale
     return Samples(
         name=shape.name,
         vertex_indices=read_only(indices),
@@ -171,9 +172,9 @@ def sample_shape(
         invariants=read_only(_invariants(descriptors, chosen, positions)),
         offset=read_only(offset),
         scale=scale,
-        dense_indices=read_only(dense),
+        dense_indices=read_only(surface.to_original[dense_chosen]),
         dense_positions=read_only(dense_positions),
-        dense_normals=read_only(normals),
+        dense_normals=read_only(surface.normals(dense_chosen)),
         dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         signature=shape_signature(shape),
         rim=surface.rim,
@@ -200,8 +201,13 @@ def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArr
 
 
 def _distinct(surface: WorkingSurface, chosen: IntArray, shape: Shape) -> IntArray:
-    """Return the vertex nearest to each sample; where two share one, as across a thin wall, the nearest free one."""
+    """Return the vertex nearest to each sample; where two share one, as across a thin wall, the nearest free one.
+
+    The samples of joined components lie anywhere on triangles, and may share a vertex.
+    """
     indices = surface.to_original[chosen]
+    if surface.is_joined:
+        return indices
     again = np.setdiff1d(np.arange(len(chosen)), np.unique(indices, return_index=True)[1])
     if len(again):
         known = np.unique(surface.to_original)
@@ -290,11 +296,13 @@ def _invariants(
 
 
 def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
-    """Return the dense samples as vertices of the working surface, no two of the same original vertex."""
+    """Return the dense samples as vertices of the working surface, no two at the same place of the original."""
     num = min(options.num_dense_points, len(surface.shape.vertices))
     if not num:
         return np.empty(0, dtype=np.int64)
     chosen = surface.farthest_points(num, "euclidean", seeded=False)
+    if surface.is_joined:
+        return chosen
     _, first = np.unique(surface.to_original[chosen], return_index=True)
     return chosen[np.sort(first)]
 
@@ -339,7 +347,7 @@ def sample_file(
     shape = read_shape(file, cleaning, name=name, digest=digest)
     if extra is not None:
         shape = without_extra(shape, extra, cleaning)
-    surface = WorkingSurface(shape, sampling)
+    surface = WorkingSurface(shape, sampling, joined=cleaning.components == "all")
     num = len(surface.shape.vertices)
     fewer = MIN_POINTS <= num < sampling.num_points
     samples = sample_shape(

@@ -16,7 +16,7 @@ from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.options import SamplingOptions
 from data_tools.sight import lines_of_sight
-from data_tools.surface.shape import Shape, orientation_defects, outward_normals
+from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import boundary_edges, face_crosses, is_open_surface
 
 #: Points that are spread over each cell of a mesh, and the least and largest number over all.
@@ -31,8 +31,6 @@ CLOUD_CELL = 0.1
 NUM_NEIGHBOURS = 10
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
-#: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
-MAX_DEFECTS = 0.01
 #: Neighbours that a plane is fitted to where there are no triangles.
 NORMAL_NEIGHBOURS = 30
 #: A point of a cloud lies on a rim if so many neighbours leave a gap of more than this angle around it, in radians.

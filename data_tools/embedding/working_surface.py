@@ -12,13 +12,16 @@ from data_tools.embedding.invariants import boundary_distance
 from data_tools.embedding.sampling import farthest_points
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.sight import lines_of_sight
 from data_tools.surface.cleaning import clean, decimate
+from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.geodesics import (
     AGD_SOURCES,
     GeodesicSolver,
     agd_maxima,
     average_geodesic_distance,
 )
+from data_tools.surface.joined import joined_surface
 from data_tools.surface.laplacian import (
     Spectrum,
     SurfaceOperators,
@@ -26,7 +29,7 @@ from data_tools.surface.laplacian import (
     surface_operators,
     vertex_areas,
 )
-from data_tools.surface.shape import Shape
+from data_tools.surface.shape import MAX_DEFECTS, Shape, outward_normals
 from data_tools.surface.topology import (
     face_areas,
     is_open_surface,
@@ -51,6 +54,9 @@ class WorkingSurface:
         Any mesh or point cloud.
     options : SamplingOptions
         Says from which size on the copy is decimated.
+    joined : bool
+        Whether the copy is the surface around all components of a mesh, where there are several. Views from one side
+        stay as they are.
 
     Attributes
     ----------
@@ -62,11 +68,33 @@ class WorkingSurface:
         What differs from the given shape, and which operators were used so far.
     """
 
-    def __init__(self, shape: Shape, options: SamplingOptions) -> None:
-        self.shape, self.to_original, note = _reduce(shape, options)
+    def __init__(self, shape: Shape, options: SamplingOptions, *, joined: bool = False) -> None:
+        self._given = shape
+        self.is_joined = joined and _is_assembled(shape)
+        if self.is_joined:
+            self.shape, _, note = _reduce(joined_surface(shape), options)
+            self.to_original = _nearest_used(shape, self.shape.vertices)
+        else:
+            self.shape, self.to_original, note = _reduce(shape, options)
         self._notes = [note] if note else []
         self._spectra: dict[int, Spectrum] = {}
         self._farthest: dict[tuple[int, str, bool], IntArray] = {}
+
+    def places(self, chosen: IntArray) -> FloatArray:
+        """Return where vertices (k,) of the copy lie on the given shape, shape (k, 3).
+
+        These are its nearest vertices, or, around several components, its nearest points: a board has few vertices.
+        """
+        if not self.is_joined:
+            return self._given.vertices[self.to_original[chosen]]
+        given = SurfaceLocator(self._given.vertices, self._given.faces)
+        return given.closest(self.shape.vertices[chosen]).on(self._given.vertices)
+
+    def normals(self, chosen: IntArray) -> FloatArray:
+        """Return the outward normals at vertices (k,) of the copy, (k, 3); (0, 3) where the shape has no sides."""
+        if self.is_joined:
+            return outward_normals(self.shape, at=chosen, max_defects=MAX_DEFECTS)
+        return outward_normals(self._given, at=self.to_original[chosen])
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -187,9 +215,19 @@ def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, Note]:
             >= 0.99 * face_areas(vertices, faces).sum()
         ):
             break
-    used = _used(shape)
-    _, nearest = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False).query(
-        small.vertices
-    )
     note = Note("decimated", values={"before": len(shape.faces), "after": len(small.faces)})
-    return small, used[nearest], note
+    return small, _nearest_used(shape, small.vertices), note
+
+
+def _nearest_used(shape: Shape, points: FloatArray) -> IntArray:
+    """Return the vertex of a triangle that is nearest to each of the points (q, 3)."""
+    used = _used(shape)
+    tree = cKDTree(shape.vertices[used], compact_nodes=False, balanced_tree=False)
+    return used[tree.query(points)[1]]
+
+
+def _is_assembled(shape: Shape) -> bool:
+    """Return whether a mesh has several components and was not seen from one side only."""
+    if not shape.is_mesh or _is_connected(shape):
+        return False
+    return not len(lines_of_sight(shape.vertices))

@@ -14,6 +14,9 @@ from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.topology import face_areas, face_crosses
 
+#: Meshes with a larger share of edges on whose side their triangles disagree have normals of unknown sign.
+MAX_DEFECTS = 0.01
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:

@@ -3,14 +3,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from data_tools.embedding.embedding import Samples, sample_shape
+from data_tools.embedding.embedding import Samples, sample_file, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.io.shapes import write_mesh
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
+from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import mirrored, point_cloud, shuffled
 from data_tools.synthetic_shapes import blob, crown, sphere_mesh
+from tests.data_tools.surface.test_joined import boxes
 
 FEW = SamplingOptions(num_points=24, num_dense_points=60)
 ALL = EmbeddingOptions(kind="all", agd_weight=0.1)
@@ -159,3 +162,31 @@ def test_unusable_shapes_are_refused_by_name(shape):
     with pytest.raises(InputError, match="small: too few vertices for 30 eigenfunctions"):
         sample_shape(small, few, EmbeddingOptions(kind="xyz+lb", num_eigenfunctions=30))
     assert sample_shape(small, few).invariants.shape == (8, 6)
+
+
+def test_samples_of_joined_components_lie_between_their_few_vertices(tmp_path):
+    """A table of two boxes has sixteen vertices: its samples lie anywhere on it, with normals that point outwards."""
+    table = boxes(((4, 3, 0.5), (0, 0, 2)), ((0.6, 0.6, 2), (1.7, 1.2, 0)))
+    file = write_mesh(tmp_path / "table.ply", table)
+    found = sample_file(file, CleaningOptions(components="all"), FEW, EmbeddingOptions(), name="a")
+    assert found.positions.shape == (24, 3)
+    assert len(found.dense_positions) == 60
+    assert found.rim == "closed"
+    assert found.vertex_indices.max() < 16
+    for positions in (found.positions, found.dense_positions):
+        places = positions * found.scale + found.offset
+        nearest = SurfaceLocator(table.vertices, table.faces).closest(places).on(table.vertices)
+        np.testing.assert_allclose(places, nearest, atol=1e-6)
+    top = found.dense_positions * found.scale + found.offset
+    on_top = (top[:, 2] > 2.49) & (np.abs(top[:, :2] - [2.0, 1.5]) < [1.7, 1.2]).all(axis=1)
+    assert on_top.sum() > 5
+    assert (found.dense_normals[on_top, 2] > 0.9).all()
+
+
+def test_one_component_is_not_joined(tmp_path, shape):
+    file = write_mesh(tmp_path / "blob.ply", shape)
+    one, all_of_it = (
+        sample_file(file, CleaningOptions(components=components), FEW, EmbeddingOptions(), name="a")
+        for components in ("largest", "all")
+    )
+    np.testing.assert_array_equal(one.positions, all_of_it.positions)

@@ -1,0 +1,87 @@
+"""The surface around components is closed, lies close to all of them, and leaves out what lies within."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from data_tools.rotations import random_rotation
+from data_tools.surface.joined import NUM_CELLS, _points_on, joined_surface
+from data_tools.surface.shape import Shape, orientation_defects
+from data_tools.surface.topology import boundary_edges, mesh_components
+from data_tools.synthetic_shapes import sphere_mesh
+
+BOX = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+BOX_FACES = np.array(
+    [
+        *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
+        *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+    ]
+)
+
+
+def boxes(*placed):
+    """Return boxes, each given by its size and its lowest corner, as one mesh."""
+    vertices = np.concatenate([BOX * size + np.array(corner) for size, corner in placed])
+    faces = np.concatenate([BOX_FACES + 8 * i for i in range(len(placed))])
+    return Shape.from_arrays(vertices, faces)
+
+
+def volume(mesh):
+    return np.linalg.det(mesh.vertices[mesh.faces]).sum() / 6.0
+
+
+def cell_of(mesh):
+    return np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / NUM_CELLS
+
+
+def num_components(mesh):
+    return mesh_components(len(mesh.vertices), mesh.faces)[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_boxes_that_touch_become_one_closed_surface(seed):
+    turn = random_rotation(np.random.default_rng(seed))
+    table = boxes(((4, 3, 0.1), (0, 0, 2)), *(((0.1, 0.1, 2), (x, 1, 0)) for x in (0, 3.9)))
+    table = Shape.from_arrays(table.vertices @ turn.T, table.faces)
+    found = joined_surface(table)
+    assert num_components(found) == 1
+    assert len(boundary_edges(found.faces)) == 0
+    assert orientation_defects(found) == 0.0
+    assert volume(found) > 0.0
+    cell = cell_of(table)
+    far = cKDTree(found.vertices).query(_points_on(table.vertices[table.faces], cell))[0]
+    assert far.max() < 2.5 * cell
+
+
+def test_what_lies_within_is_left_out():
+    alone, filled = boxes((2, (0, 0, 0))), boxes((2, (0, 0, 0)), (1, (0.5, 0.5, 0.5)))
+    found = joined_surface(filled)
+    assert num_components(found) == 1
+    assert volume(found) == pytest.approx(volume(joined_surface(alone)))
+    assert volume(found) == pytest.approx((2.0 + 1.8 * cell_of(alone)) ** 3, rel=0.05)
+
+
+@pytest.mark.parametrize(("gap", "num"), [(1.0, 1), (8.0, 2)])
+def test_gaps_of_a_cell_are_closed_and_wide_ones_stay(gap, num):
+    cell = cell_of(boxes((1, (0, 0, 0)), (1, (1.05, 0, 0))))
+    assert num_components(joined_surface(boxes((1, (0, 0, 0)), (1, (1 + gap * cell, 0, 0))))) == num
+
+
+def test_a_crack_does_not_let_the_outside_in():
+    whole = boxes((2, (0, 0, 0)))
+    lid = whole.vertices[4:] + np.array([0.4 * cell_of(whole), 0.0, 0.0])
+    cracked = Shape.from_arrays(np.concatenate([whole.vertices, lid]), whole.faces)
+    faces = cracked.faces.copy()
+    faces[2:4] += 4  # the lid has corners of its own, a crack away
+    cracked = Shape.from_arrays(cracked.vertices, faces)
+    assert volume(joined_surface(cracked)) > 0.95 * volume(joined_surface(whole))
+
+
+def test_points_on_triangles_are_a_step_apart(rng):
+    ball, faces = sphere_mesh(40)
+    corners = (ball * [1.0, 0.02, 3.0])[faces]
+    points = _points_on(corners, 0.05)
+    weights = rng.dirichlet([1.0, 1.0, 1.0], size=(len(corners), 20))
+    inside = np.einsum("fnc,fcd->fnd", weights, corners).reshape(-1, 3)
+    assert cKDTree(points).query(inside)[0].max() <= 0.05
+    assert cKDTree(inside).query(points)[0].max() < 1.0
