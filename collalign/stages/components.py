@@ -51,7 +51,7 @@ def pose_with_components(
 
     answer = posed("largest")
     lost = [samples.notes for samples in answer[0].shapes.samples]
-    if not are_assembled(lost) or np.median(_confidences(answer)) >= UNCERTAIN:
+    if not are_assembled(cleaning, lost) or np.median(_confidences(answer)) >= UNCERTAIN:
         return answer
     whole = posed("all")
     if _confidences(whole).mean() <= _confidences(answer).mean():

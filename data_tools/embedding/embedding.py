@@ -48,8 +48,8 @@ class Samples:
         The samples, as vertices of the shape, in the order of farthest point sampling; the nearest vertices where
         components were joined, and then not always distinct.
     positions : ndarray, shape (k, 3)
-        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0. Where components were joined, the samples lie
-        on triangles, between these vertices.
+        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0. Where components were joined, they
+        lie on triangles, between these vertices.
     coordinates : ndarray, shape (k, d)
         The positions, then the weighted Laplace-Beltrami block if there is one.
     block_sizes : tuple of int

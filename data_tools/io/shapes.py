@@ -172,7 +172,7 @@ def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None)
     """
     cleaning = CleaningOptions() if cleaning is None else cleaning
     shapes = [read_shape(path, cleaning) for path in paths]
-    if cleaning.components == "auto" and are_assembled([shape.notes for shape in shapes]):
+    if cleaning.components == "auto" and are_assembled(cleaning, [shape.notes for shape in shapes]):
         shapes = [read_shape(path, replace(cleaning, components="all")) for path in paths]
     return shapes
 

@@ -291,14 +291,19 @@ def _largest_components(
     return faces[good]
 
 
-def are_assembled(notes: Sequence[Sequence[Note]]) -> bool:
-    """Return whether the smaller components of most shapes are too much of them to be fragments.
+def are_assembled(options: CleaningOptions, notes: Sequence[Sequence[Note]]) -> bool:
+    """Return whether shapes are assembled of components: the smaller ones are too much of most to be fragments.
+
+    Who asks for all components says so too.
 
     Parameters
     ----------
+    options : CleaningOptions
     notes : sequence of sequence of Note
         What cleaning said of each shape.
     """
+    if options.components == "all":
+        return True
     dropped = [1.0 - share_kept(own) for own in notes]
     return bool(dropped) and float(np.median(dropped)) > MOST_DROPPED
 

@@ -8,13 +8,14 @@ import networkx as nx
 import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
-from collalign.options import ALL, AlignOptions
+from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.stages.local_evidence import rigid_overlap
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import OptionsError
 from data_tools.poses import APART_DEG
 from data_tools.rotations import rotation_angle_deg
+from data_tools.surface.cleaning import are_assembled
 
 #: Maps are asked where the median of the pairs' lowest energies is above this share of the points' squared size: the
 #: shapes differ so much that one-to-one matches of positions do not settle poses. At default options teeth have .09,
@@ -56,8 +57,8 @@ def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequenc
         )
     if options.maps != "auto" or not able:
         return options.maps == "always"
-    if options.cleaning.components == ALL:  # a map is of one component
-        return False
+    if are_assembled(options.cleaning, [item.notes for item in samples]):
+        return False  # a map is of one component
     is_weak = float(np.median([pair.energies.min() for pair in pairs])) > BENT_ENERGY
     return (
         is_weak and closing_share(pairs) < CLOSING_CYCLES and not _overlap_rigidly(samples, pairs)

@@ -71,10 +71,7 @@ def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:
 
 def _may_be_broken(options: AlignOptions, shapes: Shapes) -> bool:
     """Return whether a border may be a break. Objects that are assembled of components have borders everywhere."""
-    assembled = options.cleaning.components == ALL or are_assembled(
-        [item.notes for item in shapes.samples]
-    )
-    return not assembled
+    return not are_assembled(options.cleaning, [item.notes for item in shapes.samples])
 
 
 def match_like_copies(pairs: Iterable[Pair]) -> set[int]:

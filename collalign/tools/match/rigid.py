@@ -202,7 +202,9 @@ def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[
         ]
 
     found = sampled(options.cleaning)
-    if options.cleaning.components == AUTO and are_assembled([one.notes for one in found]):
+    if options.cleaning.components == AUTO and are_assembled(
+        options.cleaning, [one.notes for one in found]
+    ):
         found = sampled(replace(options.cleaning, components="all"))
     return found
 

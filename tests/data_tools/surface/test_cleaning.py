@@ -130,4 +130,5 @@ def test_options_check_themselves():
 )
 def test_shapes_are_assembled_where_most_lose_much_with_smaller_components(shares, assembled):
     notes = [[Note(cleaning.COMPONENTS_KEPT, values={"share": 100.0 * share})] for share in shares]
-    assert cleaning.are_assembled(notes) == assembled
+    assert cleaning.are_assembled(CleaningOptions(components="largest"), notes) == assembled
+    assert cleaning.are_assembled(CleaningOptions(components="all"), notes)
