@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests import conftest
-from tests.test_layers import ROOT
+from tests.test_layers import ROOT, sources
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 #: Folders from which the text names files.
@@ -88,6 +88,25 @@ def test_every_file_and_folder_that_is_named_exists(path):
 )
 def test_the_files_of_a_folder_are_there(folder, names):
     assert {*names} <= {file.stem for file in (ROOT / folder).glob("*.py")}
+
+
+def unnamed_modules(text):
+    """The modules of the three packages that a text does not name."""
+    words = {word for name in named(text) for word in re.findall(r"\w+", name)}
+    return {file.stem for _, file in sources()} - words - {"__init__", "__main__"}
+
+
+def test_the_tables_name_every_module():
+    tables = "".join(
+        section(title)
+        for title in (
+            "The folders of the two lower packages",
+            "The layers of collalign",
+            "The files of the larger folders",
+        )
+    )
+    assert not unnamed_modules(tables)
+    assert unnamed_modules(tables.replace("`geodesics`", "")) == {"geodesics"}
 
 
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
