@@ -13,7 +13,7 @@ from data_tools.synthetic import bumped
 from data_tools.synthetic_shapes import blob
 from pairwise.partial_counterparts import _apart, counterparts
 from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
-from pairwise.partial_surface import PartialSurface
+from pairwise.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface
 
 NUM = 400
 
@@ -119,9 +119,9 @@ def test_the_grid_answers_with_nearly_the_nearest_point(whole):
     places = to.points[rng.integers(NUM, size=50)] + 0.05 * rng.standard_normal((50, 3))
     found = to.nearest(places)
     exact = cKDTree(to.points).query(places)[0]
-    assert (
-        np.linalg.norm(to.points[found] - places, axis=1) <= exact + np.sqrt(3) * to._grid[2]
-    ).all()
+    cell = (np.ptp(to.points, axis=0).max() + 2 * GRID_MARGIN * to.radius) / GRID_CELLS
+    excess = np.linalg.norm(to.points[found] - places, axis=1) - exact
+    assert 0 < excess.max() <= np.sqrt(3) * cell
     assert to.nearest(np.full((1, 3), 100.0)).tolist() == [-1]
 
 
