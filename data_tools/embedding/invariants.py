@@ -17,8 +17,6 @@ from data_tools.surface.topology import boundary_edges, is_open_surface
 HKS_TIMES = (0.003, 0.01, 0.03, 0.1)
 #: Eigenpairs used for signatures: at the shortest time the next one counts exp(-2.3).
 NUM_SPECTRUM = 60
-#: Number of energies of the wave kernel signature.
-WKS_ENERGIES = 6
 
 
 def heat_kernel_signature(eigen: Spectrum, times: tuple[float, ...] = HKS_TIMES) -> FloatArray:
@@ -30,7 +28,7 @@ def heat_kernel_signature(eigen: Spectrum, times: tuple[float, ...] = HKS_TIMES)
     return np.log1p(eigen.functions**2 @ decay)
 
 
-def wave_kernel_signature(eigen: Spectrum, num_energies: int = WKS_ENERGIES) -> FloatArray:
+def wave_kernel_signature(eigen: Spectrum, num_energies: int) -> FloatArray:
     """Return the logarithm of the wave kernel signature, shape (v, num_energies).
 
     Aubry, Schlickewei and Cremers 2011: sums of phi_i^2 over Gaussian windows in log lambda. The energies depend
