@@ -6,7 +6,6 @@ import unicodedata
 
 import numpy as np
 import pytest
-import trimesh
 
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.listing import READERS, distinct_names, files_at, read_folder
@@ -260,16 +259,6 @@ def test_clouds_come_without_faces(tmp_path, rng):
         write_mesh(tmp_path / "cloud.stl", cloud)
     with pytest.raises(InputError, match=r"cannot write '\.npz'"):
         write_mesh(tmp_path / "cloud.npz", cloud)
-
-
-def test_scene_transforms_are_applied(tmp_path):
-    box = trimesh.creation.box()
-    scene = trimesh.Scene()
-    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1], [2, 0, 0])
-    scene.add_geometry(box, transform=turn)
-    scene.export(tmp_path / "box.glb")
-    back = read_shape(tmp_path / "box.glb")
-    np.testing.assert_allclose(back.vertices.mean(axis=0), [2, -2, 0], atol=1e-6)
 
 
 def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
