@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from collalign.batch import estimate_job, read_batch
-from collalign.cli import main
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from collalign.stages.forecast import forecast
 from data_tools.errors import InputError, OptionsError
 from data_tools.synthetic import write_collection
+from tests.commands import run_command
 from tests.finished_runs import chairs
 
 
@@ -121,7 +121,7 @@ def test_bad_files_are_refused_by_name(text, error, word, tmp_path):
     assert "batch.toml" in str(raised.value)
 
 
-def test_dry_run_estimates_and_writes_nothing(folder, capsys):
+def test_dry_run_estimates_and_writes_nothing(folder):
     path = batch_file(folder, GOOD)
     estimate = estimate_job(read_batch(path)[0], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (3, 3)
@@ -130,8 +130,9 @@ def test_dry_run_estimates_and_writes_nothing(folder, capsys):
     assert all(seconds > 0 for stage, seconds in estimate.stages_s.items() if stage != "start")
     assert estimate.stages_s["start"] >= 0  # one job starts no worker
     assert estimate.seconds == pytest.approx(sum(estimate.stages_s.values()))
-    assert main(["batch", str(path), "--dry-run", "--jobs", "1", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["jobs"][0]
+    told = json.loads(run_command("batch", path, "--dry-run", "--jobs", "1", "--json").out)["jobs"][
+        0
+    ]
     assert (told["shapes"], told["pairs"]) == (3, 3)
     assert told["seconds"] == pytest.approx(sum(one["seconds"] for one in told["stages"].values()))
     assert {stage: one["tasks"] for stage, one in told["stages"].items()} == {
@@ -148,7 +149,7 @@ def test_dry_run_estimates_and_writes_nothing(folder, capsys):
 
 def test_one_bad_folder_does_not_stop_the_others(folder):
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
-    assert main(["batch", str(batch_file(folder, text)), "--jobs", "1"]) == 3
+    run_command("batch", batch_file(folder, text), "--jobs", "1", ends=3)
     assert (folder / "b" / "alignment.json").exists()
     estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
     assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
@@ -170,11 +171,10 @@ def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])
-def test_an_unreadable_folder_does_not_stop_the_others(flags, folder, monkeypatch, capsys):
+def test_an_unreadable_folder_does_not_stop_the_others(flags, folder, monkeypatch):
     refuse_to_list(folder / "secret", monkeypatch)
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "secret"\nout = "a"')
-    assert main(["batch", str(batch_file(folder, text)), "--jobs", "1", *flags]) == 3
-    said = capsys.readouterr()
+    said = run_command("batch", batch_file(folder, text), "--jobs", "1", *flags, ends=3)
     assert "secret: cannot be read (Permission denied)" in said.err
     assert ("3 shapes and 3 pairs" if flags else "3 shapes") in said.out
 

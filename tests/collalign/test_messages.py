@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.cli import main
 from collalign.console.messages import add_to_summary, command_messages, configure_output, end
 from collalign.engine import progress
+from tests.commands import run_command
 
 TEXTS = (".json", ".csv", ".html")
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -29,25 +29,11 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsys):
+def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path):
     out, log = tmp_path / "out", tmp_path / "run.log"
-    assert (
-        main(
-            [
-                "align",
-                str(folder),
-                "--out",
-                str(out),
-                *FLAGS,
-                "--json",
-                "--quiet",
-                "--log",
-                str(log),
-            ]
-        )
-        == 3
+    said = run_command(
+        "align", folder, "--out", out, *FLAGS, "--json", "--quiet", "--log", log, ends=3
     )
-    said = capsys.readouterr()
     told = json.loads(said.out)
     assert (told["command"], told["exit_code"], told["shapes"], told["pairs"]) == ("align", 3, 3, 3)
     assert [one["file"] for one in told["left_out"]] == ["broken.ply"]
@@ -60,14 +46,12 @@ def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path, capsy
     assert lines[-1].endswith("exit code 3")
 
 
-def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path, capsys):
+def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path):
     align = ["align", str(folder), "--out", str(tmp_path), *FLAGS]
-    assert main(align) == 3
-    said = capsys.readouterr()
+    said = run_command(*align, ends=3)
     assert "pairs: 0 of 3\n" in said.err
     assert "Aligned 3 shapes" in said.out
-    assert main([*align, "--quiet"]) == 3
-    assert capsys.readouterr().out == ""
+    assert run_command(*align, "--quiet", ends=3).out == ""
     assert not logging.getLogger("collalign").handlers, "what a command listens by ends with it"
 
 
@@ -97,14 +81,13 @@ def test_a_stage_has_a_line_at_its_start_and_end_and_one_a_minute_between(monkey
 @pytest.mark.parametrize(
     "wrong", [["align", "nowhere", "--out", "out"], ["align", ".", "--out", "x", "--nothing", "1"]]
 )
-def test_errors_are_told_as_well(wrong, capsys):
-    assert main([*wrong, "--json"]) == 2
-    told = json.loads(capsys.readouterr().out)
+def test_errors_are_told_as_well(wrong):
+    told = json.loads(run_command(*wrong, "--json", ends=2).out)
     assert told["exit_code"] == 2
     assert wrong[-2] in told["error"] or "nowhere" in told["error"]
 
 
-def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
+def test_a_batch_tells_of_each_folder(folder, tmp_path):
     jobs = "".join(
         f"[[jobs]]\nfolder = '{at}'\nout = '{tmp_path / out}'\n"
         for at, out in ((folder, "x"), ("no", "y"))
@@ -112,8 +95,9 @@ def test_a_batch_tells_of_each_folder(folder, tmp_path, capsys):
     (tmp_path / "batch.toml").write_text(
         "[options.sampling]\nnum_points = 12\nnum_dense_points = 0\n" + jobs
     )
-    assert main(["batch", str(tmp_path / "batch.toml"), "--jobs", "1", "--json"]) == 3
-    first, second = json.loads(capsys.readouterr().out)["jobs"]
+    first, second = json.loads(
+        run_command("batch", tmp_path / "batch.toml", "--jobs", "1", "--json", ends=3).out
+    )["jobs"]
     assert (first["shapes"], first["exit_code"], second["exit_code"]) == (3, 3, 2)
     assert "no such folder" in second["error"]
 
@@ -142,9 +126,7 @@ def test_what_is_unknown_is_null_for_programs(capsys):
 
 def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp_path):
     log = tmp_path / "run.jsonl"
-    assert (
-        main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS, "--log", str(log)]) == 3
-    )
+    run_command("align", folder, "--out", tmp_path / "out", *FLAGS, "--log", log, ends=3)
     lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
     assert lines[0] == {"format": "collalign-log", "version": 1}
     assert [line.get("exit_code") for line in lines].count(3) == 1
@@ -167,33 +149,32 @@ def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp
 
 
 @pytest.mark.parametrize("name", ["mesh.ply", "alignment.json", "log.jsonl"])
-def test_a_log_goes_into_no_file_of_somebody_else(name, tmp_path, capsys):
+def test_a_log_goes_into_no_file_of_somebody_else(name, tmp_path):
     path = tmp_path / name
     path.write_bytes(b"# log of another program")
-    assert main(["status", str(tmp_path), "--log", str(path)]) == 2
-    assert "Name a new file" in capsys.readouterr().err
+    assert "Name a new file" in run_command("status", tmp_path, "--log", path, ends=2).err
     assert path.read_bytes() == b"# log of another program"
 
 
-def test_a_log_is_not_waited_for(tmp_path, capsys):
+def test_a_log_is_not_waited_for(tmp_path):
     if not hasattr(os, "mkfifo"):
         pytest.skip("this system has no named pipes")
     os.mkfifo(tmp_path / "pipe")
-    assert main(["status", str(tmp_path), "--log", str(tmp_path / "pipe")]) == 2
-    assert "is not a regular file" in capsys.readouterr().err
+    said = run_command("status", tmp_path, "--log", tmp_path / "pipe", ends=2)
+    assert "is not a regular file" in said.err
 
 
 def test_a_log_is_appended_to_through_an_empty_file_and_later_runs(tmp_path):
     path = tmp_path / "log"
     path.touch()
     for times in (1, 2):
-        assert main(["status", str(tmp_path), "--log", str(path)]) == 2
+        run_command("status", tmp_path, "--log", path, ends=2)
         lines = path.read_text().splitlines()
         assert lines[0] == "# log of collalign"
         assert len([line for line in lines if line.endswith("exit code 2")]) == times
 
 
-def test_control_characters_in_names_reach_no_output(tmp_path, capsys):
+def test_control_characters_in_names_reach_no_output(tmp_path):
     shapes, out, red = tmp_path / "in", tmp_path / "out", "\x1b[31m"
     shapes.mkdir()
     points = np.random.default_rng(0).random((40, 3))
@@ -201,42 +182,33 @@ def test_control_characters_in_names_reach_no_output(tmp_path, capsys):
         np.savetxt(shapes / f"{name}.xyz", points)
     (shapes / f"{red}bad\n.ply").write_bytes(b"rubbish")
     (shapes / f"{red}note.md").touch()
-    assert (
-        main(["align", str(shapes), "--out", str(out), *FLAGS, "--log", str(tmp_path / "log")]) == 3
-    )
-    assert main(["align", str(tmp_path / f"{red}\ngone.ply"), "--out", str(out), *FLAGS]) == 2
-    assert main(["status", str(out)]) == 3
-    said = capsys.readouterr()
-    texts = [
-        said.out,
-        said.err,
-        *(path.read_text("utf-8") for path in out.iterdir() if path.suffix in TEXTS),
+    said = [
+        *run_command("align", shapes, "--out", out, *FLAGS, "--log", tmp_path / "log", ends=3),
+        *run_command("align", tmp_path / f"{red}\ngone.ply", "--out", out, *FLAGS, ends=2),
+        *run_command("status", out, ends=3),
     ]
-    assert not [
-        text
-        for text in (*texts, (tmp_path / "log").read_text())
-        if "\x1b" in text or "d.xyz: c" in text
-    ]
-    assert "\\x1b[31mbad\\n.ply" in said.err
-    assert "\\x1b[31m\\ngone.ply: " in said.err
+    files = [path for path in out.iterdir() if path.suffix in TEXTS]
+    texts = [path.read_text("utf-8") for path in (*files, tmp_path / "log")]
+    assert not [text for text in (*said, *texts) if "\x1b" in text or "d.xyz: c" in text]
+    assert "\\x1b[31mbad\\n.ply" in said[1]
+    assert "\\x1b[31m\\ngone.ply: " in said[3]
     assert json.loads((out / "alignment.json").read_text())["shapes"][0]["name"] == "\\x1b[31mb"
     assert "\\x1b[31mb" in (out / "pairs.csv").read_text()
     assert "c\\nd" in (out / "pairs.csv").read_text()
 
 
-def test_a_disk_without_room_for_one_more_file_is_said(folder, tmp_path, monkeypatch, capsys):
+def test_a_disk_without_room_for_one_more_file_is_said(folder, tmp_path, monkeypatch):
     def refuse(*arguments, **keywords):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/x")
 
     monkeypatch.setattr("tempfile.mkdtemp", refuse)
-    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 1
-    assert "/tmp/x: the disk is full, or has no room for one more file" in capsys.readouterr().err
+    said = run_command("align", folder, "--out", tmp_path / "out", *FLAGS, ends=1)
+    assert "/tmp/x: the disk is full, or has no room for one more file" in said.err
     monkeypatch.undo()
     monkeypatch.setattr("data_tools.io.files.os.replace", refuse)
-    assert main(["align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]) == 2
-    assert "`df -i`" in capsys.readouterr().err
+    assert "`df -i`" in run_command("align", folder, "--out", tmp_path / "out", *FLAGS, ends=2).err
 
 
-def test_a_log_that_cannot_be_written_is_named(tmp_path, capsys):
-    assert main(["status", str(tmp_path), "--log", str(tmp_path)]) == 2
-    assert f"--log {tmp_path}: cannot be written" in capsys.readouterr().err
+def test_a_log_that_cannot_be_written_is_named(tmp_path):
+    said = run_command("status", tmp_path, "--log", tmp_path, ends=2)
+    assert f"--log {tmp_path}: cannot be written" in said.err

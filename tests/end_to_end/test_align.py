@@ -2,7 +2,6 @@
 
 import contextlib
 import csv
-import io
 import itertools
 import json
 import os
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.cli import main
 from collalign.engine.local_jobs import lasting_workers
 from collalign.engine.store import Store
 from data_tools.errors import CollectionError, InputError
@@ -23,6 +21,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import write_collection
+from tests.commands import run_command
 from tests.finished_runs import chairs
 from tests.notes import codes
 
@@ -46,10 +45,8 @@ def folder(planted, tmp_path_factory):
 @pytest.fixture(scope="module")
 def finished(folder, tmp_path_factory):
     """The folder of a finished run of the command, and what it printed."""
-    out, printed = tmp_path_factory.mktemp("finished") / "out", io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
-    return out, printed.getvalue()
+    out = tmp_path_factory.mktemp("finished") / "out"
+    return out, run_command("align", folder, "--out", out, *FLAGS).out
 
 
 @pytest.fixture
@@ -164,7 +161,7 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
 
 def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
     first = (out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()
-    assert main(["align", str(folder), "--out", str(out), *FLAGS]) == 0
+    run_command("align", folder, "--out", out, *FLAGS)
     assert (
         (out / "alignment.json").read_bytes(),
         (out / "correspondences.npz").read_bytes(),
@@ -206,21 +203,20 @@ def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
     assert contents(tmp_path / "1", names) == contents(tmp_path / "2", names)
 
 
-def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
+def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path):
     mixed = tmp_path / "mixed"
     write_collection(mixed, planted)
     (mixed / "broken.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\n")
     (mixed / "notes.md").write_text("not a shape")
     out = tmp_path / "out"
-    assert main(["align", str(mixed), "--out", str(out), "--no-report", *FLAGS]) == 3
-    captured = capsys.readouterr()
+    captured = run_command("align", mixed, "--out", out, "--no-report", *FLAGS, ends=3)
     assert "broken.ply" in captured.err
     assert "notes.md" in captured.out
     record = json.loads((out / "alignment.json").read_text())
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
     assert len(record["shapes"]) == 5
-    assert main(["align", str(mixed), "--out", str(tmp_path / "strict"), "--strict", *FLAGS]) == 2
-    assert capsys.readouterr().err.count("broken.ply") == 1
+    said = run_command("align", mixed, "--out", tmp_path / "strict", "--strict", *FLAGS, ends=2)
+    assert said.err.count("broken.ply") == 1
     assert not (tmp_path / "strict" / "alignment.json").exists()
 
 
@@ -239,14 +235,10 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path, capsys):
         (["--config", "missing.toml", "align", ".", "--out", "out"], "missing.toml"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_name_the_cause(
-    arguments, word, tmp_path, monkeypatch, capfd
-):
+def test_bad_arguments_exit_with_2_and_name_the_cause(arguments, word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.xyz").write_text("0 0 0\n")
-    assert main(arguments) == 2
-    captured = capfd.readouterr()
-    assert word in (captured.err + captured.out).lower()
+    assert word in "".join(run_command(*arguments, ends=2)).lower()
 
 
 def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path):
@@ -255,10 +247,9 @@ def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path):
         align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
 
 
-def test_status_counts(finished, capsys):
+def test_status_counts(finished):
     out, _ = finished
-    assert main(["status", str(out / "store.sqlite"), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(run_command("status", out / "store.sqlite", "--json").out)
     # Ten pairs, and five of these once more to see whether shapes are mirrored.
     assert (report["shapes"]["done"], report["pairs"]["done"], report["pairs"]["left"]) == (
         5,
@@ -267,33 +258,29 @@ def test_status_counts(finished, capsys):
     )
     assert report["run"] == {"files": "5", "stage": "finished"}
     assert (report["command"], report["exit_code"], report["finished"]) == ("status", 0, True)
-    assert main(["status", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == report
+    assert json.loads(run_command("status", out, "--json").out) == report
 
 
-def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path, capsys):
+def test_status_of_an_unfinished_run_says_the_stage_and_how_to_go_on(tmp_path):
     with Store.open(tmp_path / "store.sqlite") as store:
         store.plan("shapes", {"a" * 40: "one.ply"})
         store.set_note("files", "3")
         store.set_note("stage", "confidence")
-    assert main(["status", str(tmp_path)]) == 5
-    said = capsys.readouterr().out
+    said = run_command("status", tmp_path, ends=5).out
     assert "files: 3, of which 2 are duplicates" in said
     assert "shapes: 0 done, 0 failed, 1 left of 1" in said
     assert "stage: confidence" in said
     assert said.endswith("the same command continues it.\n")
-    assert main(["status", str(tmp_path), "--prune"]) == 2
-    assert "the run is not finished" in capsys.readouterr().err
-    assert main(["status", str(tmp_path / "nowhere"), "--prune"]) == 2
-    assert "there is no such store" in capsys.readouterr().err
+    assert "the run is not finished" in run_command("status", tmp_path, "--prune", ends=2).err
+    ended = run_command("status", tmp_path / "nowhere", "--prune", ends=2)
+    assert "there is no such store" in ended.err
 
 
-def test_pruning_leaves_what_the_same_command_needs(folder, out, capsys):
+def test_pruning_leaves_what_the_same_command_needs(folder, out):
     with Store.open(out / "store.sqlite") as store:
         store.put("pairs", "a" * 40, {"energy": 0.5})
-    assert main(["status", str(out), "--prune", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["removed"] == 1
-    assert main(["align", str(folder), "--out", str(out), "--no-report", *FLAGS]) == 0
+    assert json.loads(run_command("status", out, "--prune", "--json").out)["removed"] == 1
+    run_command("align", folder, "--out", out, "--no-report", *FLAGS)
     assert json.loads((out / "run.json").read_text())["num_reused"] == 15
 
 
@@ -303,11 +290,9 @@ def grown(planted, tmp_path_factory):
     root = tmp_path_factory.mktemp("grown")
     write_collection(root / "old", replace(planted, shapes=planted.shapes[:4]))
     write_mesh(root / "new" / "late.ply", planted.shapes[4])
-    assert (
-        main(["align", str(root / "old"), "--out", str(root / "out"), *FLAGS, "--no-report"]) == 0
-    )
+    run_command("align", root / "old", "--out", root / "out", *FLAGS, "--no-report")
     before = json.loads((root / "out" / "alignment.json").read_text())["shapes"]
-    assert main(["add", str(root / "out"), str(root / "new"), "--jobs", "1", "--no-report"]) == 0
+    run_command("add", root / "out", root / "new", "--jobs", "1", "--no-report")
     return root, before
 
 
@@ -324,33 +309,31 @@ def test_adding_shapes_moves_nothing(grown, planted):
     assert json.loads((out / "run.json").read_text())["num_reused"] == 10
 
 
-def test_an_inbox_is_added_again_and_again(folder, out, tmp_path, capsys):
+def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
     inbox, before = tmp_path / "inbox", (out / "alignment.json").read_bytes()
     command = ["add", str(out), str(inbox), "--jobs", "1", "--no-report"]
     shutil.copytree(folder, inbox)
     (inbox / "chair1.ply").rename(inbox / "another name.ply")
-    assert main([*command, "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["known"]) == 5
+    assert len(json.loads(run_command(*command, "--json").out)["known"]) == 5
     assert (out / "alignment.json").read_bytes() == before
     write_mesh(
         inbox / "late.ply",
         read_shape(inbox / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])),
     )
-    assert main(command) == 0
+    said = run_command(*command)
     assert (
         "Skipped 5 files that the collection has already: another name.ply (as chair1), "
-        in capsys.readouterr().out
+        in said.out
     )
     assert len(json.loads((out / "run.json").read_text())["known"]) == 5
-    assert main(command) == 0
-    assert "nothing new to add" in capsys.readouterr().out
+    assert "nothing new to add" in run_command(*command).out
     np.savetxt(inbox / "chair2.ply", np.eye(3))
-    assert main(command) == 2
-    assert "a shape called 'chair2' already; rename the new one" in capsys.readouterr().err
+    said = run_command(*command, ends=2)
+    assert "a shape called 'chair2' already; rename the new one" in said.err
 
 
 @pytest.mark.parametrize("after", [2, 6])
-def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, capsys, after):
+def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, after):
     moves, original, new = iter(range(100)), os.replace, tmp_path / "new"
     write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
     before = json.loads((out / "alignment.json").read_text())["shapes"]
@@ -364,10 +347,9 @@ def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatc
         patch.setattr(
             "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace})
         )
-        assert main(["add", str(out), str(new), "--jobs", "1"]) == 130
+        run_command("add", out, new, "--jobs", "1", ends=130)
     assert not (out / "alignment.json").exists()
-    assert main(["add", str(out), str(new), "--jobs", "1"]) == 0
-    assert "nothing new to add" in capsys.readouterr().out
+    assert "nothing new to add" in run_command("add", out, new, "--jobs", "1").out
     shapes = json.loads((out / "alignment.json").read_text())["shapes"]
     assert [one["name"] for one in shapes[5:]] == ["late"]
     assert [one["transform"] for one in shapes[:5]] == [one["transform"] for one in before]
@@ -405,49 +387,32 @@ def test_a_file_that_changes_while_it_is_added_is_named(out, tmp_path):
     ]
 
 
-def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_path, capsys):
+def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_path):
     old, new, out = (
         Path(shutil.copytree(grown[0] / name, tmp_path / name)) for name in ("old", "new", "out")
     )
     command = ["align", str(old), "--out", str(out), *FLAGS, "--no-report"]
     before = (out / "alignment.json").read_bytes()
-    assert main(command) == 2
-    assert (
-        "has 1 more shapes, which would be lost: late. Name their files too"
-        in capsys.readouterr().err
-    )
+    said = run_command(*command, ends=2)
+    assert "has 1 more shapes, which would be lost: late. Name their files too" in said.err
     assert (out / "alignment.json").read_bytes() == before
-    assert main([command[0], str(new), *command[1:]]) == 0
-    assert main([*command, "--exclude", "chair1"]) == 2
-    assert main([*command, "--drop"]) == 0
+    run_command(command[0], new, *command[1:])
+    run_command(*command, "--exclude", "chair1", ends=2)
+    run_command(*command, "--drop")
     assert "late" not in (out / "alignment.json").read_text()
     (old / "chair4.ply").unlink()
-    assert main(command) == 0, "a shape whose file is gone is meant to go"
+    run_command(*command)  # a shape whose file is gone is meant to go
 
 
 def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
     labels = tmp_path / "labels.csv"
     labels.write_text("name,sex\nchair1,f\nnobody,m\n")
-    assert (
-        main(
-            [
-                "align",
-                str(folder),
-                "--out",
-                str(out),
-                *FLAGS,
-                "--no-report",
-                "--labels",
-                str(labels),
-            ]
-        )
-        == 0
-    )
+    run_command("align", folder, "--out", out, *FLAGS, "--no-report", "--labels", labels)
     notes = json.loads((out / "alignment.json").read_text())["notes"]
     assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [
         ["nobody"]
     ]
-    assert main(["export", str(out), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
+    run_command("export", out, "--format", "csv", "--to", tmp_path / "csv")
     assert {note["text"] for note in notes if note["code"] != "doubtful"} <= set(
         (tmp_path / "csv" / "notes-csv.txt").read_text().splitlines()
     )
@@ -473,7 +438,7 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
         "decisions": [pose],
     }
     (tmp_path / "decisions.json").write_text(json.dumps(decisions))
-    assert main([*command, "--corrections", str(tmp_path / "decisions.json")]) == 0
+    run_command(*command, "--corrections", tmp_path / "decisions.json")
     corrected = np.array(
         json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"]
     )[:3, :3]
@@ -490,7 +455,7 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
 def check_certificates(out, capsys):
     """The certificates of a result hold, and prove no more than the energies."""
     capsys.readouterr()
-    assert main(["certify", str(out), "--verify", "--json"]) == 0
+    run_command("certify", out, "--verify", "--json")
     found = json.loads(capsys.readouterr().out)
     with open(out / "pairs.csv", newline="") as table:
         energies = {
@@ -517,7 +482,7 @@ def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
         "--certify",
     ]
     flags += ["--certify-pair-s", "60", "--certify-budget-s", "240"]
-    assert main(["align", str(folder), "--out", str(out), *flags]) == 0
+    run_command("align", folder, "--out", out, *flags)
     with open(out / "pairs.csv", newline="") as table:
         rows = list(csv.DictReader(table))
     for row in rows:
@@ -528,10 +493,7 @@ def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
         proven
     ]
     check_certificates(out, capsys)
-    assert (
-        main(["align", str(folder), "--out", str(out), "--certify", "--embedding.kind", "xyz+lb"])
-        == 2
-    )
+    run_command("align", folder, "--out", out, "--certify", "--embedding.kind", "xyz+lb", ends=2)
 
 
 def test_the_published_synchronization_runs_with_eigenfunctions(folder, planted):

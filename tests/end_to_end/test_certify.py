@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign.cli import main
 from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
@@ -19,6 +18,7 @@ from collalign.tools.certify.command import certification_notes
 from collalign.wording import note_records
 from data_tools.errors import InputError, OptionsError
 from data_tools.options import SamplingOptions
+from tests.commands import run_command
 from tests.finished_runs import chairs, finished_run
 from tests.notes import codes
 from tests.view_problems import write_result
@@ -32,9 +32,8 @@ def result(tmp_path_factory):
     return finished_run(tmp_path_factory.mktemp("certify"), chairs(4), OPTIONS, report=True)
 
 
-def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(result, capsys):
-    assert main(["certify", str(result), "--jobs", "1"]) == 0
-    said = capsys.readouterr().out.splitlines()
+def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(result):
+    said = run_command("certify", result, "--jobs", "1").out.splitlines()
     first = (result / "certification.json").read_bytes()
     record = json.loads(first)
     kinds = ["bound", "cheapest", "fixed", "scope"]
@@ -51,7 +50,7 @@ def test_the_command_proves_most_of_the_energy_and_goes_on_from_the_store(result
     with Store.open(result / "store.sqlite") as store:
         num_proofs = len(store.keys("proofs"))
     assert num_proofs == 6 * len(record["bound_of_each_round"])
-    assert main(["certify", str(result), "--jobs", "1"]) == 0
+    run_command("certify", result, "--jobs", "1")
     assert (result / "certification.json").read_bytes() == first
     assert load(result).notes == notes
     with Store.open(result / "store.sqlite") as store:
@@ -90,7 +89,7 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
     run = collalign.RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     shutil.copy(result / "store.sqlite", tmp_path)
     found = collalign.certify_collection(result, budget_s=1e-9, run=run, progress=False).joint
-    assert main(["status", str(tmp_path / "store.sqlite")]) == 0
+    run_command("status", tmp_path / "store.sqlite")
     assert (found.bound, found.ended) == (0.0, "time")
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = []
@@ -109,7 +108,7 @@ def test_what_a_part_of_the_pairs_proves_passes_verification(result, tmp_path, m
         "collalign.engine.session.takewhile", lambda _, tasks: itertools.islice(tasks, 5)
     )
     store = str(tmp_path / "other.sqlite")
-    assert main(["certify", str(tmp_path / "out"), "--jobs", "1", "--store", store]) == 0
+    run_command("certify", tmp_path / "out", "--jobs", "1", "--store", store)
     stated = json.loads((tmp_path / "out" / "certification.json").read_bytes())["lower_bound"]
     found = verify_result(tmp_path / "out").collection
     assert found is not None
@@ -130,14 +129,14 @@ def test_wrong_names_files_and_options_are_refused(result, tmp_path):
     (copy / "certification.json").unlink(missing_ok=True)
     (copy / ".collalign" / "manifest.json").unlink(missing_ok=True)
     (copy / "certification.json").write_text("mine")
-    assert main(["certify", str(copy), "--jobs", "1"]) == 2
+    run_command("certify", copy, "--jobs", "1", ends=2)
     assert (copy / "certification.json").read_text() == "mine"
 
 
 @pytest.fixture
 def proof(result, tmp_path):
     """The result with a fresh certification, to be damaged."""
-    assert main(["certify", str(result), "--jobs", "1"]) == 0
+    run_command("certify", result, "--jobs", "1")
     shutil.copytree(result, tmp_path / "out")
     return tmp_path / "out"
 
@@ -158,9 +157,9 @@ def rewritten(folder, **changes):
 def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     record = json.loads((proof / "certification.json").read_bytes())
     capsys.readouterr()
-    assert main(["certify", str(proof), "--verify", "--budget-s", "1"]) == 2
+    run_command("certify", proof, "--verify", "--budget-s", "1", ends=2)
     assert "takes no other option" in capsys.readouterr().err
-    assert main(["certify", str(proof), "--verify"]) == 0
+    run_command("certify", proof, "--verify")
     assert "Collection: no arrangement of the 4 shapes costs less than" in capsys.readouterr().out
     found = rewritten(proof)
     assert found.proven >= record["lower_bound"] * (1 - 1e-9)
@@ -168,7 +167,7 @@ def test_verify_proves_the_bound_again_from_the_file_alone(proof, capsys):
     assert found.energy == pytest.approx(record["energy"]["cheapest_known"])
     assert found.proven <= found.energy
     (proof / "certification.npz").write_bytes(b"no archive")
-    assert main(["certify", str(proof), "--verify"]) == 2
+    run_command("certify", proof, "--verify", ends=2)
 
 
 def test_a_forged_proof_is_refused_or_proves_no_more(proof):

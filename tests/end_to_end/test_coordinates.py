@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign.cli import main
 from collalign.tools.export.run import export
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
 from data_tools.synthetic_shapes import blob
+from tests.commands import run_command
 from tests.notes import codes
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "50", "--jobs", "1"]
@@ -35,7 +35,7 @@ def surveyed(tmp_path_factory):
         (folder / "in" / f"s{at}.obj").write_text(
             "vt 0 0\nusemtl stone\n" + "\n".join(lines) + "\n"
         )
-    assert main(["align", str(folder / "in"), "--out", str(folder / "out"), *FLAGS]) == 0
+    run_command("align", folder / "in", "--out", folder / "out", *FLAGS)
     return folder
 
 
@@ -90,18 +90,14 @@ def test_what_the_outputs_lack_is_said(surveyed):
     assert "coarse-coordinates" not in codes(notes)
 
 
-def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path, capsys):
+def test_coarse_steps_are_named_by_a_check_and_a_run(surveyed, tmp_path):
     (tmp_path / "in").mkdir()
     for file in sorted((surveyed / "in").iterdir()):
         shape = read_shape(file)
         single = shape.vertices.astype(np.float32)
         np.savez(tmp_path / "in" / f"{file.stem}.npz", vertices=single, faces=shape.faces)
     for more in (["--check"], []):
-        assert (
-            main(["align", str(tmp_path / "in"), "--out", str(tmp_path / "out"), *FLAGS, *more])
-            == 0
-        )
-        said = capsys.readouterr().out
+        said = run_command("align", tmp_path / "in", "--out", tmp_path / "out", *FLAGS, *more).out
         assert "Coordinates come in coarse steps" in said
         assert "s0 (0.5)" in said
         assert "Matched on a repaired copy" not in said or "coordinates come in steps" not in said

@@ -9,13 +9,13 @@ import pytest
 import trimesh
 
 from collalign import TwoShapeOptions, match_rigid
-from collalign.cli import main
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import bent
 from data_tools.synthetic_shapes import blob, crown, figure
+from tests.commands import run_command
 from tests.pairwise.test_partial_match import cut, moved
 
 
@@ -31,7 +31,7 @@ def files(tmp_path, rng):
 
 def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     target, source, turn = files
-    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
+    run_command("match", target, source, "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("b -> a: energy")
@@ -46,14 +46,13 @@ def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)
 
 
-def test_a_mirror_image_that_fits_much_better_is_said(tmp_path, capsys):
+def test_a_mirror_image_that_fits_much_better_is_said(tmp_path):
     """The answer stays a rotation, and poses are shown with what they are ranked by."""
     shape = blob(np.random.default_rng(4), num_vertices=400)
     turn = random_rotation(np.random.default_rng(5))
     mirrored = Shape.from_arrays(shape.vertices * [-1, 1, 1] @ turn + 3.0, shape.faces[:, ::-1])
     target, source = write_mesh(tmp_path / "c.ply", shape), write_mesh(tmp_path / "d.ply", mirrored)
-    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out")]) == 0
-    printed = capsys.readouterr().out
+    printed = run_command("match", target, source, "--out", tmp_path / "out").out
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert np.linalg.det(np.array(record["transform"])[:3, :3]) > 0
     assert "Note: The mirror image of d fits much better" in printed
@@ -63,8 +62,7 @@ def test_a_mirror_image_that_fits_much_better_is_said(tmp_path, capsys):
         for word in re.findall(r"(?:energy|poses:) ([-+.e\d]+)", printed.splitlines()[0])
     ]
     assert energies == sorted(energies)
-    assert main(["match", str(target), str(source), "--group", "O"]) == 0
-    printed = capsys.readouterr().out
+    printed = run_command("match", target, source, "--group", "O").out
     assert "Note" not in printed
     assert "reflected" in printed
     found = np.array(
@@ -91,7 +89,7 @@ def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
     records = {}
     for flag, folder in folders.items():
         flags = [flag, "--sampling.num-points", "12", "--out", str(folder)]
-        assert main(["match", str(target), str(source), *flags]) == 0
+        run_command("match", target, source, *flags)
         records[flag] = json.loads((folder / "match.json").read_text())
     refined, plain = records["--refine"], records["--no-refine"]
     best = refined["candidates"][0]
@@ -105,7 +103,7 @@ def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
 def test_certify_reaches_the_pair(files, tmp_path):
     target, source, _ = files
     flags = ["--certify", "--matching.time-limit-s", "1", "--sampling.num-points", "8"]
-    assert main(["match", str(target), str(source), "--out", str(tmp_path / "out"), *flags]) == 0
+    run_command("match", target, source, "--out", tmp_path / "out", *flags)
     record = json.loads((tmp_path / "out" / "match.json").read_text())
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 
@@ -119,24 +117,9 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     target = write_mesh(tmp_path / "a.ply", shape)
     source = write_mesh(tmp_path / "b.ply", bent(shape, rng, angle=0.3))
     flags = f"--nonrigid --surface.num-functions 40 --surface.num-dense 200 --out {tmp_path / 'o'}".split()
-    assert (
-        main(
-            [
-                "match",
-                str(target),
-                str(source),
-                *flags,
-                "--landmarks",
-                str(tmp_path / "stranger.csv"),
-            ]
-        )
-        == 2
-    )
+    run_command("match", target, source, *flags, "--landmarks", tmp_path / "stranger.csv", ends=2)
     assert not (tmp_path / "o").exists() or not any((tmp_path / "o").glob("map*"))
-    assert (
-        main(["match", str(target), str(source), *flags, "--landmarks", str(tmp_path / "a.csv")])
-        == 0
-    )
+    run_command("match", target, source, *flags, "--landmarks", tmp_path / "a.csv")
     with np.load(tmp_path / "o" / "map.npz", allow_pickle=False) as arrays:
         there, back = arrays["point_map_target_source"], arrays["point_map_source_target"]
         confidence = arrays["vertex_confidence"]
@@ -161,19 +144,19 @@ def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):
     assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
     assert "confidence" in capsys.readouterr().out
     np.savetxt(tmp_path / "c.xyz", shape.vertices)
-    assert main(["match", str(target), str(tmp_path / "c.xyz"), *flags]) == 0
+    run_command("match", target, tmp_path / "c.xyz", *flags)
     assert not (tmp_path / "o" / "map_landmarks.csv").exists(), "of another map"
     assert b"property float confidence" in (tmp_path / "o" / "map_source.ply").read_bytes()
 
 
-def test_bad_files_exit_with_2(tmp_path, capsys):
+def test_bad_files_exit_with_2(tmp_path):
     (tmp_path / "a.ply").write_text("nothing")
     for flags in ([], ["--nonrigid"]):
-        assert main(["match", str(tmp_path / "a.ply"), str(tmp_path / "b.ply"), *flags]) == 2
-        assert ".ply" in capsys.readouterr().err
+        said = run_command("match", tmp_path / "a.ply", tmp_path / "b.ply", *flags, ends=2)
+        assert ".ply" in said.err
 
 
-def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
+def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path):
     rng = np.random.default_rng(1)
     whole, turn = crown(rng, num_vertices=700), random_rotation(rng)
     files = [str(write_mesh(tmp_path / "a.ply", whole))]
@@ -182,8 +165,7 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
         str(write_mesh(tmp_path / "b.ply", moved(part, turn, 1.0, np.array([2.0, 0.0, 1.0]))))
     )
     flags = ["--partial", "--sampling.normalisation", "none"]
-    assert main(["match", *files, *flags, "--out", str(tmp_path / "out")]) == 0
-    printed = capsys.readouterr().out
+    printed = run_command("match", *files, *flags, "--out", tmp_path / "out").out
     assert " % of it lies on" in printed
     assert "mirror image" not in printed
     record = json.loads((tmp_path / "out" / "match.json").read_text())
@@ -195,26 +177,25 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path, capsys):
     assert record["mirror_chance"] < 0.3
     other = Shape.from_arrays(part.vertices * [-1, 1, 1] @ turn, part.faces[:, ::-1])
     files.append(str(write_mesh(tmp_path / "c.ply", other)))
-    assert main(["match", files[0], files[2], *flags]) == 0
-    assert "Note: The mirror image of c fits much better" in capsys.readouterr().out
+    said = run_command("match", files[0], files[2], *flags)
+    assert "Note: The mirror image of c fits much better" in said.out
     for wrong in (
         "--landmarks a.csv",
         "--surface.num-dense 900",
         "--nonrigid --partial",
         "--nonrigid --group O",
     ):
-        assert main(["match", *files[:2], *wrong.split(), "--out", str(tmp_path / "o")]) == 2
-        assert "--nonrigid" in capsys.readouterr().err
-    assert main(["match", *files[:2], "--partial", "--certify"]) == 2
-    assert "--partial works on surfaces" in capsys.readouterr().err
+        said = run_command("match", *files[:2], *wrong.split(), "--out", tmp_path / "o", ends=2)
+        assert "--nonrigid" in said.err
+    said = run_command("match", *files[:2], "--partial", "--certify", ends=2)
+    assert "--partial works on surfaces" in said.err
 
 
-def test_outputs_over_the_landmarks_of_a_shape_are_refused(files, tmp_path, capsys):
+def test_outputs_over_the_landmarks_of_a_shape_are_refused(files, tmp_path):
     marks = tmp_path / "marks"
     marks.mkdir()
     (marks / "some.csv").write_text("name,x,y,z\ntip,0,0,0\n")
     given = [*map(str, files[:2]), "--nonrigid", "--landmarks", f"a={marks / 'some.csv'}"]
-    assert main(["match", *given, "--out", str(marks)]) == 2
-    assert "contains" in capsys.readouterr().err
-    assert main(["match", given[0], given[0], *given[2:], "--out", str(tmp_path / "o")]) == 2
-    assert "rename" in capsys.readouterr().err
+    assert "contains" in run_command("match", *given, "--out", marks, ends=2).err
+    said = run_command("match", given[0], given[0], *given[2:], "--out", tmp_path / "o", ends=2)
+    assert "rename" in said.err

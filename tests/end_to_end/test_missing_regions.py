@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign.cli import main
 from collalign.output.loading import load
 from collalign.tools.transfer.run import CARRIED, MISSING_PLACE
 from data_tools.errors import CollectionError
@@ -20,6 +19,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges
 from data_tools.synthetic import deformed_family
 from data_tools.synthetic_shapes import crown
+from tests.commands import run_command
 from tests.pairwise.test_partial_match import cut, moved
 from tests.view_problems import write_result
 
@@ -128,7 +128,7 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
 
 
 def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_have_no_variation(
-    teeth, tmp_path, capsys
+    teeth, tmp_path
 ):
     view = load(teeth.result)
     result = tmp_path / "result"
@@ -138,8 +138,7 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
         replace(view, confidence=np.where(np.array(view.names) == doubted, 0.5, 0.99)), result
     )
     command = ["variation", str(result), "--store", str(teeth.run.store), "--jobs", "1"]
-    assert main(command) == 0
-    assert f"Left out of the statistics: {doubted} (in doubt)" in capsys.readouterr().err
+    assert f"Left out of the statistics: {doubted} (in doubt)" in run_command(*command).err
     assert f"{BROKEN},incomplete" in (result / "variation" / "left_out.csv").read_text().split()
     with (result / "variation" / "scores.csv").open() as file:
         assert {doubted, BROKEN}.isdisjoint(line["name"] for line in csv.DictReader(file))
@@ -155,11 +154,11 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
         "kind",
         "--json",
     ]
-    assert main(classify) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(run_command(*classify).out)
     assert (found["scored"], set(found["left_out"])) == (NUM_SHAPES - 2, {doubted, BROKEN})
-    assert main([*classify, "--include-doubtful", "--exclude", doubted, BROKEN]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(
+        run_command(*classify, "--include-doubtful", "--exclude", doubted, BROKEN).out
+    )
     assert (found["scored"], {*found["left_out"].values()}) == (
         NUM_SHAPES - 2,
         {"excluded"},

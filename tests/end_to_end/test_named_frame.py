@@ -8,10 +8,10 @@ import pytest
 
 import collalign
 from collalign import AlignOptions, align_collection
-from collalign.cli import main
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import moved_by
 from data_tools.synthetic import write_collection
+from tests.commands import run_command
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 24, "num_dense_points": 0}, "incomplete": "never"}
@@ -114,12 +114,10 @@ def test_the_command_line_reads_landmarks_and_added_shapes_keep_the_frame(plante
         "never",
     ]
     out = tmp_path / "out"
-    assert (
-        main(["align", str(first), "--out", str(out), "--jobs", "1", "--no-report", *options]) == 0
-    )
+    run_command("align", first, "--out", out, "--jobs", "1", "--no-report", *options)
     before = collalign.load(out)
     np.testing.assert_allclose(moved_by(before["chair2"].transform, marks["top"]), 0.0, atol=1e-6)
-    assert main(["add", str(out), str(rest), "--jobs", "1", "--no-report"]) == 0
+    run_command("add", out, rest, "--jobs", "1", "--no-report")
     after = collalign.load(out)
     assert len(after) == len(before) + 1
     np.testing.assert_array_equal(after.transforms[:-1], before.transforms)

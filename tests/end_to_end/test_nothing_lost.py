@@ -12,6 +12,7 @@ from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, export
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
+from tests.commands import run_command
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 from tests.finished_runs import chairs, finished_run
 from tests.view_problems import write_result
@@ -44,7 +45,7 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished, tmp_
     links.mkdir()
     for file in (finished / "out" / "meshes").iterdir():
         (links / file.name).symlink_to(file)
-    assert main(["align", str(links), "--out", str(finished / "out"), *FLAGS]) == 2
+    run_command("align", links, "--out", finished / "out", *FLAGS, ends=2)
     assert snapshot(finished / "out") == before
 
 
@@ -52,26 +53,16 @@ def test_what_was_aligned_again_is_not_replaced_by_its_own_result(finished, tmp_
     "name", ["report.html", "pairs.csv", "meshes/chair1.ply", "alignment.json"]
 )
 def test_foreign_files_under_our_names_are_refused_before_the_work(
-    project, tmp_path, name, capsys, monkeypatch
+    project, tmp_path, name, monkeypatch
 ):
     monkeypatch.setattr("collalign.align_collection", lambda *_, **__: pytest.fail("was run"))
     foreign = tmp_path / "out" / name
     foreign.parent.mkdir(parents=True)
     foreign.write_text("mine")
-    assert (
-        main(
-            [
-                "align",
-                str(project / "meshes"),
-                "--out",
-                str(tmp_path / "out"),
-                "--no-report",
-                *FLAGS,
-            ]
-        )
-        == 2
+    said = run_command(
+        "align", project / "meshes", "--out", tmp_path / "out", "--no-report", *FLAGS, ends=2
     )
-    assert "Move it away" in capsys.readouterr().err
+    assert "Move it away" in said.err
     assert foreign.read_text() == "mine"
 
 
@@ -80,10 +71,7 @@ def test_other_files_stay_and_former_results_go(finished, project, tmp_path):
     shutil.copytree(finished / "out", out)
     (out / "meshes" / "mine.txt").write_text("mine")
     (project / "meshes" / "chair3.ply").unlink()
-    assert (
-        main(["align", str(project / "meshes"), "--out", str(out), *FLAGS, "--no-report", "--drop"])
-        == 0
-    )
+    run_command("align", project / "meshes", "--out", out, *FLAGS, "--no-report", "--drop")
     assert sorted(p.name for p in (out / "meshes").iterdir()) == [
         "chair1.ply",
         "chair2.ply",
@@ -129,7 +117,7 @@ def test_no_command_writes_among_its_inputs(finished, command, place, monkeypatc
     monkeypatch.chdir(finished)
     (finished / "chair1.csv").write_text("tip,0,0,0\n")
     before = snapshot(finished)
-    assert main([*command, place]) == 2
+    run_command(*command, place, ends=2)
     assert snapshot(finished) == before
 
 
@@ -160,7 +148,7 @@ def test_names_that_are_long_or_no_text_go_through_every_output(tmp_path):
         path = write_mesh(tmp_path / "a.ply", shape)
         os.rename(path, os.fsencode(shapes) + b"/" + name + b".ply")
     out = tmp_path / "out"
-    assert main(["align", str(shapes), "--out", str(out), *FLAGS]) == 0
+    run_command("align", shapes, "--out", out, *FLAGS)
     assert len([read_shape(path) for path in (out / "meshes").iterdir()]) == 3
     for format in FORMATS:
         for path in export(out, format, tmp_path / format):

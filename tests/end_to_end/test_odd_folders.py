@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from collalign import RunOptions, align_collection, load
-from collalign.cli import main
 from collalign.stages.match_pairs import match_pairs
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import write_collection
 from experiments.confidence.families import FAMILIES, pose_family
+from tests.commands import run_command
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 from tests.finished_runs import chairs
 from tests.notes import codes, only
@@ -56,27 +56,16 @@ def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path)
     assert only(found.notes, "symmetric").values["num"] == 5
 
 
-def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch, capsys):
+def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch):
     def match_all_but_the_last(*args, **options):
         pairs, failed = match_pairs(*args, **options)
         return [pair for pair in pairs if 3 not in (pair.target, pair.source)], failed
 
     monkeypatch.setattr("collalign.stages.choose_pairs.match_pairs", match_all_but_the_last)
     write_collection(tmp_path / "shapes", planted)
-    assert (
-        main(
-            [
-                "align",
-                str(tmp_path / "shapes"),
-                "--out",
-                str(tmp_path / "out"),
-                "--no-report",
-                *FLAGS,
-            ]
-        )
-        == 0
-    )
-    printed = capsys.readouterr().out
+    printed = run_command(
+        "align", tmp_path / "shapes", "--out", tmp_path / "out", "--no-report", *FLAGS
+    ).out
     assert "look at them first: chair4 (unknown)" in printed
     assert "No pairs connect" in printed
     shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
@@ -85,7 +74,7 @@ def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch,
 
 
 def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_what(
-    planted, tmp_path, capsys
+    planted, tmp_path
 ):
     fragment = np.array([[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0]])
     stored = [
@@ -95,8 +84,7 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_
     for shape, vertices in zip(planted.shapes, stored, strict=False):
         faces = np.vstack([[[0, 1, 2]], shape.faces + 3])
         write_mesh(tmp_path / f"{shape.name}.ply", replace(shape, vertices=vertices, faces=faces))
-    assert main(["align", str(tmp_path), "--out", f"{tmp_path}-out", *FLAGS]) == 0
-    said = capsys.readouterr().out
+    said = run_command("align", tmp_path, "--out", f"{tmp_path}-out", *FLAGS).out
     assert "dropped" in said
     notes = json.loads((tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json").read_text())[
         "shape_notes"

@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 import collalign
 from collalign import align_collection
-from collalign.cli import main
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.synthetic import write_collection
+from tests.commands import run_command
 from tests.finished_runs import chairs
 from tests.notes import only
 
@@ -176,9 +176,7 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
         "1",
         "--no-report",
     ]
-    assert (
-        main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own), *flags]) == 0
-    )
+    run_command("align", tmp_path / "shapes", "--out", out, "--own", own, *flags)
     said = "Given by you: invariants (1 columns of weight 0.4); poses of 2 pairs, "
     assert said in capsys.readouterr().out
     record = json.loads((out / "alignment.json").read_text())
@@ -194,30 +192,18 @@ def test_the_command_takes_a_file_and_results_say_what_they_cannot_repeat(
         "correspondences",
         "pair_weights",
     )
-    assert main(["stability", str(out)]) == 2
+    run_command("stability", out, ends=2)
     assert (
         "aligned with invariants of the caller's own, which a result does not keep"
         in capsys.readouterr().err
     )
     own.write_text(json.dumps({"pairs": [{"source": first}]}))
-    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
+    run_command("align", tmp_path / "shapes", "--out", out, "--own", own, ends=2)
     assert "own.json: no 'target' is given" in capsys.readouterr().err
     own.write_text(json.dumps({"candidates": []}))
-    assert main(["align", str(tmp_path / "shapes"), "--out", str(out), "--own", str(own)]) == 2
+    run_command("align", tmp_path / "shapes", "--out", out, "--own", own, ends=2)
     assert "there is no entry 'candidates'" in capsys.readouterr().err
-    assert (
-        main(
-            [
-                "align",
-                str(tmp_path / "shapes"),
-                "--out",
-                str(tmp_path / "values"),
-                "--own",
-                str(own),
-            ]
-        )
-        == 2
-    )
+    run_command("align", tmp_path / "shapes", "--out", tmp_path / "values", "--own", own, ends=2)
 
 
 @pytest.mark.parametrize(

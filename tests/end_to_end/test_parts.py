@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from collalign import add_to_collection, align_collection, load
-from collalign.cli import main
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.posture import parts_of_mean
 from data_tools.errors import InputError
@@ -17,6 +16,7 @@ from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.synthetic_shapes import blob
+from tests.commands import run_command
 
 NUM = 4
 FLAGS = ["--sampling.num-points", "32", "--sampling.num-dense-points", "60", "--jobs", "1"]
@@ -53,7 +53,7 @@ def folder(poses, tmp_path_factory):
 @pytest.fixture(scope="module")
 def out(folder, tmp_path_factory):
     to = tmp_path_factory.mktemp("results") / "out"
-    assert main(["align", str(folder), "--parts", "--out", str(to), *FLAGS]) == 0
+    run_command("align", folder, "--parts", "--out", to, *FLAGS)
     return to
 
 
@@ -81,7 +81,7 @@ def test_one_pose_a_specimen_and_every_part_is_written_there(folder, out, poses)
         assert whole.area < sum(
             part.area for part in parts.values()
         )  # read as usual, its largest part alone
-    assert main(["export", str(out), "--format", "stl", "--to", str(out.with_name("stl"))]) == 0
+    run_command("export", out, "--format", "stl", "--to", out.with_name("stl"))
     exported = read_shape(out.with_name("stl") / "s2" / "mandible.stl")
     np.testing.assert_allclose(
         exported.area, read_shape(out / "meshes" / "s2" / "mandible.ply").area, rtol=1e-4

@@ -10,7 +10,6 @@ import pytest
 
 import collalign
 from collalign.align import align_listing
-from collalign.cli import main
 from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
@@ -18,6 +17,7 @@ from collalign.tools.stability.command import stability_summary, write_stability
 from collalign.tools.stability.run import StabilityOptions, repetitions
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
+from tests.commands import run_command
 from tests.finished_runs import chairs, finished_run, made_once
 from tests.view_problems import write_result
 
@@ -41,14 +41,13 @@ def result(tmp_path_factory):
     return finished_run(tmp_path_factory.mktemp("stability"), chairs(5), OPTIONS)
 
 
-def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result, capsys):
+def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result):
     before = {
         path.name: path.read_bytes()
         for path in result.iterdir()
         if path.suffix in (".json", ".npz", ".csv")
     }
-    assert main(["stability", str(result), *FEW]) == 0
-    said = capsys.readouterr().out.splitlines()
+    said = run_command("stability", result, *FEW).out.splitlines()
     assert said[0] == "5 of 5 poses stayed within 20 deg of the others' in every repetition."
     assert said[1] == "5 shapes aligned again 3 times: 4 shapes, choice 1; seed 1; 24 points."
     names = ["stability.csv", "stability.html"]
@@ -67,7 +66,7 @@ def test_the_command_writes_tables_and_picture_and_goes_on_from_the_store(result
     assert [float(row["pose_stays"]) for row in rows] == [1.0] * 5
     assert sorted(row["repetitions"] for row in rows) == ["2", "3", "3", "3", "3"]
     first = (result / "stability.csv").read_bytes()
-    assert main(["stability", str(result), *FEW]) == 0
+    run_command("stability", result, *FEW)
     assert (result / "stability.csv").read_bytes() == first
     with Store.open(result / "store.sqlite") as store:
         assert len(store.keys("pairs")) == num_pairs
@@ -116,7 +115,7 @@ def test_a_vanished_file_and_a_file_of_somebody_else_are_named(result, tmp_path)
         collalign.check_stability(copy)
     write_result(view, copy)
     (copy / "stability.csv").write_text("mine")
-    assert main(["stability", str(copy), *FEW]) == 2
+    run_command("stability", copy, *FEW, ends=2)
     assert (copy / "stability.csv").read_text() == "mine"
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import collalign
-from collalign.cli import main
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import planted_collection
 from data_tools.synthetic_shapes import sphere_mesh
+from tests.commands import run_command
 from tests.finished_runs import finished_run
 
 #: Height of the one-sided bump of each specimen, in radii.
@@ -85,7 +85,7 @@ def test_the_planted_asymmetry_is_found(result, tmp_path):
         "--labels",
         str(labels),
     ]
-    assert main([*words, "--individuals", "owner"]) == 0
+    run_command(*words, "--individuals", "owner")
     check_planted(to, names)
     anova = {row["effect"]: row for row in rows(to / "symmetry/procrustes_anova.csv")}
     assert list(anova) == ["individual", "side", "individual:side", "total"]
@@ -93,7 +93,7 @@ def test_the_planted_asymmetry_is_found(result, tmp_path):
     sizes = [float(row["centroid_size"]) for row in rows(to / "scores.csv")]
     assert max(sizes) > 1.5 * min(sizes)
     assert len(list((to / "symmetry/specimens").iterdir())) == len(names)
-    assert main([*words, "--individuals", "nobody"]) == InputError.exit_code
+    run_command(*words, "--individuals", "nobody", ends=InputError.exit_code)
 
 
 def test_landmark_pairs_say_where_the_mirror_plane_is(result, tmp_path):

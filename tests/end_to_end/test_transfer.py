@@ -10,7 +10,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 import collalign
-from collalign.cli import main
 from collalign.output.loading import load
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import choose_template
@@ -32,6 +31,7 @@ from data_tools.surface.shape import Shape
 from data_tools.synthetic import deformed_family, planted_collection
 from data_tools.synthetic_shapes import chair, sphere_mesh
 from tests.collalign.registration.test_fit import radius
+from tests.commands import run_command
 from tests.finished_runs import finished_run
 from tests.view_problems import write_result
 
@@ -161,7 +161,7 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
         str(to),
         "--leave-one-out",
     ]
-    assert main([*words, "--jobs", "1"]) == 0
+    run_command(*words, "--jobs", "1")
     last = read_landmarks(to / f"{planted.shapes[-1].name}.mrk.json")
     assert last.labels == tuple(f"tip {i}" for i in range(6))
     found = np.array(true_landmarks(planted))
@@ -220,10 +220,7 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
         "--surface-points",
         "25",
     ]
-    assert (
-        main([*words, "--to", str(to), "--jobs", "1", "--store", str(run.store), "--leave-one-out"])
-        == 0
-    )
+    run_command(*words, "--to", to, "--jobs", "1", "--store", run.store, "--leave-one-out")
     names = [shape.name for shape in planted.shapes]
     for at in (0, NUM_SHAPES - 1):
         found = read_landmarks(to / f"{names[at]}.mrk.json")
@@ -278,7 +275,7 @@ def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
     assert np.nanmin(gaps) > 0.2
 
 
-def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run, capsys):
+def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run):
     doubted = tmp_path / "doubted"
     doubted.mkdir()
     view = load(result)
@@ -294,14 +291,11 @@ def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run, cap
         "--jobs",
         "1",
     ]
-    assert main([*words, "--store", str(run.store), "--format", "tps"]) == 3
-    assert DOUBTFUL_POSE in capsys.readouterr().out
+    assert DOUBTFUL_POSE in run_command(*words, "--store", run.store, "--format", "tps", ends=3).out
     assert (to / "landmarks.tps").read_text().count("NaN") == 18
 
 
-def test_landmarks_in_ras_are_carried_as_those_in_lps(
-    result, templates, planted, tmp_path, run, capsys
-):
+def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run):
     truth = collalign.transfer_landmarks(result, templates[:1], run=run)
     name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
     given = tmp_path / f"{name}.fcsv"
@@ -320,21 +314,18 @@ def test_landmarks_in_ras_are_carried_as_those_in_lps(
         "--jobs",
         "1",
     ]
-    assert main([*words, "--format", "slicer-json", "--store", str(run.store)]) == 0
-    assert "landmarks converted from RAS to LPS" in capsys.readouterr().out
+    said = run_command(*words, "--format", "slicer-json", "--store", run.store)
+    assert "landmarks converted from RAS to LPS" in said.out
     for at, path in enumerate(sorted((tmp_path / "all").glob("*.mrk.json"))):
         found = read_landmarks(path)
         assert found.system == "LPS"
         np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
 
 
-def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path, capsys):
+def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path):
     marks = read_landmarks(templates[0])
     far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
     for command in ("transfer", "variation"):
-        assert (
-            main([command, str(result), "--landmarks", str(far), "--to", str(tmp_path / command)])
-            == 2
-        )
-        assert "0.1 times as large they lie on it" in capsys.readouterr().err
+        said = run_command(command, result, "--landmarks", far, "--to", tmp_path / command, ends=2)
+        assert "0.1 times as large they lie on it" in said.err
         assert not (tmp_path / command).exists()

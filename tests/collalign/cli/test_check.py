@@ -6,7 +6,6 @@ import unicodedata
 import numpy as np
 import pytest
 
-from collalign.cli import main
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from data_tools.io.shapes import write_mesh
@@ -14,6 +13,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import deformed_family
 from data_tools.synthetic_shapes import chair
+from tests.commands import run_command
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
 
@@ -38,24 +38,22 @@ def folder(tmp_path):
     return tmp_path / "in"
 
 
-def test_that_stl_files_repeat_their_vertices_is_no_news(tmp_path, capsys):
+def test_that_stl_files_repeat_their_vertices_is_no_news(tmp_path):
     for name in ("a", "b"):
         write_mesh(tmp_path / f"{name}.stl", chair(np.random.default_rng(0), resolution=1))
     command = ["align", str(tmp_path), *FLAGS, "--check"]
-    assert main(command) == 0
-    assert "duplicate vertices" not in capsys.readouterr().out
-    assert main([*command, "--json"]) == 0
-    (note,) = json.loads(capsys.readouterr().out)["shapes"][0]["notes"]
+    assert "duplicate vertices" not in run_command(*command).out
+    (note,) = json.loads(run_command(*command, "--json").out)["shapes"][0]["notes"]
     assert note["code"] == "duplicates-merged"
 
 
-def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
+def test_a_check_reads_every_file_and_writes_nothing(folder):
     out = folder.parent / "out"
-    assert (
-        main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"])
-        == 3
+    told = json.loads(
+        run_command(
+            "align", folder, "--recursive", "--out", out, *FLAGS, "--check", "--json", ends=3
+        ).out
     )
-    told = json.loads(capsys.readouterr().out)
     assert [one["name"] for one in told["shapes"]] == ["left/a", "left/b", "right/a", "c", "metres"]
     assert all(one["points"] == 40 and one["triangles"] == 0 for one in told["shapes"])
     assert max(told["shapes"][0]["size"]) > 30
@@ -68,50 +66,48 @@ def test_a_check_reads_every_file_and_writes_nothing(folder, capsys):
         {"times": [pytest.approx(1e3, rel=0.01)]},
     )
     assert not out.exists()
-    assert main(["align", str(folder / "left"), *FLAGS, "--check"]) == 0
-    assert main(["align", str(folder / "left"), *FLAGS]) == 2
-    assert "2 of 2 files can be aligned." in capsys.readouterr().out
+    said = run_command("align", folder / "left", *FLAGS, "--check")
+    assert "2 of 2 files can be aligned." in said.out
+    run_command("align", folder / "left", *FLAGS, ends=2)
     (folder / "right" / "readme.md").write_text("again")
-    assert (
-        main(["align", str(folder), "--recursive", "--out", str(out), *FLAGS, "--check", "--json"])
-        == 3
+    said = run_command(
+        "align", folder, "--recursive", "--out", out, *FLAGS, "--check", "--json", ends=3
     )
-    assert json.loads(capsys.readouterr().out)["skipped"] == ["in/readme.md", "right/readme.md"]
+    assert json.loads(said.out)["skipped"] == ["in/readme.md", "right/readme.md"]
     (folder / "left" / "b.xyz").unlink()
-    assert main(["align", str(folder / "left"), "--out", str(out), *FLAGS, "--check"]) == 2
-    assert "at least two are needed" in capsys.readouterr().err
+    said = run_command("align", folder / "left", "--out", out, *FLAGS, "--check", ends=2)
+    assert "at least two are needed" in said.err
 
 
-def test_a_check_says_who_has_too_few_points(folder, capsys):
+def test_a_check_says_who_has_too_few_points(folder):
     np.savetxt(folder / "left" / "few.xyz", np.eye(3))
     places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
-    assert (
-        main(["align", *places, "--out", str(folder.parent / "out"), "--jobs", "1", "--check"]) == 3
-    )
-    said = capsys.readouterr().out
+    said = run_command(
+        "align", *places, "--out", folder.parent / "out", "--jobs", "1", "--check", ends=3
+    ).out
     assert "Shapes are matched at 40 points: " in said
     assert "Left out by a run, with fewer than 40 points: few." in said
 
 
-def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder, capsys):
+def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder):
     out = folder.parent / "out"
     places = folder.parent / "all.txt"
     places.write_text("in/left\nin/right/*.xyz\n")
-    assert main(["align", f"@{places}", "--out", str(out), *FLAGS]) == 3
-    said = capsys.readouterr()
+    said = run_command("align", f"@{places}", "--out", out, *FLAGS, ends=3)
     assert "Much smaller than the median shape: metres" in said.out
     assert "Left out: right/b.xyz: " in said.err
     assert load(out).names == ("c", "left/a", "left/b", "metres", "right/a")
     assert len({path.name for path in (out / "meshes").iterdir()}) == 5
     places = [str(folder / "right"), str(folder / "left")]
-    assert main(["align", *places, "--out", str(out), *FLAGS, "--check", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(
+        run_command("align", *places, "--out", out, *FLAGS, "--check", "--json", ends=3).out
+    )
     assert {"c", "left/a", "metres", "right/a"} < {one["name"] for one in told["shapes"]}
-    assert main(["align", str(folder), "--out", str(out)]) == 2
-    assert "its folders do: left (2), right (4)" in capsys.readouterr().err
+    ended = run_command("align", folder, "--out", out, ends=2)
+    assert "its folders do: left (2), right (4)" in ended.err
 
 
-def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
+def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path):
     for name in "abc":
         np.savetxt(tmp_path / f"{name}.xyz", np.random.default_rng(0).random((40, 3)))
     header = "ply\nformat binary_little_endian 1.0\nelement vertex 90000000\n"
@@ -119,15 +115,16 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path, capsys):
     with (tmp_path / "huge.ply").open("wb") as file:
         file.write(header.encode())
         file.truncate(len(header) + 12 * 90_000_000)
-    assert main(["align", str(tmp_path), "--check", "--memory-limit-gib", "0.5", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(
+        run_command("align", tmp_path, "--check", "--memory-limit-gib", "0.5", "--json", ends=3).out
+    )
     assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
     assert [(one["file"], one["reason"]) for one in told["left_out"]] == [
         ("huge.ply", "does not fit in memory")
     ]
 
 
-def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
+def test_copies_are_named_by_check_align_and_variation(tmp_path):
     """Identical, turned and mirrored, each with the option that leaves it out."""
     rng = np.random.default_rng(0)
     family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.03)
@@ -143,12 +140,12 @@ def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
         "add --exclude s1t.",
         "s2, s2m: these files hold mirror images",
     ]
-    assert main(["align", str(tmp_path / "in"), *FLAGS, "--check", "--json"]) == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
+    notes = json.loads(run_command("align", tmp_path / "in", *FLAGS, "--check", "--json").out)[
+        "notes"
+    ]
     assert [sum(words in note["text"] for note in notes) for words in expected] == [1, 1, 1]
     out = tmp_path / "out"
-    assert main(["align", str(tmp_path / "in"), "--out", str(out), "--no-report", *FLAGS]) == 0
-    printed = capsys.readouterr().out
+    printed = run_command("align", tmp_path / "in", "--out", out, "--no-report", *FLAGS).out
     assert [printed.count(words) for words in expected] == [1, 1, 1]
     record = json.loads((out / "alignment.json").read_text())["copies"]
     assert [one["kind"] for one in record] == ["identical", "moved", "mirrored"]
@@ -158,7 +155,7 @@ def test_copies_are_named_by_check_align_and_variation(tmp_path, capsys):
     assert [one.kind for one in who.copies] == ["identical", "mirrored"]
 
 
-def test_names_in_either_encoding_of_accents_are_the_same(folder, capsys):
+def test_names_in_either_encoding_of_accents_are_the_same(folder):
     """Files of a Mac keep accents apart; tables and options, written elsewhere, do not."""
     names = ["Schädel_Köln", "crâne_1", "Ñandú_2", "s3"]
     place = folder.parent / "mac"
@@ -172,8 +169,9 @@ def test_names_in_either_encoding_of_accents_are_the_same(folder, capsys):
     table.write_bytes(("name;taxon\n" + "".join(f"{name};a\n" for name in names)).encode("cp1252"))
     words = [str(place), "--labels", str(table), "--out", str(folder.parent / "out"), *FLAGS]
     apart = unicodedata.normalize("NFD", names[1])
-    assert main(["align", *words, "--exclude", names[2], "--reference", apart, "--no-report"]) == 0
-    told = capsys.readouterr().err
+    told = run_command(
+        "align", *words, "--exclude", names[2], "--reference", apart, "--no-report"
+    ).err
     assert "there is no row" not in told
     assert "no shape is called Ñandú_2" in told
     collection = load(folder.parent / "out")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from collalign.cli import main
+from tests.commands import run_command
 
 
 @pytest.fixture
@@ -36,14 +36,12 @@ def folder(tmp_path):
         ("a = " + "[" * 5000 + "]" * 5000, ("nested too deeply",)),
     ],
 )
-def test_entries_that_would_be_ignored_or_changed_are_refused(text, words, folder, capfd):
+def test_entries_that_would_be_ignored_or_changed_are_refused(text, words, folder):
     config = folder.parent / "c.toml"
     config.write_text(text)
-    assert (
-        main(["--config", str(config), "align", str(folder), "--out", str(folder.parent / "out")])
-        == 2
+    said = "".join(
+        run_command("--config", config, "align", folder, "--out", folder.parent / "out", ends=2)
     )
-    said = "".join(capfd.readouterr())
     assert all(word in said for word in words), said
     assert "readable shapes" not in said, "the entry was taken"
 
@@ -59,6 +57,6 @@ def test_entries_that_would_be_ignored_or_changed_are_refused(text, words, folde
         (["--matching.seed", "3"], "--matching.seed"),
     ],
 )
-def test_numbers_that_cannot_be_meant_are_refused(flags, word, folder, capfd):
-    assert main(["align", str(folder), "--out", str(folder.parent / "out"), *flags]) == 2
-    assert word in "".join(capfd.readouterr())
+def test_numbers_that_cannot_be_meant_are_refused(flags, word, folder):
+    said = run_command("align", folder, "--out", folder.parent / "out", *flags, ends=2)
+    assert word in "".join(said)

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from collalign.cli import app, main
+from collalign.cli import app
+from tests.commands import run_command
 
 
 def options_in(text):
@@ -17,11 +18,9 @@ def _wide_terminal(monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
 
 
-def test_one_screen_first_and_everything_when_asked_for(capsys):
-    assert main(["align", "--help"]) == 0
-    first = capsys.readouterr().out
-    assert main(["align", "--help-all"]) == 0
-    everything = capsys.readouterr().out
+def test_one_screen_first_and_everything_when_asked_for():
+    first = run_command("align", "--help").out
+    everything = run_command("align", "--help-all").out
     named = {
         argument.name for argument in app["align"].assemble_argument_collection() if argument.show
     }
@@ -36,13 +35,13 @@ def test_one_screen_first_and_everything_when_asked_for(capsys):
 
 
 @pytest.mark.parametrize("command", ["export", "status"])
-def test_commands_with_few_options_show_them_all(command, capsys):
+def test_commands_with_few_options_show_them_all(command):
     for flag in ("--help", "--help-all"):
-        assert main([command, flag]) == 0
-        assert "--help-all shows" not in (said := capsys.readouterr().out)
+        said = run_command(command, flag).out
+        assert "--help-all shows" not in said
         assert "--result" in options_in(said)
 
 
-def test_help_shows_first_what_a_command_is_for(capsys):
-    assert main(["transfer", "--help"]) == 0
-    assert {"--result", "--landmarks", "--to", "--format"} <= options_in(capsys.readouterr().out)
+def test_help_shows_first_what_a_command_is_for():
+    said = run_command("transfer", "--help").out
+    assert {"--result", "--landmarks", "--to", "--format"} <= options_in(said)

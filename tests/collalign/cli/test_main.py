@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from collalign.cli import main
 from collalign.engine.store import Store
 from data_tools.synthetic import write_collection
+from tests.commands import run_command
 from tests.faults import worker_processes
 from tests.finished_runs import chairs
 
@@ -61,14 +61,14 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
         ("classify", "variation OUT --labels FILE --classify COLUMN"),
     ],
 )
-def test_words_that_look_like_a_command_lead_to_the_one_that_does_it(typed, written, capsys):
-    assert main([typed, "OUT"]) == 2
-    assert f"there is no such command; write: collalign {written}\n" in capsys.readouterr().err
+def test_words_that_look_like_a_command_lead_to_the_one_that_does_it(typed, written):
+    said = run_command(typed, "OUT", ends=2)
+    assert f"there is no such command; write: collalign {written}\n" in said.err
 
 
-def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp_path, capsys):
-    assert main(["status", str(tmp_path), "--cite", "--prune"]) == 2
-    assert "--cite and --prune: one at a time" in capsys.readouterr().err
+def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp_path):
+    said = run_command("status", tmp_path, "--cite", "--prune", ends=2)
+    assert "--cite and --prune: one at a time" in said.err
 
 
 @pytest.mark.usefixtures("two_cores")
@@ -91,7 +91,7 @@ def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses, folder, tmp_path):
         "run the same command to go on"
     )
     assert not (tmp_path / "alignment.json").exists()
-    assert main(["status", str(tmp_path)]) == 5
+    run_command("status", tmp_path, ends=5)
 
 
 def test_ctrl_c_before_anything_began_has_a_message_too():
@@ -110,14 +110,14 @@ def test_ctrl_c_before_anything_began_has_a_message_too():
     assert "Traceback" not in errors
 
 
-def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypatch, capsys):
+def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("collalign.tools.match.command.match_rigid", interrupted)
     first, second = sorted(folder.iterdir())[:2]
-    assert main(["match", str(first), str(second)]) == 130
-    assert capsys.readouterr().err == (
+    said = run_command("match", first, second, ends=130)
+    assert said.err == (
         "collalign: interrupted; no file is left half-written; run the same command to go on\n"
     )
 
@@ -130,11 +130,10 @@ def test_a_command_that_keeps_nothing_says_how_to_go_on_as_well(folder, monkeypa
         ["align", "FILE", "--out", "o"],
     ],
 )
-def test_a_file_in_the_place_of_a_folder_is_called_so(arguments, folder, tmp_path, capsys):
+def test_a_file_in_the_place_of_a_folder_is_called_so(arguments, folder, tmp_path):
     places = {"FILE": tmp_path / "file", "FOLDER": folder, "o": tmp_path / "o"}
     places["FILE"].touch()
-    assert main([str(places.get(word, word)) for word in arguments]) == 2
-    said = capsys.readouterr().err
+    said = run_command(*[str(places.get(word, word)) for word in arguments], ends=2).err
     assert str(places["FILE"]) in said
     assert "is a file, not a folder" in said or "not a directory" in said.lower()
 
@@ -155,10 +154,9 @@ def test_help_is_quick_and_imports_nothing_heavy():
     }
 
 
-def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch, capsys):
+def test_too_few_open_files_end_in_advice(folder, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), "a")
 
     monkeypatch.setattr("collalign.cli.align_command.align_listing", fail)
-    assert main(["align", str(folder), "--out", str(tmp_path / "out")]) == 1
-    assert "ulimit -n" in capsys.readouterr().err
+    assert "ulimit -n" in run_command("align", folder, "--out", tmp_path / "out", ends=1).err

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 
-from collalign.cli import main
 from collalign.options import AlignOptions
 from collalign.output.provenance import methods_paragraph, option_words
 from collalign.tools.export.run import export
+from tests.commands import run_command
 from tests.view_problems import view_of, write_result
 
 
@@ -35,7 +35,7 @@ def test_figures_are_those_of_the_result():
 def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, capsys):
     view = view_of(6)
     write_result(view, tmp_path)
-    assert main(["export", str(tmp_path), "--format", "csv", "--to", str(tmp_path / "csv")]) == 0
+    run_command("export", tmp_path, "--format", "csv", "--to", tmp_path / "csv")
     record = json.loads((tmp_path / "csv" / "run-export-csv.json").read_text())
     assert record["command"].startswith("collalign export ")
     assert record["options"]["space"] == "unscaled"
@@ -50,7 +50,7 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
         record = {"tool": tool, "options": given}
         (tmp_path / tool / f"run-{tool}.json").write_text(json.dumps(record))
     capsys.readouterr()
-    assert main(["status", str(tmp_path), "--cite"]) == 0
+    run_command("status", tmp_path, "--cite")
     said = capsys.readouterr().out
     assert "5 surfaces were brought into dense correspondence (800 vertices)" in said
     assert "(type II) and 9999 random permutations" in said

@@ -6,10 +6,10 @@ import shutil
 import pytest
 
 import collalign
-from collalign.cli import main
 from collalign.output.moved_files import find_files, missing_files
 from data_tools.errors import InputError, UnavailableError
 from data_tools.options import SamplingOptions
+from tests.commands import run_command
 from tests.finished_runs import chairs, finished_run
 
 
@@ -46,19 +46,16 @@ def test_a_folder_without_the_files_or_with_one_for_two_is_refused(tmp_path):
     )
 
 
-def test_commands_go_on_with_the_files_where_they_are_now(tmp_path, capsys):
+def test_commands_go_on_with_the_files_where_they_are_now(tmp_path):
     options = collalign.AlignOptions(
         refine=False, sampling=SamplingOptions(num_points=16, num_dense_points=0)
     )
     out = finished_run(tmp_path, chairs(3), options)
     shutil.move(tmp_path / "shapes", tmp_path / "now")
-    assert (
-        main(["export", str(out), "--format", "tps", "--to", str(tmp_path / "tps")]) == 0
-    )  # needs no original
+    run_command("export", out, "--format", "tps", "--to", tmp_path / "tps")  # needs no original
     words = ["export", str(out), "--format", "ply", "--to", str(tmp_path / "ply")]
-    assert main(words) == 2
-    assert "say where they are now (--sources FOLDER)" in "".join(capsys.readouterr())
-    assert main([*words, "--sources", str(tmp_path / "now")]) == 0
+    assert "say where they are now (--sources FOLDER)" in "".join(run_command(*words, ends=2))
+    run_command(*words, "--sources", tmp_path / "now")
     with pytest.raises(UnavailableError, match="not there any more"):
         collalign.dense_correspondence(out, progress=False)
     with pytest.raises(InputError, match="holds none"):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.cli import main
 from collalign.confidence.side_model import find_sides
 from collalign.engine.session import Session
 from collalign.extend import add_to_collection
@@ -30,6 +29,7 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import bumped, deformed_family, mirrored
 from data_tools.synthetic_shapes import crown, sphere_mesh
+from tests.commands import run_command
 from tests.notes import codes, only
 from tests.products import pair_of
 
@@ -276,9 +276,9 @@ def test_added_shapes_do_not_hide_what_was_left_out(one_sided, tmp_path):
         "1",
         "--no-report",
     ]
-    assert main(["align", str(folder), "--out", str(out), *flags]) == 3
+    run_command("align", folder, "--out", out, *flags, ends=3)
     write_copy(read_folder(one_sided).files[5], tmp_path / "new" / "mended.ply")
-    assert main(["add", str(out), str(tmp_path / "new"), "--jobs", "1", "--no-report"]) == 3
+    run_command("add", out, tmp_path / "new", "--jobs", "1", "--no-report", ends=3)
     record = json.loads((out / "alignment.json").read_text())
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
 
