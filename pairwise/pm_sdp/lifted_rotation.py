@@ -218,8 +218,6 @@ def _independent_equations(
         if np.abs(matrix).max() > 0.0:
             matrices.append(matrix)
             labels.append(label)
-    if not matrices:
-        return np.zeros((0, size, size)), ()
     upper = np.triu_indices(size)
     stacked = np.stack(matrices)
     _, triangle, order = qr(stacked[:, upper[0], upper[1]].T, mode="economic", pivoting=True)

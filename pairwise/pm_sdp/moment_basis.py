@@ -42,7 +42,7 @@ class MomentBasis:
     size : int
         s.
     equations : ndarray, shape (e, s+1, s+1)
-        Linearly independent ``A_m``; directions in the moment matrix satisfy ``<A_m, direction> = 0``.
+        Linearly independent ``A_m``, one at least; directions in the moment matrix satisfy ``<A_m, direction> = 0``.
     """
 
     def __init__(self, size: int, equations: FloatArray) -> None:
@@ -60,8 +60,7 @@ class MomentBasis:
         self.num_equations = len(equations)
         self.constants = equations[:, 0, 0]
         packed = np.asfortranarray(self.pack(equations).T)
-        if self.num_equations:
-            self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
+        self._reflectors, self._tau, _, _ = lapack.dgeqrf(packed)
 
     @property
     def num_coordinates(self) -> int:
@@ -154,8 +153,6 @@ class MomentBasis:
 
     def reduce_operator(self, operator: FloatArray) -> FloatArray:
         """Return a symmetric (m, m) operator, whose storage is used, restricted to the null space."""
-        if self.num_equations == 0:
-            return operator
         half = self._rotate(operator.T, "T", overwrite=True)
         rotated = self._rotate(half, "N", side="R", overwrite=True)
         return rotated[self.num_equations :, self.num_equations :]
@@ -168,25 +165,20 @@ class MomentBasis:
         """Return y (e,) such that ``sum_m y_m A_m`` is nearest to a vector (m,), and the vector's other part."""
         rotated = self._rotate(coordinates[:, None], "T")[:, 0]
         inside, outside = rotated[: self.num_equations], rotated[self.num_equations :]
-        if self.num_equations == 0:
-            return inside, outside
         return lapack.dtrtrs(self._reflectors[: self.num_equations], inside)[0], outside
 
     def correction(self, violations: FloatArray) -> FloatArray:
         """Return the shortest vector (m,) with ``<A_m, vector> = violations_m``."""
         padded = np.zeros(self.num_coordinates)
-        if self.num_equations:
-            padded[: self.num_equations] = solve_triangular(
-                self._reflectors[: self.num_equations], violations, trans="T"
-            )
+        padded[: self.num_equations] = solve_triangular(
+            self._reflectors[: self.num_equations], violations, trans="T"
+        )
         return self._rotate(padded[:, None], "N")[:, 0]
 
     def _rotate(
         self, columns: FloatArray, trans: str, *, side: str = "L", overwrite: bool = False
     ) -> FloatArray:
         """Apply the Householder reflections of the equations' QR factorisation."""
-        if self.num_equations == 0:
-            return columns
         lwork = 64 * max(columns.shape)
         rotated, _, info = lapack.dormqr(
             side, trans, self._reflectors, self._tau, columns, lwork, overwrite_c=overwrite
