@@ -1,5 +1,6 @@
-"""Commands of the command line, run in this process."""
+"""Commands of the command line, run in this process, and the records that they write."""
 
+import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -25,3 +26,8 @@ def run_command(*words, ends=0):
     sys.stderr.write(said.err)
     assert code == ends, typed
     return said
+
+
+def read_json(path):
+    """Return what a file of JSON holds."""
+    return json.loads(path.read_text("utf-8"))

@@ -3,6 +3,7 @@
 import numpy as np
 
 from collalign import RunOptions, align_collection
+from data_tools.poses import pose_angle_deg
 from data_tools.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.synthetic_shapes import chair
 
@@ -12,6 +13,11 @@ def chairs(num, *, scale_range=(1.0, 1.0)):
     rng = np.random.default_rng(5)
     family = deformed_family(chair(rng, resolution=1), num, rng, rms=0.02)
     return planted_collection(family, rng, scale_range=scale_range)
+
+
+def angles_deg(frames):
+    """Return the angle between any two poses (n, 3, 3), shape (n, n); 180 where only one of them mirrors."""
+    return pose_angle_deg(frames[:, None], frames)
 
 
 def made_once(function, key):

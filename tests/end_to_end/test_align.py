@@ -2,7 +2,6 @@
 
 import contextlib
 import csv
-import itertools
 import json
 import os
 import shutil
@@ -19,10 +18,9 @@ from collalign.engine.store import Store
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import write_collection
-from tests.commands import run_command
-from tests.finished_runs import chairs
+from tests.commands import read_json, run_command
+from tests.finished_runs import angles_deg, chairs
 from tests.notes import codes
 
 OPTIONS = AlignOptions(maps="never", sampling=SamplingOptions(num_points=24, num_dense_points=0))
@@ -70,12 +68,7 @@ def aligned(folder, run):
 
 
 def worst_error_deg(rotations, planted):
-    pairs = itertools.combinations(range(len(rotations)), 2)
-    errors = [
-        rotation_angle_deg(rotations[i].T @ rotations[j], planted.relative_rotation(i, j))
-        for i, j in pairs
-    ]
-    return float(np.max(errors))
+    return angles_deg(rotations @ np.swapaxes(planted.rotations, 1, 2)).max()
 
 
 def test_rotations_are_recovered_up_to_one_common_rotation_and_a_wrong_one_is_seen(
@@ -132,7 +125,7 @@ def test_the_common_frame_can_be_the_principal_axes(folder, aligned, run):
 
 def test_command_line_writes_everything_and_reads_like_the_library(folder, aligned, finished):
     out, printed = finished
-    record = json.loads((out / "alignment.json").read_text())
+    record = read_json(out / "alignment.json")
     assert [s["name"] for s in record["shapes"]] == list(aligned.names)
     assert np.array_equal([s["transform"] for s in record["shapes"]], aligned.transforms)
     assert set(record["shapes"][0]) == {
@@ -166,7 +159,7 @@ def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
         (out / "alignment.json").read_bytes(),
         (out / "correspondences.npz").read_bytes(),
     ) == first
-    assert json.loads((out / "run.json").read_text())["num_reused"] == 15
+    assert read_json(out / "run.json")["num_reused"] == 15
 
 
 def contents(out, names):
@@ -176,7 +169,7 @@ def contents(out, names):
         for name in names
         if name.name not in ("run.json", "manifest.json")
     }
-    files = json.loads((out / ".collalign" / "manifest.json").read_text())["files"]
+    files = read_json(out / ".collalign" / "manifest.json")["files"]
     return found | {name: entry for name, entry in files.items() if name != "run.json"}
 
 
@@ -212,7 +205,7 @@ def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path):
     captured = run_command("align", mixed, "--out", out, "--no-report", *FLAGS, ends=3)
     assert "broken.ply" in captured.err
     assert "notes.md" in captured.out
-    record = json.loads((out / "alignment.json").read_text())
+    record = read_json(out / "alignment.json")
     assert [item["file"] for item in record["excluded"]] == ["broken.ply"]
     assert len(record["shapes"]) == 5
     said = run_command("align", mixed, "--out", tmp_path / "strict", "--strict", *FLAGS, ends=2)
@@ -281,7 +274,7 @@ def test_pruning_leaves_what_the_same_command_needs(folder, out):
         store.put("pairs", "a" * 40, {"energy": 0.5})
     assert json.loads(run_command("status", out, "--prune", "--json").out)["removed"] == 1
     run_command("align", folder, "--out", out, "--no-report", *FLAGS)
-    assert json.loads((out / "run.json").read_text())["num_reused"] == 15
+    assert read_json(out / "run.json")["num_reused"] == 15
 
 
 @pytest.fixture(scope="module")
@@ -291,14 +284,14 @@ def grown(planted, tmp_path_factory):
     write_collection(root / "old", replace(planted, shapes=planted.shapes[:4]))
     write_mesh(root / "new" / "late.ply", planted.shapes[4])
     run_command("align", root / "old", "--out", root / "out", *FLAGS, "--no-report")
-    before = json.loads((root / "out" / "alignment.json").read_text())["shapes"]
+    before = read_json(root / "out" / "alignment.json")["shapes"]
     run_command("add", root / "out", root / "new", "--jobs", "1", "--no-report")
     return root, before
 
 
 def test_adding_shapes_moves_nothing(grown, planted):
     out, before = grown[0] / "out", grown[1]
-    after = json.loads((out / "alignment.json").read_text())["shapes"]
+    after = read_json(out / "alignment.json")["shapes"]
     assert [s["transform"] for s in after[:4]] == [s["transform"] for s in before]
     assert [s["confidence"] for s in after[:4]] == [s["confidence"] for s in before]
     assert max(s["confidence"] for s in before) < 1.0
@@ -306,7 +299,7 @@ def test_adding_shapes_moves_nothing(grown, planted):
     linear = np.array([s["transform"] for s in after])[:, :3, :3]
     rotations = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
     assert worst_error_deg(rotations, planted) < 15
-    assert json.loads((out / "run.json").read_text())["num_reused"] == 10
+    assert read_json(out / "run.json")["num_reused"] == 10
 
 
 def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
@@ -325,7 +318,7 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
         "Skipped 5 files that the collection has already: another name.ply (as chair1), "
         in said.out
     )
-    assert len(json.loads((out / "run.json").read_text())["known"]) == 5
+    assert len(read_json(out / "run.json")["known"]) == 5
     assert "nothing new to add" in run_command(*command).out
     np.savetxt(inbox / "chair2.ply", np.eye(3))
     said = run_command(*command, ends=2)
@@ -336,7 +329,7 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
 def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, after):
     moves, original, new = iter(range(100)), os.replace, tmp_path / "new"
     write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
-    before = json.loads((out / "alignment.json").read_text())["shapes"]
+    before = read_json(out / "alignment.json")["shapes"]
 
     def replace(source, target):
         if next(moves) >= after:
@@ -350,7 +343,7 @@ def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatc
         run_command("add", out, new, "--jobs", "1", ends=130)
     assert not (out / "alignment.json").exists()
     assert "nothing new to add" in run_command("add", out, new, "--jobs", "1").out
-    shapes = json.loads((out / "alignment.json").read_text())["shapes"]
+    shapes = read_json(out / "alignment.json")["shapes"]
     assert [one["name"] for one in shapes[5:]] == ["late"]
     assert [one["transform"] for one in shapes[:5]] == [one["transform"] for one in before]
 
@@ -408,7 +401,7 @@ def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
     labels = tmp_path / "labels.csv"
     labels.write_text("name,sex\nchair1,f\nnobody,m\n")
     run_command("align", folder, "--out", out, *FLAGS, "--no-report", "--labels", labels)
-    notes = json.loads((out / "alignment.json").read_text())["notes"]
+    notes = read_json(out / "alignment.json")["notes"]
     assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [
         ["nobody"]
     ]
@@ -420,7 +413,7 @@ def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     command = ["align", str(folder), "--out", str(out), "--no-report", *FLAGS]
-    shapes = json.loads((out / "alignment.json").read_text())["shapes"]
+    shapes = read_json(out / "alignment.json")["shapes"]
     linear = np.array(shapes[2]["transform"])[:3, :3]
     flipped = np.diag([1.0, -1.0, -1.0]) @ linear / np.cbrt(np.linalg.det(linear))
     first, third = shapes[0]["name"], shapes[2]["name"]
@@ -439,12 +432,10 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     }
     (tmp_path / "decisions.json").write_text(json.dumps(decisions))
     run_command(*command, "--corrections", tmp_path / "decisions.json")
-    corrected = np.array(
-        json.loads((out / "alignment.json").read_text())["shapes"][2]["transform"]
-    )[:3, :3]
+    corrected = np.array(read_json(out / "alignment.json")["shapes"][2]["transform"])[:3, :3]
     assert np.allclose(corrected / np.cbrt(np.linalg.det(corrected)), flipped)
-    assert json.loads((out / "run.json").read_text())["num_reused"] == 15
-    again = json.loads((out / "alignment.json").read_text())["shapes"]
+    assert read_json(out / "run.json")["num_reused"] == 15
+    again = read_json(out / "alignment.json")["shapes"]
     assert [shape["name"] for shape in again if shape.get("set_by_hand")] == [third]
     assert [shape["confidence"] for shape in again].count(1.0) == 1
     found = load(out)
@@ -488,7 +479,7 @@ def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
     for row in rows:
         assert not float(row["lower_bound"]) > float(row["energy"]) * (1 + 1e-9)
     proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
-    notes = json.loads((out / "alignment.json").read_text())["notes"]
+    notes = read_json(out / "alignment.json")["notes"]
     assert [one["values"]["num_optimal"] for one in notes if one["code"] == "pairs-proven"] == [
         proven
     ]

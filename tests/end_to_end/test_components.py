@@ -12,6 +12,7 @@ from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.synthetic_shapes import blob, sphere_mesh
+from tests.finished_runs import angles_deg
 from tests.notes import codes
 
 OPTIONS = collalign.AlignOptions(group="SO", sampling=SamplingOptions(num_points=40))
@@ -70,20 +71,12 @@ def chairs(tmp_path_factory):
     return folder, turns
 
 
-def errors_deg(transforms, turns):
-    common = [
-        t[:3, :3] / np.cbrt(np.linalg.det(t[:3, :3])) @ turn
-        for t, turn in zip(transforms, turns, strict=True)
-    ]
-    return np.array([rotation_angle_deg(common[0].T @ one) for one in common[1:]])
-
-
 def test_chairs_of_many_boxes_are_aligned_by_all_of_them(chairs, tmp_path):
     folder, turns = chairs
     run = {"jobs": 1, "progress": False, "store": tmp_path / "store.sqlite"}
     found = collalign.align_collection(folder, options=OPTIONS, **run)
     assert "components-joined" in codes(found.notes)
-    assert errors_deg(found.transforms, turns).max() < 10.0
+    assert angles_deg(found.rotations @ turns)[0].max() < 10.0
     found.save(tmp_path / "out", report=False)
     recorded = json.loads((tmp_path / "out" / "alignment.json").read_text())["options"]
     assert recorded["cleaning"]["components"] == "all"
@@ -92,7 +85,7 @@ def test_chairs_of_many_boxes_are_aligned_by_all_of_them(chairs, tmp_path):
         folder, options=OPTIONS, cleaning={"components": "largest"}, **run
     )
     assert "components-joined" not in codes(seats.notes)
-    assert errors_deg(seats.transforms, turns).max() > 20.0
+    assert angles_deg(seats.rotations @ turns)[0].max() > 20.0
 
 
 def test_two_chairs_are_matched_by_all_of_their_boxes(chairs):

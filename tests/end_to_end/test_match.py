@@ -1,7 +1,6 @@
 """``collalign match`` on two files, rigid and deformable."""
 
 import csv
-import json
 import re
 
 import numpy as np
@@ -15,7 +14,7 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.synthetic import bent
 from data_tools.synthetic_shapes import blob, crown, figure
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.pairwise.test_partial_match import cut, moved
 
 
@@ -32,7 +31,7 @@ def files(tmp_path, rng):
 def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
     target, source, turn = files
     run_command("match", target, source, "--out", tmp_path / "out")
-    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    record = read_json(tmp_path / "out" / "match.json")
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].startswith("b -> a: energy")
     np.testing.assert_allclose(
@@ -53,7 +52,7 @@ def test_a_mirror_image_that_fits_much_better_is_said(tmp_path):
     mirrored = Shape.from_arrays(shape.vertices * [-1, 1, 1] @ turn + 3.0, shape.faces[:, ::-1])
     target, source = write_mesh(tmp_path / "c.ply", shape), write_mesh(tmp_path / "d.ply", mirrored)
     printed = run_command("match", target, source, "--out", tmp_path / "out").out
-    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    record = read_json(tmp_path / "out" / "match.json")
     assert np.linalg.det(np.array(record["transform"])[:3, :3]) > 0
     assert "Note: The mirror image of d fits much better" in printed
     assert record["mirror_score"] < record["score"] / 1.5
@@ -90,7 +89,7 @@ def test_the_answer_is_refined_on_dense_samples(files, tmp_path):
     for flag, folder in folders.items():
         flags = [flag, "--sampling.num-points", "12", "--out", str(folder)]
         run_command("match", target, source, *flags)
-        records[flag] = json.loads((folder / "match.json").read_text())
+        records[flag] = read_json(folder / "match.json")
     refined, plain = records["--refine"], records["--no-refine"]
     best = refined["candidates"][0]
     assert refined["transform"] == best["refined"]["transform"]
@@ -104,7 +103,7 @@ def test_certify_reaches_the_pair(files, tmp_path):
     target, source, _ = files
     flags = ["--certify", "--matching.time-limit-s", "1", "--sampling.num-points", "8"]
     run_command("match", target, source, "--out", tmp_path / "out", *flags)
-    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    record = read_json(tmp_path / "out" / "match.json")
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
 
 
@@ -168,7 +167,7 @@ def test_surfaces_that_overlap_in_part_are_matched_and_say_so(tmp_path):
     printed = run_command("match", *files, *flags, "--out", tmp_path / "out").out
     assert " % of it lies on" in printed
     assert "mirror image" not in printed
-    record = json.loads((tmp_path / "out" / "match.json").read_text())
+    record = read_json(tmp_path / "out" / "match.json")
     assert rotation_angle_deg(np.array(record["transform"])[:3, :3] @ turn, np.eye(3)) < 5
     assert np.linalg.norm(np.array(record["transform"])[:3, 3] + turn.T @ [2.0, 0.0, 1.0]) < 0.2
     overlap = record["candidates"][0]["overlap"]

@@ -1,6 +1,5 @@
 """Folders that are unusual but allowed: odd file names, the same file many times."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
 from data_tools.synthetic import write_collection
 from experiments.confidence.families import FAMILIES, pose_family
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 from tests.finished_runs import chairs
 from tests.notes import codes, only
@@ -68,7 +67,7 @@ def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch)
     ).out
     assert "look at them first: chair4 (unknown)" in printed
     assert "No pairs connect" in printed
-    shapes = json.loads((tmp_path / "out" / "alignment.json").read_text())["shapes"]
+    shapes = read_json(tmp_path / "out" / "alignment.json")["shapes"]
     assert shapes[3]["confidence"] is None
     assert np.isfinite(shapes[3]["transform"]).all()
 
@@ -86,9 +85,7 @@ def test_samples_are_vertices_of_the_file_whatever_cleaning_drops_and_notes_say_
         write_mesh(tmp_path / f"{shape.name}.ply", replace(shape, vertices=vertices, faces=faces))
     said = run_command("align", tmp_path, "--out", f"{tmp_path}-out", *FLAGS).out
     assert "dropped" in said
-    notes = json.loads((tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json").read_text())[
-        "shape_notes"
-    ]
+    notes = read_json(tmp_path.parent / f"{tmp_path.name}-out" / "alignment.json")["shape_notes"]
     assert "non-finite-dropped" in codes(notes[planted.shapes[1].name])
     assert all("components-kept" in codes(notes[shape.name]) for shape in planted.shapes[:3])
     with np.load(f"{tmp_path}-out/correspondences.npz") as found:

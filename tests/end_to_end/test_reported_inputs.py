@@ -9,9 +9,10 @@ import trimesh
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.products.trust import DOUBT
 from data_tools.options import SamplingOptions
-from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.rotations import random_rotation
 from data_tools.synthetic import deformed_family
 from data_tools.synthetic_shapes import blob
+from tests.finished_runs import angles_deg
 from tests.notes import codes
 
 NUM_SHAPES = 5
@@ -110,10 +111,10 @@ def test_poses_are_right_on_a_map(kind, said):
         for (points, faces), turn, size in zip(kind(rng), turns, sizes, strict=True)
     ]
     found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    frames = [found.rotations[at] @ turns[at] for at in range(NUM_SHAPES)]
-    errors = np.array([[rotation_angle_deg(one, other) for one in frames] for other in frames])
     assert not found.reflected.any()
-    assert np.median(errors, axis=0).max() < (15.0 if kind is broken else 10.0)
+    assert np.median(angles_deg(found.rotations @ turns), axis=0).max() < (
+        15.0 if kind is broken else 10.0
+    )
     assert kind is not on_stands or "maps" not in found.run.times_s
     assert said <= {*codes(found.notes)}
 
@@ -161,12 +162,6 @@ def bumpy(number, subdivisions):
     return sphere.vertices * radii[:, None] * [1.6, 1.0, 0.75], np.array(sphere.faces)
 
 
-def worst_deg(found, turns):
-    """Return the largest error of a relative rotation."""
-    frames = [R @ turn for R, turn in zip(found.rotations, turns, strict=True)]
-    return max(rotation_angle_deg(one, other) for one in frames for other in frames)
-
-
 def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
     rng = np.random.default_rng(1)
     turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
@@ -175,7 +170,7 @@ def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
         points, faces = bumpy(number, 3)
         given.append(((5.0 * points @ turn.T + PLACE).astype(np.float32), faces))
     found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    assert worst_deg(found, turns) < 5.0
+    assert angles_deg(found.rotations @ turns).max() < 5.0
     assert "coarse-coordinates" in codes(found.notes)
 
 
@@ -189,4 +184,4 @@ def test_left_and_right_are_told_and_lie_within_few_degrees():
         given.append((points @ turn.T, faces[:, :: -1 if left else 1]))
     found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
     assert found.reflected.tolist() in (is_left.tolist(), (~is_left).tolist())
-    assert worst_deg(found, turns) < 5.0
+    assert angles_deg(found.rotations @ turns).max() < 5.0

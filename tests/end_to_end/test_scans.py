@@ -17,10 +17,10 @@ from collalign.stages.shape_stage import prepare_shapes
 from data_tools.errors import InputError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
-from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.synthetic import deformed_family, range_view
 from data_tools.synthetic_shapes import blob, crown
+from tests.finished_runs import angles_deg
 from tests.notes import codes
 from tests.products import pair_of, samples_at
 
@@ -55,18 +55,13 @@ def aligned(tmp_path_factory):
     return align
 
 
-def errors_deg(collection, turns):
-    frames = collection.rotations @ turns
-    return pose_angle_deg(frames, frames[0])
-
-
 @pytest.fixture(scope="module")
 def by_default(views, aligned):
     return aligned(views[0])
 
 
 def test_scans_are_recognised_and_posed_by_default(by_default, views):
-    assert errors_deg(by_default, views[1]).max() < 2.0
+    assert angles_deg(by_default.rotations @ views[1])[0].max() < 2.0
     assert by_default.confidence.min() > 0.95
     assert [one.shape for one in by_default.incomplete] == [*range(NUM)]
     assert all(one.reason == "scan" for one in by_default.incomplete)

@@ -28,13 +28,11 @@ from experiments.peers.peer_pairs import (
     spectral,
 )
 from experiments.peers.peer_tools import TOOLS
+from tests.finished_runs import angles_deg
 
 
 def worst_deg(found, true):
-    return max(
-        float(rotation_angle_deg(found[a].T @ found[b], true[a].T @ true[b]))
-        for a, b in itertools.combinations(range(len(true)), 2)
-    )
+    return angles_deg(found @ np.swapaxes(true, 1, 2)).max()
 
 
 def matched(rotations, rng):

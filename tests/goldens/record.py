@@ -14,6 +14,7 @@ from collalign import align_collection
 from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE
+from tests.commands import read_json
 
 STORED = Path(__file__).parent / "stored"
 SAMPLING = {"num_points": 24, "num_dense_points": 200}
@@ -48,7 +49,7 @@ def aligned_record(golden, folder):
 
 def record_of(shapes, out):
     """Return the record of a result and the folder of its shapes."""
-    alignment = json.loads((out / ALIGNMENT_FILE).read_text())
+    alignment = read_json(out / ALIGNMENT_FILE)
     alignment = {name: value for name, value in alignment.items() if name not in LEFT_OUT}
     table = (out / PAIRS_FILE).read_text()
     pairs = [
@@ -74,7 +75,7 @@ def record_of(shapes, out):
 
 def load_record(name):
     """Return the stored record of a collection."""
-    return Record(**json.loads((STORED / f"{name}.json").read_text()))
+    return Record(**read_json(STORED / f"{name}.json"))
 
 
 def store_record(name, record):

@@ -9,6 +9,7 @@ import pytest
 
 from collalign.output.evidence_file import CORRESPONDENCES_FILE
 from collalign.output.write import ALIGNMENT_FILE, PAIRS_FILE
+from tests.commands import read_json
 from tests.goldens.inputs import GOLDENS
 from tests.goldens.record import (
     TOLERANCE,
@@ -55,7 +56,7 @@ def test_the_collections_show_what_they_were_made_for():
 def test_version_options_and_times_are_no_part_of_the_result(rigid, tmp_path):
     record, folder = rigid
     out = shutil.copytree(folder / "out", tmp_path / "out")
-    alignment = json.loads((out / ALIGNMENT_FILE).read_text())
+    alignment = read_json(out / ALIGNMENT_FILE)
     alignment["version"], alignment["options"] = "9.9", {}
     (out / ALIGNMENT_FILE).write_text(json.dumps(alignment))
     with np.load(out / CORRESPONDENCES_FILE) as arrays:
@@ -67,7 +68,7 @@ def test_version_options_and_times_are_no_part_of_the_result(rigid, tmp_path):
 def test_a_last_bit_changes_a_hash_and_no_value(rigid, tmp_path):
     record, folder = rigid
     out = shutil.copytree(folder / "out", tmp_path / "out")
-    alignment = json.loads((out / ALIGNMENT_FILE).read_text())
+    alignment = read_json(out / ALIGNMENT_FILE)
     row = alignment["shapes"][1]["transform"][0]
     row[0] = float(np.nextafter(row[0], 2.0))
     (out / ALIGNMENT_FILE).write_text(json.dumps(alignment))

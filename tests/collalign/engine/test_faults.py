@@ -1,5 +1,4 @@
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -10,6 +9,7 @@ import pytest
 from collalign.engine.store import Store
 from data_tools.synthetic import write_collection
 from tests.benchmarks import fault_test
+from tests.commands import read_json
 from tests.faults import run_with_kills, worker_processes
 from tests.finished_runs import chairs
 
@@ -81,13 +81,13 @@ def test_shapes_that_are_added_survive_kills_and_move_nothing(tmp_path):
         (tmp_path / "more" / name).rename(new / name)
     rng, watch = np.random.default_rng(4), fault_test.Watch(new, out)
     run_with_kills(fault_test.command(old, out, options), 0, rng, delay_s=(1, 1))
-    before = json.loads((out / "alignment.json").read_text())["shapes"]
+    before = read_json(out / "alignment.json")["shapes"]
     command = [sys.executable, "-m", "collalign", "add", str(out), str(new), "--jobs", "2"]
     log = run_with_kills(
         command, 2, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check
     )
     watch.check_end()
-    after = json.loads((out / "alignment.json").read_text())["shapes"]
+    after = read_json(out / "alignment.json")["shapes"]
     assert log.kills
     for one, now in zip(before, after, strict=False):
         # Points are numbered anew, so the sum over them may differ in its last bit.

@@ -8,7 +8,7 @@ import numpy as np
 from collalign.options import AlignOptions
 from collalign.output.provenance import methods_paragraph, option_words
 from collalign.tools.export.run import export
-from tests.commands import run_command
+from tests.commands import read_json, run_command
 from tests.view_problems import view_of, write_result
 
 
@@ -36,7 +36,7 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
     view = view_of(6)
     write_result(view, tmp_path)
     run_command("export", tmp_path, "--format", "csv", "--to", tmp_path / "csv")
-    record = json.loads((tmp_path / "csv" / "run-export-csv.json").read_text())
+    record = read_json(tmp_path / "csv" / "run-export-csv.json")
     assert record["command"].startswith("collalign export ")
     assert record["options"]["space"] == "unscaled"
     assert {"version", "date"} <= record.keys()
@@ -61,7 +61,7 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
 
 def test_a_call_from_python_has_no_command(tmp_path):
     export(view_of(6), "csv", tmp_path)
-    assert json.loads((tmp_path / "run-export-csv.json").read_text())["command"] == ""
+    assert read_json(tmp_path / "run-export-csv.json")["command"] == ""
 
 
 def test_options_are_said_where_they_are_not_as_by_default():

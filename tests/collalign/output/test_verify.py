@@ -18,6 +18,7 @@ from data_tools.io.text_tables import csv_text
 from data_tools.surface.shape import Shape
 from data_tools.synthetic_shapes import sphere_mesh
 from pairwise import Problem, solve_relaxation
+from tests.commands import read_json
 from tests.problems import random_rotation
 from tests.products import settled_pair_of
 
@@ -216,7 +217,7 @@ def test_each_pair_counts_once_and_only_files_of_the_manifest(folder):
     os.mkfifo(certificates / "0-1.npz")
     assert (len(verify_result(folder).pairs), verify_result(folder).num_proven) == (1, 1)
     manifest = folder / ".collalign" / "manifest.json"
-    content = json.loads(manifest.read_text())
+    content = read_json(manifest)
     for name in ("2-0.npz", "00-2.npz", "0-02.npz", "0-1.npz"):
         content["files"][f"certificates/{name}"] = content["files"]["certificates/0-2.npz"]
     manifest.write_text(json.dumps(content))
@@ -253,7 +254,7 @@ def test_pipes_are_not_opened(folder, name):
 
 
 def test_a_certificate_of_another_group_or_pair_is_refused(folder):
-    record = json.loads((folder / "alignment.json").read_text())
+    record = read_json(folder / "alignment.json")
     record["decided"]["group"] = "O"
     (folder / "alignment.json").write_text(json.dumps(record))
     assert "special_blocks" in verify_result(folder).pairs[0].fault

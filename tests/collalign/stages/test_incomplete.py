@@ -44,6 +44,7 @@ from data_tools.synthetic import bumped, deformed_family
 from data_tools.synthetic_shapes import blob, chair, crown
 from experiments.calibration.fragments import closed
 from pairwise.partial_counterparts import counterparts
+from tests.finished_runs import angles_deg
 from tests.notes import only
 from tests.pairwise.test_partial_match import cut, moved, surface
 from tests.products import settled_pair_of
@@ -93,13 +94,8 @@ def without(planted):
     return align(files)
 
 
-def errors_deg(collection, turns):
-    frames = collection.rotations @ turns
-    return np.nan_to_num(rotation_angle_deg(frames, frames[0]), nan=180.0)
-
-
 def test_broken_teeth_are_posed_on_the_whole_ones(aligned, planted):
-    assert errors_deg(aligned, planted[1]).max() < 12
+    assert angles_deg(aligned.rotations @ planted[1])[0].max() < 12
     assert [aligned.names[one.shape] for one in aligned.incomplete] == list(BROKEN)
     for one in aligned.incomplete:
         assert 0.5 < one.coverage < 0.95
@@ -441,7 +437,7 @@ def test_parts_of_which_none_is_whole_are_put_together(tmp_path):
         part = moved(cut(whole, side, 0.3), rotation, 1.0, rng.standard_normal(3))
         write_mesh(tmp_path / f"scan{number}.ply", part)
     aligned = align(tmp_path, incomplete="all", scaling="rigid")
-    assert errors_deg(aligned, rotations).max() < 5
+    assert angles_deg(aligned.rotations @ rotations)[0].max() < 5
     assert len(aligned.incomplete) == 3
     assert (aligned.maps.labels >= 0).mean() > 0.6
     assert aligned.maps.labels.max() < len(aligned.consensus)

@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import io
-import json
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.landmark_files import read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
+from tests.commands import read_json
 from tests.view_problems import NUM_SAMPLES, view_of
 
 TABLES = (
@@ -145,7 +145,7 @@ def test_slicer_json(view, tmp_path):
     for path, points in zip(
         export(view, "slicer-json", tmp_path), view.aligned_landmarks, strict=True
     ):
-        markup = json.loads(path.read_text())["markups"][0]
+        markup = read_json(path)["markups"][0]
         assert markup["coordinateSystem"] == "LPS"
         status = [control["positionStatus"] for control in markup["controlPoints"]]
         assert status.count("undefined") == np.isnan(points).any(axis=1).sum()
@@ -201,7 +201,7 @@ def test_poses_of_files_that_declare_ras_are_those_of_the_scene(view, tmp_path):
 
 def test_shapeworks_project_holds_together(view, tmp_path):
     project_file, *files = export(view, "shapeworks", tmp_path)
-    project = json.loads(project_file.read_text())
+    project = read_json(project_file)
     complete = ~np.isnan(view.landmarks).any(axis=(0, 2))
     assert len(files) == 3 * len(view)
     for at, entry in enumerate(project["data"]):
