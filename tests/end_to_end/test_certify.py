@@ -14,6 +14,7 @@ from collalign.engine.store import Store
 from collalign.options import AlignOptions
 from collalign.output.loading import load
 from collalign.output.verify import verify_result
+from collalign.tools.certify import rounds
 from collalign.tools.certify.command import certification_notes
 from collalign.wording import note_records
 from data_tools.errors import InputError, OptionsError
@@ -85,7 +86,7 @@ def test_a_part_is_named_and_a_shape_that_stands_on_its_head_is_found(result, tm
 def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
     result, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("collalign.tools.certify.rounds._SETTLED", -1.0)
+    monkeypatch.setattr(rounds, "TUNED", rounds.TUNED._replace(settled=-1.0))
     run = collalign.RunOptions(jobs=1, store=tmp_path / "store.sqlite")
     shutil.copy(result / "store.sqlite", tmp_path)
     found = collalign.certify_collection(result, budget_s=1e-9, run=run, progress=False).joint
@@ -93,9 +94,8 @@ def test_the_budget_and_the_rounds_end_a_certification_that_still_holds(
     assert (found.bound, found.ended) == (0.0, "time")
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
     ended = []
-    monkeypatch.setattr("collalign.tools.certify.rounds._ENOUGH", 1.0)
-    for limit, value in (("_MOST_ROUNDS", 1), ("_ENOUGH", 0.5)):
-        monkeypatch.setattr(f"collalign.tools.certify.rounds.{limit}", value)
+    for limits in ({"enough": 1.0, "most_rounds": 1}, {"enough": 0.5}):
+        monkeypatch.setattr(rounds, "TUNED", rounds.TUNED._replace(**limits))
         found = collalign.certify_collection(result, run=run, progress=False).joint
         ended.append(found.ended)
         assert 0.5 * found.energy < found.bound <= found.energy

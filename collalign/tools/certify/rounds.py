@@ -17,7 +17,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,55 @@ from pairwise.certificates.verify import gram_bound
 from pairwise.problem import Problem
 from pairwise.rotation_sets import rotation_set
 
-#: Alternations per round, steps of the shares in each, and the penalty as a share of the mean energy of a pair. Of
-#: .03, .1, .3 and 1 it gained most per round on eight teeth (draws 0 and 1 of ``python -m experiments teeth_jobs``).
-_STEPS, _SHARE_STEPS, _PENALTY = 30, 8, 0.1
-#: A column is new if some entry differs by this from those of the pair that are known.
-_NEW = 1e-4
+
+class RoundTuning(NamedTuple):
+    """Numbers by which multipliers are improved; energies are shares of the mean energy of a pair.
+
+    Of penalties of .03, .1, .3 and 1 the second gained most per round on eight teeth (draws 0 and 1 of
+    ``python -m experiments teeth_jobs``). A round of proofs takes about three times as long as one of descents.
+    """
+
+    steps: int = 30
+    """Alternations per round, ..."""
+    share_steps: int = 8
+    """... steps of the shares in each, ..."""
+    penalty: float = 0.1
+    """... and the penalty."""
+    new: float = 1e-4
+    """A column is new if some entry differs by this from those of the pair that are known."""
+    gap: float = 5e-4
+    """How exactly each pair is bounded: what the joint bound loses to it."""
+    descent_pairs: int = 10_000
+    """Rounds of descents before each round of proofs: pairs times rounds, ..."""
+    most_descents: int = 5
+    """... and most."""
+    most_rounds: int = 3
+    """Rounds of proofs of all pairs at most. They end once ..."""
+    enough: float = 0.999
+    """... this share of the cheapest known energy is proven, ..."""
+    settled: float = 1e-3
+    """... or the columns promise no more than this share above what is."""
+    cheaper: float = 1e-3
+    """The multipliers are made again for an arrangement that is cheaper by this share."""
+    num_kept: int = 8
+    """Columns kept of each search."""
+    num_jittered: int = 4
+    """Besides the columns in use, each descent starts from so many rotations of the best pose, ..."""
+    jitter_rad: float = 0.1
+    """... turned by this, ..."""
+    num_far: int = 6
+    """... and from so many ..."""
+    num_starts: int = 16
+    """... of these rotations."""
+    least_energy: float = 1e-6
+    """Smallest energy, as a share of a shape's square size, that tolerances are taken of."""
+    perturbed_pairs: int = 6000
+    """Descents from perturbed arrangements: pairs times descents, ..."""
+    most_perturbed: int = 200
+    """... and most."""
+
+
+TUNED = RoundTuning()
 #: Most rows of the Gram matrix: its eigenvectors are computed in every step, a second for this many.
 MOST_ROWS = 1500
 
@@ -68,7 +112,7 @@ class JointMaster:
     def __init__(
         self, num_shapes: int, edges: IntArray, known: FloatArray, energies: FloatArray, unit: float
     ) -> None:
-        self._edges, self._dim, self._penalty = edges, known.shape[-1], _PENALTY * unit
+        self._edges, self._dim, self._penalty = edges, known.shape[-1], TUNED.penalty * unit
         self._columns, self._energies, self._shares = (
             known[:, None],
             energies[:, None],
@@ -94,7 +138,7 @@ class JointMaster:
     def add(self, pair: int, rotations: FloatArray, energies: FloatArray) -> None:
         """Add columns (m, d, d) of a pair with their energies F (m,), those that are known left out."""
         for rotation, energy in zip(rotations, energies, strict=True):
-            if np.abs(self._columns[pair] - rotation).max(axis=(1, 2)).min() > _NEW:
+            if np.abs(self._columns[pair] - rotation).max(axis=(1, 2)).min() > TUNED.new:
                 at = int(np.isfinite(self._energies[pair]).sum())
                 if at == self._energies.shape[1]:
                     room = ((0, 0), (0, at))
@@ -111,7 +155,7 @@ class JointMaster:
     def run(self) -> float:
         """Alternate for one round; return the bound that holds if there is no rotation but the columns."""
         left, right = self._edges.T
-        for _ in range(_STEPS):
+        for _ in range(TUNED.steps):
             mixed = self._blocks - self._dual
             self._improve_shares(mixed[left, :, right])
             means = (self._shares[..., None, None] * self._columns).sum(axis=1)
@@ -136,7 +180,7 @@ class JointMaster:
         pairs, points = np.arange(len(wanted)), self._columns.reshape(*self._energies.shape, -1)
         away = (self._shares[..., None] * points).sum(axis=1) - wanted.reshape(len(wanted), -1)
         gradient = self._energies + 2.0 * self._penalty * (points @ away[..., None])[..., 0]
-        for _ in range(_SHARE_STEPS):
+        for _ in range(TUNED.share_steps):
             low = gradient.argmin(axis=1)
             high = np.where(self._shares > 0.0, gradient, -np.inf).argmax(axis=1)
             step = points[pairs, low] - points[pairs, high]
@@ -169,25 +213,6 @@ def _positive_part(blocks: FloatArray) -> FloatArray:
     return np.asarray(((vectors * values) @ vectors.T).reshape(blocks.shape))
 
 
-#: How exactly each pair is bounded, as a share of the mean energy of a pair: what the joint bound loses to it.
-_GAP = 5e-4
-#: Rounds of descents before each round of proofs, which takes about three times as long as one of them: pairs times
-#: rounds, and most.
-_DESCENT_PAIRS, _MOST_DESCENTS = 10_000, 5
-#: Rounds of proofs of all pairs at most. They end once this share of the cheapest known energy is proven, or the
-#: columns promise no more than this share above what is.
-_MOST_ROUNDS, _ENOUGH, _SETTLED = 3, 0.999, 1e-3
-#: The multipliers are made again for an arrangement that is cheaper by this share.
-_CHEAPER = 1e-3
-#: Columns kept of each search.
-_NUM_KEPT = 8
-#: What each descent starts from in addition to the columns in use: rotations of the best pose, and some of so many
-#: rotations.
-_NUM_JITTERED, _JITTER_RAD, _NUM_FAR, _NUM_STARTS = 4, 0.1, 6, 16
-#: Smallest energy, as a share of a shape's square size, that tolerances are taken of.
-_LEAST_ENERGY = 1e-6
-#: Descents from perturbed arrangements: pairs times descents, and most.
-_PERTURBED_PAIRS, _MOST_PERTURBED = 6000, 200
 #: Relative rounding of what a linear function of a rotation is at most.
 _ROUNDING = 128.0 * float(np.finfo(np.float64).eps)
 
@@ -291,7 +316,7 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
     deadline, energies = time.monotonic() + budget_s, rounds.energies
     edges, rng = energies.edges, np.random.default_rng(0)
     near = energies.descend(frames)
-    num = min(_PERTURBED_PAIRS // len(edges), _MOST_PERTURBED)
+    num = min(TUNED.perturbed_pairs // len(edges), TUNED.most_perturbed)
     best, energy = energies.perturb(near, np.random.default_rng(0), num)
     unit = _unit(energies, energy)
     master = JointMaster(
@@ -315,9 +340,9 @@ def bound_arrangements(rounds: Rounds, frames: FloatArray, budget_s: float) -> J
             )
             for pair in range(len(edges)):
                 master.add(pair, rotations[pair : pair + 1], values[pair : pair + 1])
-            if energy < (1.0 - _CHEAPER) * former:
+            if energy < (1.0 - TUNED.cheaper) * former:
                 continue
-        proofs = rounds.prove(master, _GAP * unit, deadline)
+        proofs = rounds.prove(master, TUNED.gap * unit, deadline)
         _add(master, proofs)
         bounds.append(
             sum(proof.lower_bound for proof in proofs)
@@ -352,17 +377,17 @@ def _descend(
 
     Pairs descend from columns with a share, rotations of the best pose by a few degrees and some of all rotations.
     """
-    starts = rotation_set(3, _NUM_STARTS)
+    starts = rotation_set(3, TUNED.num_starts)
     starts = np.concatenate([starts, -starts]) if rounds.session.options.group == "O" else starts
     relative = rounds.energies.relative(best)
     promised = master.run()
-    for _ in range(int(np.clip(_DESCENT_PAIRS // len(relative), 1, _MOST_DESCENTS))):
+    for _ in range(int(np.clip(TUNED.descent_pairs // len(relative), 1, TUNED.most_descents))):
         if time.monotonic() >= deadline:
             break
         rotations = Rotation.from_rotvec(
-            _JITTER_RAD * rng.standard_normal((_NUM_JITTERED, 3))
+            TUNED.jitter_rad * rng.standard_normal((TUNED.num_jittered, 3))
         ).as_matrix()
-        far = starts[rng.choice(len(starts), _NUM_FAR)]
+        far = starts[rng.choice(len(starts), TUNED.num_far)]
         known = [
             np.concatenate([master.used(e), one @ rotations, far]) for e, one in enumerate(relative)
         ]
@@ -374,26 +399,27 @@ def _descend(
 def _unit(energies: PairEnergies, best: float) -> float:
     """Return the mean energy of a pair, which tolerances are shares of."""
     return max(
-        best / len(energies.edges), _LEAST_ENERGY * float((energies.problems[0].target ** 2).sum())
+        best / len(energies.edges),
+        TUNED.least_energy * float((energies.problems[0].target ** 2).sum()),
     )
 
 
 def _add(master: JointMaster, found: Sequence[TiltedProof]) -> None:
     """Make columns of what was found, the least of each pair."""
     for e, proof in enumerate(found):
-        master.add(e, proof.rotations[:_NUM_KEPT], proof.energies[:_NUM_KEPT])
+        master.add(e, proof.rotations[: TUNED.num_kept], proof.energies[: TUNED.num_kept])
 
 
 def _ended(
     bounds: Sequence[float], promised: float, energy: float, is_large: bool, is_late: bool
 ) -> str:
     """Return the code of why no further round begins, empty if one does."""
-    if max(bounds) >= _ENOUGH * energy:
+    if max(bounds) >= TUNED.enough * energy:
         return "enough"
     if is_large:
         return "too-many"
-    if promised - max(bounds) <= _SETTLED * energy:
+    if promised - max(bounds) <= TUNED.settled * energy:
         return "no-gain"
-    if len(bounds) >= _MOST_ROUNDS:
+    if len(bounds) >= TUNED.most_rounds:
         return "rounds"
     return "time" if is_late else ""

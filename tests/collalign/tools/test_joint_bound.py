@@ -13,6 +13,7 @@ from collalign.options import AlignOptions
 from collalign.tools.certify.result import PairEnergies
 from collalign.tools.certify.rounds import (
     MOST_ROWS,
+    TUNED,
     JointMaster,
     Rounds,
     bound_arrangements,
@@ -143,7 +144,8 @@ def test_no_arrangement_costs_less_than_the_bound(group):
 
 def test_pairs_that_no_time_was_left_for_take_from_the_bound_no_more_than_they_must(monkeypatch):
     rounds = planted(3, 7, 0.25)
-    monkeypatch.setattr("collalign.tools.certify.rounds._MOST_ROUNDS", 1)
+    one_round = TUNED._replace(most_rounds=1)
+    monkeypatch.setattr("collalign.tools.certify.rounds.TUNED", one_round)
     whole = certified(rounds)
     assert certified(rounds, budget_s=1e-9).bound == 0.0
     monkeypatch.setattr(
