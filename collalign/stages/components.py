@@ -26,8 +26,8 @@ def pose_with_components(
     """Pose shapes by the components that ``cleaning.components`` asks for; "auto" decides.
 
     The largest components alone pose most shapes best: geodesics and spectra are of one surface. Where most shapes
-    lose much without the others, and half of the poses are uncertain or of unknown confidence, all shapes are posed
-    once more by all components. The poses of the higher mean confidence stay. Guitars and pianos are sure by their
+    lose much without the others, and the mean confidence is low or unknown, all shapes are posed once more by the
+    surface around all components. The poses of the higher mean confidence stay. Guitars and pianos are sure by their
     bodies; of generated chairs, beds and cars, which are assembled of boxes, the largest box says little.
 
     Parameters
@@ -51,7 +51,7 @@ def pose_with_components(
 
     answer = posed("largest")
     lost = [samples.notes for samples in answer[0].shapes.samples]
-    if not are_assembled(cleaning, lost) or np.median(_confidences(answer)) >= UNCERTAIN:
+    if not are_assembled(cleaning, lost) or _confidences(answer).mean() >= UNCERTAIN:
         return answer
     whole = posed("all")
     if _confidences(whole).mean() <= _confidences(answer).mean():

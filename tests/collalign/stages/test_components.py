@@ -14,7 +14,7 @@ from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from tests.notes import codes
 
-SURE, DOUBT, WORSE = (0.97, 0.93, 0.92, 0.5), (0.97, 0.8, 0.6, 0.5), (0.6, 0.6, 0.6, 0.5)
+SURE, DOUBT, WORSE = (0.97, 0.93, 0.92, 0.85), (0.97, 0.8, 0.6, 0.5), (0.6, 0.6, 0.6, 0.5)
 UNKNOWN = (np.nan,) * 4
 
 
@@ -24,6 +24,7 @@ UNKNOWN = (np.nan,) * 4
         ("auto", 50.0, DOUBT, SURE, "all", 2),
         ("auto", 50.0, DOUBT, WORSE, "largest", 2),
         ("auto", 50.0, SURE, SURE, "largest", 1),
+        ("auto", 50.0, (0.97, 0.97, 0.97, 0.2), SURE, "all", 2),
         ("auto", 99.0, DOUBT, SURE, "largest", 1),
         ("auto", 50.0, UNKNOWN, UNKNOWN, "all", 2),
         ("largest", 50.0, DOUBT, SURE, "largest", 1),
