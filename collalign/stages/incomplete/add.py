@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_MISMATCH
-from collalign.confidence.incomplete_model import is_unlike, log_odds
+from collalign.confidence.incomplete_model import is_other_body, is_unlike, log_odds
 from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
 from collalign.engine.records import Record
 from collalign.options import AlignSession
@@ -112,17 +112,16 @@ def _merged(
     for c, i in enumerate(at):
         alternatives[i] = solution.alternatives[c]
     mismatches = {i: float(record["mismatch"]) for i, record in found.items()}
-    judged = _trust(complete.trust, at, num, mismatches)
-    strange = np.zeros(num, dtype=np.bool_) if judged is None else resembles_none(judged.evidence)
+    strange = _strange(_trust(complete.trust, at, num, mismatches), found)
     trust = _trust(
-        complete.trust, at, num, {i: mismatch for i, mismatch in mismatches.items() if strange[i]}
+        complete.trust, at, num, {i: mismatch for i, mismatch in mismatches.items() if i in strange}
     )
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
         excess = float(np.asarray(record["evidence"])[1, 0])
         is_elsewhere = is_unlike(mismatches[i], float(record["likeness"]), excess)
-        may_be_stranger = strange[i] or is_elsewhere
+        may_be_stranger = i in strange or is_elsewhere
         limit = STRANGE_LIMIT if may_be_stranger else _mean_confidence(confidence, partners, i)
         confidence[i] = min(pose_chance(record), limit)
         alternatives[i] = incomplete_alternatives(record, transforms[i])
@@ -141,7 +140,7 @@ def _merged(
     )
     incomplete = tuple(
         incomplete_record(
-            i, record, STRANGER if strange[i] else reasons[i], partners[partners != i]
+            i, record, STRANGER if i in strange else reasons[i], partners[partners != i]
         )
         for i, record in found.items()
     )
@@ -163,6 +162,23 @@ def _merged(
         vertices=_vertex_maps(complete.vertices, [names[i] for i in found]),
         incomplete=incomplete,
     )
+
+
+def _strange(judged: Trust | None, found: Mapping[int, Record]) -> set[int]:
+    """Return which of the incomplete shapes resemble no other one, by the evidence of all shapes."""
+    if judged is None:
+        return set()
+    resemble_none, misfits = resembles_none(judged.evidence), judged.evidence[:, LOCAL_MISFIT]
+    return {
+        i
+        for i, record in found.items()
+        if resemble_none[i]
+        or is_other_body(
+            float(np.mean(np.asarray(record["overlaps"])[:, 0])),
+            float(record["on_rim"]),
+            float(misfits[i]),
+        )
+    }
 
 
 def _vertex_maps(maps: VertexMaps | None, without: Sequence[str]) -> VertexMaps | None:

@@ -58,8 +58,9 @@ def place_shape(
         ``rotations`` (m, 3, 3) and ``transforms`` (m, 4, 4): file coordinates to the common frame; ``evidence``
         (3, m), see :func:`pose_evidence`;
         ``energies`` (m, n) with each partner; ``overlaps`` (n, 2) and ``beyond``, see
-        :class:`collalign.products.shapes.Incomplete`; ``mismatch`` of :func:`part_mismatch`; ``likeness``, the share
-        of the shape with a counterpart, relative to what complete shapes have of each other.
+        :class:`collalign.products.shapes.Incomplete`; ``on_rim``, the share of the shape's points that lie on its
+        rim; ``mismatch`` of :func:`part_mismatch`; ``likeness``, the share of the shape with a counterpart, relative
+        to what complete shapes have of each other.
     """
     source = posed_points(shape)
     targets = [
@@ -109,6 +110,7 @@ def pose_record(
         "overlaps": np.stack([item.overlaps()[0] for item in found]),
         "likeness": _likeness(targets, found),
         "beyond": beyond_rim(source, targets, poses),
+        "on_rim": float(source.on_rim.mean()),
         "mismatch": part_mismatch(source, targets, poses),
     }
 

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.confidence.incomplete_model import is_unlike, log_odds, share_of_best
+from collalign.confidence.incomplete_model import (
+    is_other_body,
+    is_unlike,
+    log_odds,
+    share_of_best,
+)
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints
 from collalign.stages.evidence.weigh import by_energy
@@ -41,8 +46,9 @@ from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.cleaning import COMPONENTS_KEPT
 from data_tools.synthetic import bumped, deformed_family
-from data_tools.synthetic_shapes import blob, chair, crown
+from data_tools.synthetic_shapes import blob, chair, crown, sphere_mesh
 from experiments.calibration.fragments import closed
+from experiments.peers.bones import bone
 from pairwise.partial_counterparts import counterparts
 from tests.finished_runs import angles_deg
 from tests.notes import only
@@ -279,6 +285,31 @@ def test_a_piece_that_matches_better_than_usual_is_of_the_kind_though_its_break_
     assert is_unlike(0.4, 0.7, -0.01)
     assert not is_unlike(0.4, 0.7, -0.1)
     assert not is_unlike(0.4, 0.9, -0.01)
+
+
+def test_a_body_that_covers_little_is_a_stranger_and_a_piece_with_a_long_rim_is_none():
+    assert is_other_body(0.04, 0.09, 1.4)
+    assert not is_other_body(0.04, 0.19, 1.4)
+    assert not is_other_body(0.3, 0.09, 1.4)
+    assert not is_other_body(0.04, 0.09, 0.2)
+    assert not is_other_body(0.04, 0.09, np.nan)
+
+
+def test_a_small_body_of_another_kind_is_a_stranger_though_it_mismatches_less_than_chance(tmp_path):
+    rng = np.random.default_rng(11)
+    directions, faces = sphere_mesh(800)
+    for number in range(5):
+        one = bone(directions, faces, rng, f"bone{number}")
+        write_mesh(tmp_path / f"{one.name}.ply", one)
+    other = cut(chair(np.random.default_rng(4)), np.array([0.0, 0.0, 1.0]), 0.05)
+    write_mesh(tmp_path / "other.ply", replace(other, vertices=0.2 * other.vertices))
+    found = align(tmp_path, incomplete="other")
+    assert "incomplete" not in {note.code for note in found.notes}
+    note = only(found.notes, "resembles-none")
+    assert note.shapes == ("other",)
+    assert 2.0 * note.values["median"] < note.values["mismatch"] < 0.75
+    assert [one.is_stranger for one in found.incomplete] == [True]
+    assert found.confidence[found.names.index("other")] <= 0.5
 
 
 def test_a_rival_that_partners_like_nearly_as_much_takes_certainty():
