@@ -54,9 +54,9 @@ WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: local margin in place of the block margin, and no bound, 28 of 1795 shapes at .95 or more were wrong, now 6 of
 #: 1684. Weights chosen on a random half of the families leave 1.0 % wrong on the other half. Two families are
 #: not counted of which nothing shows the truth: 17 of their shapes are wrong at .95 or more, as many as before.
-#: Tried on 514 of these draws: distinctness that counts only as far as places of the surface contradict the pose. With
-#: weights chosen on the 48 families it has 660 in place of 594 right on the others, but 9 in place of 5 wrong. Nor do
-#: monotone boosted trees of all evidence rank better, families left out in turn.
+#: Tried on 514 of these draws: distinctness that counts only as far as places of the surface contradict the pose.
+#: With weights chosen on the 48 families it has 660 in place of 594 right on the others, but 9 in place of 5 wrong.
+#: Nor do monotone boosted trees of all evidence rank better, families left out in turn.
 LIMIT_WEIGHTS, MOST_CYCLES = np.array([2.8, 0.3, 3.0]), 5.0
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
