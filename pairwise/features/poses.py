@@ -194,11 +194,11 @@ def poses_apart(
 ) -> list[int]:
     """Return at most ``num`` poses (p, 3, 3), (p, 3) that differ in rotation or place, by scores (p,), best first."""
     places = rotations @ source.points.mean(axis=0) + shifts
+    are_apart = pose_angle_deg(rotations[:, None], rotations) > SAME_POSE_DEG
+    are_apart |= np.linalg.norm(places[:, None] - places, axis=2) > SAME_POSE_CELLS * cell
     kept: list[int] = []
     for p in np.argsort(-np.asarray(scores), kind="stable").tolist():
-        rotated = pose_angle_deg(rotations[kept], rotations[p]) > SAME_POSE_DEG
-        moved = np.linalg.norm(places[kept] - places[p], axis=1) > SAME_POSE_CELLS * cell
-        if (rotated | moved).all():
+        if are_apart[p, kept].all():
             kept.append(p)
         if len(kept) == num:
             break
