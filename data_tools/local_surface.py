@@ -98,10 +98,9 @@ class LocalSurface:
         """The points, for look-ups of nearest neighbours."""
         return cKDTree(self.points)
 
-    @property
-    def compared(self) -> slice:
-        """An even choice of at most :data:`MOST_COMPARED` points."""
-        return slice(None, None, -(-len(self.points) // MOST_COMPARED))
+    def few(self, num: int = MOST_COMPARED) -> slice:
+        """Return an even choice of at most ``num`` points."""
+        return slice(None, None, -(-len(self.points) // num))
 
     @cached_property
     def depth_images(self) -> list[DepthImage]:
@@ -110,12 +109,12 @@ class LocalSurface:
 
     def thinned(self, num: int) -> LocalSurface:
         """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
-        step = slice(None, None, -(-len(self.points) // num))
+        few = self.few(num)
         return replace(
             self,
-            points=read_only(self.points[step]),
-            normals=read_only(self.normals[step]),
-            histograms=read_only(self.histograms[step]),
+            points=read_only(self.points[few]),
+            normals=read_only(self.normals[few]),
+            histograms=read_only(self.histograms[few]),
         )
 
     def mirrored(self) -> LocalSurface:

@@ -164,7 +164,7 @@ def sight_conflicts(
     num_points : int
         Points of either surface that are looked at, at most.
     """
-    to, of = (slice(None, None, -(-len(one.points) // num_points)) for one in (target, source))
+    to, of = target.few(num_points), source.few(num_points)
     shares = np.full((2, len(rotations), 2), np.nan)
     inverses = np.swapaxes(rotations, 1, 2)
     for side, seen, points, normals in (

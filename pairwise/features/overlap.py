@@ -15,6 +15,8 @@ from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.features.depth_images import conflict, extent_poses, sight_conflicts
 from pairwise.features.poses import (
+    FIRST_STEPS,
+    LAST_STEPS,
     SAME_CELLS,
     consensus_poses,
     feature_distances,
@@ -37,6 +39,8 @@ _FAR = 1e30
 #: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
 #: The last is added to the share of consistent matches there, of which views from different sides have none.
 NUM_EXTENTS, CONFLICT_POWER, UNMATCHED = 24, 4.0, 0.1
+#: More poses than so many for each wanted one are first refined on so few points, and the best of them on all.
+NUM_KEPT, NUM_FEW = 2, 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,9 +132,8 @@ def evaluate_poses(
         if len(chosen):
             other = source if flip > 0 else source.mirrored()
             matches = match_features(feature_distances(target.features, other.features))
-            evidence[chosen] = _evidence(
-                target, other, rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen], matches
-            )
+            poses = Similarity.rigid(rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen])
+            evidence[chosen] = _evidence(target, other, poses, matches)
     return _local_poses(rotations, shifts, evidence)
 
 
@@ -188,10 +191,20 @@ def match_overlapping(
             extent_poses(target, other, NUM_EXTENTS),
             strict=True,
         )
-        poses = refine_on_planes(target, other, Similarity.rigid(*map(np.concatenate, starts)))
+        poses = Similarity.rigid(*map(np.concatenate, starts))
+        cutoffs = FIRST_STEPS + LAST_STEPS
+        if len(poses) > NUM_KEPT * num_candidates:
+            poses = refine_on_planes(
+                target, other, poses, cutoffs=FIRST_STEPS, num_points=NUM_FEW
+            )
+            rough = _evidence(target, other, poses, matches, num_points=NUM_FEW)
+            score = _score(_local_poses(poses.rotation, poses.shift, rough))
+            poses = poses[np.argsort(-score, kind="stable")[: NUM_KEPT * num_candidates]]
+            cutoffs = LAST_STEPS
+        poses = refine_on_planes(target, other, poses, cutoffs=cutoffs)
         rotations.append(poses.rotation * [flip, 1.0, 1.0])
         shifts.append(poses.shift)
-        evidence.append(_evidence(target, other, poses.rotation, poses.shift, matches))
+        evidence.append(_evidence(target, other, poses, matches))
     found = _local_poses(
         np.concatenate(rotations), np.concatenate(shifts), np.concatenate(evidence)
     )
@@ -210,22 +223,24 @@ def _score(poses: LocalPoses) -> FloatArray:
 def _evidence(
     target: LocalSurface,
     source: LocalSurface,
-    rotations: FloatArray,
-    shifts: FloatArray,
+    poses: Similarity,
     matches: tuple[IntArray, IntArray],
+    *,
+    num_points: int = MOST_COMPARED,
 ) -> FloatArray:
-    """Return the columns of :func:`_local_poses` of rotations of determinant 1, shape (p, 8)."""
+    """Return the columns of :func:`_local_poses` of rigid poses of determinant 1, shape (p, 8)."""
     cell = max(target.cell, source.cell)
+    ends = target, source, poses.rotation, poses.shift
     to, of = matches
-    overlaps, mismatches = closeness(target, source, rotations, shifts)
-    gaps = source.points[of] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target.points[to]
+    overlaps, mismatches = closeness(*ends, num_points=num_points)
+    gaps = poses.apply(source.points[of]) - target.points[to]
     consensus = ((gaps * gaps).sum(axis=2) < (SAME_CELLS * cell) ** 2).mean(axis=1)
     return np.column_stack(
         [
             overlaps,
             mismatches.mean(axis=1),
             consensus,
-            *sight_conflicts(target, source, rotations, shifts),
+            *sight_conflicts(*ends, num_points=num_points),
         ]
     )
 
@@ -266,9 +281,7 @@ def closeness(
         Points of either surface that are compared, at most.
     """
     cell = max(target.cell, source.cell)
-    on_target, on_source = (
-        slice(None, None, -(-len(one.points) // num_points)) for one in (target, source)
-    )
+    on_target, on_source = target.few(num_points), source.few(num_points)
     ends = target.features[on_target], source.features[on_source]
     usual = max(float(np.median(feature_distances(*ends))), LEAST_USUAL)
     inverses = np.swapaxes(rotations, 1, 2)

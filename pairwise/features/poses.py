@@ -5,13 +5,14 @@ No centroid, size or whole shape enters: what two surfaces share decides, howeve
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.local_surface import LocalSurface
+from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import nearest_orthogonal
 
@@ -35,8 +36,9 @@ NUM_SUPPORT = 24
 MATCH_COSINE = 0.6
 #: Poses nearer than this, in degrees and in cells, are one.
 SAME_POSE_DEG, SAME_POSE_CELLS = 15.0, 5.0
-#: Cutoffs of the refinement's steps, in cells; cosine of normals from which two points count.
-STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0, 1.2, 1.2, 1.2), 0.5
+#: Cutoffs of the refinement's steps that bring a pose near, and of those that make it exact, in cells; cosine of
+#: normals from which two points count.
+FIRST_STEPS, LAST_STEPS, STEP_COSINE = (3.0, 3.0, 3.0, 2.0, 2.0, 2.0), (1.2, 1.2, 1.2), 0.5
 #: Most that a step of the refinement rotates, in radians, and scales, as a logarithm; points that a step needs.
 LONGEST_STEP_RAD, LONGEST_STEP, FEWEST_POINTS = 0.3, 0.1, 12
 
@@ -128,6 +130,8 @@ def refine_on_planes(
     source: LocalSurface,
     poses: Similarity,
     *,
+    cutoffs: Sequence[float] = FIRST_STEPS + LAST_STEPS,
+    num_points: int = MOST_COMPARED,
     scale_range: tuple[float, float] | None = None,
 ) -> Similarity:
     """Refine poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
@@ -137,14 +141,19 @@ def refine_on_planes(
     target, source : LocalSurface
     poses : Similarity
         Several, of determinant 1; source coordinates to those of the target.
+    cutoffs : sequence of float
+        Of the steps, in cells.
+    num_points : int
+        Points of the source that are brought to the target, at most.
     scale_range : pair of float, optional
         The least and the largest scale; without it, scales stay.
     """
     cell = max(target.cell, source.cell)
-    points, normals = source.points[source.compared], source.normals[source.compared]
+    few = source.few(num_points)
+    points, normals = source.points[few], source.normals[few]
     rotations, scales, shifts = poses.rotation, np.asarray(poses.scale), poses.shift
     num_free = 6 if scale_range is None else 7
-    for cutoff in STEPS:
+    for cutoff in cutoffs:
         back = np.swapaxes(rotations, 1, 2)
         placed = points @ (scales[:, None, None] * back) + shifts[:, None]
         distances, nearest = target.tree.query(

@@ -97,7 +97,7 @@ def test_large_surfaces_are_compared_at_an_even_choice():
         (MOST_COMPARED + 1, MOST_COMPARED // 2 + 1),
     ):
         points, normals = bumpy(num)
-        assert len(points[LocalSurface.from_user(points, normals, 0.05).compared]) == compared
+        assert len(points[LocalSurface.from_user(points, normals, 0.05).few()]) == compared
 
 
 @pytest.mark.parametrize(
