@@ -105,13 +105,14 @@ class DepthImage:
         a thin board is missed between two pixels.
         """
         is_faced = np.abs(normals @ self.axes[2]) >= TUNED.least_faced
-        along = points @ self.axes.T
-        pixels = np.floor((along[..., :2] - self.corner) / self.cell).astype(np.int64)
-        inside = ((pixels >= 0) & (pixels < self.heights.shape)).all(axis=-1)
-        pixels[~inside] = 0
-        seen = self.heights[pixels[..., 0], pixels[..., 1]]
-        in_front = inside & is_faced & (along[..., 2] > seen + TUNED.front_cells * self.cell)
-        beside = ~inside | self.is_beside[pixels[..., 0], pixels[..., 1]]
+        x, y, depth = (points @ axis for axis in self.axes)
+        row, column = (np.floor((at - first) / self.cell) for at, first in zip((x, y), self.corner, strict=True))
+        height, width = self.heights.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        pixels = np.where(inside, row * width + column, 0).astype(np.int64)
+        seen = self.heights.take(pixels)
+        in_front = inside & is_faced & (depth > seen + TUNED.front_cells * self.cell)
+        beside = ~inside | self.is_beside.take(pixels)
         return np.stack([in_front.mean(axis=1), beside.mean(axis=1)], axis=1)
 
 

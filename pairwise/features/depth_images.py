@@ -100,18 +100,22 @@ def extent_poses(
         return np.empty((0, 3, 3)), np.empty((0, 3))
     tables = _directions()
     centres = target.points.mean(axis=0), source.points.mean(axis=0)
-    faces_target = tables.coarse @ target.sights[0] > TUNED.facing
+    faces_target = np.flatnonzero(tables.coarse @ target.sights[0] > TUNED.facing)
+    faces_source = tables.fine @ source.sights[0] > TUNED.facing
     directions = tables.coarse[faces_target]
-    looked_up = tables.in_source[:, faces_target]
-    is_shared = (tables.fine @ source.sights[0] > TUNED.facing)[looked_up]
-    enough = is_shared.sum(axis=1) >= TUNED.least_shared * len(tables.coarse)
-    rotations, is_shared = tables.rotations[enough], is_shared[enough]
-    reach = (directions @ (target.points - centres[0]).T).max(axis=1)
-    reach_source = (tables.fine @ (source.points - centres[1]).T).max(axis=1)
-    gaps = reach - reach_source[looked_up[enough]]
-    shifts, residuals = _fitted(directions, gaps, is_shared)
+    looked_up = tables.in_source.take(faces_target, axis=1)
+    is_shared = faces_source.take(looked_up)
+    enough = np.flatnonzero(is_shared.sum(axis=1) >= TUNED.least_shared * len(tables.coarse))
+    reach, reach_source = (
+        (ways.astype(np.float32) @ (surface.points - centre).T.astype(np.float32)).max(axis=1)
+        for ways, surface, centre in zip(
+            (directions, tables.fine), (target, source), centres, strict=True
+        )
+    )
+    gaps = reach - reach_source.take(looked_up[enough])
+    shifts, residuals = _fitted(directions, gaps, is_shared[enough].astype(np.float32))
     order = np.argsort(residuals, kind="stable")[: TUNED.num_compared]
-    rotations, residuals = rotations[order], residuals[order]
+    rotations, residuals = tables.rotations[enough[order]], residuals[order]
     shifts = shifts[order] + centres[0] - rotations @ centres[1]
     conflicts = conflict(
         *sight_conflicts(target, source, rotations, shifts, num_points=TUNED.num_points)
@@ -122,23 +126,25 @@ def extent_poses(
 
 
 def _fitted(
-    directions: FloatArray, gaps: FloatArray, is_shared: NDArray[np.bool_]
+    directions: FloatArray, gaps: NDArray[np.float32], shared: NDArray[np.float32]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the shifts (r, 3) that explain gaps (r, m) along directions (m, 3) best, and the mean residuals (r,).
 
-    Least squares, once more with Cauchy's weights: what a scan lacks shortens its extent in some directions.
+    Least squares, once more with Cauchy's weights: what a scan lacks shortens its extent in some directions. Those
+    of which both surfaces know their extent are ``shared`` (r, m), 0 or 1.
     """
-    products = (directions[:, :, None] * directions[:, None]).reshape(-1, 9)
-    weights = is_shared.astype(np.float64)
-    counts = np.maximum(weights.sum(axis=1), 1.0)
+    along = directions.astype(np.float32)
+    products = (along[:, :, None] * along[:, None]).reshape(-1, 9)
+    weights, counts = shared, np.maximum(shared.sum(axis=1), 1.0)
     for _ in range(2):
         moments = (weights @ products).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
         slopes = (weights * gaps) @ directions
         shifts = np.asarray(np.linalg.solve(moments, slopes[:, :, None])[:, :, 0], dtype=np.float64)
-        residuals = np.abs(gaps - shifts @ directions.T)
-        spread = np.sqrt((is_shared * residuals**2).sum(axis=1) / counts)[:, None]
-        weights = is_shared / (1.0 + (residuals / np.maximum(spread, np.finfo(float).tiny)) ** 2)
-    return shifts, np.asarray((is_shared * residuals).sum(axis=1) / counts)
+        residuals = np.abs(gaps - shifts.astype(np.float32) @ along.T)
+        squares = residuals * residuals
+        spread = np.maximum((shared * squares).sum(axis=1) / counts, np.finfo(np.float32).tiny)
+        weights = shared / (1.0 + squares / spread[:, None])
+    return shifts, np.asarray((shared * residuals).sum(axis=1) / counts)
 
 
 def sight_conflicts(

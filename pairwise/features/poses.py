@@ -259,10 +259,19 @@ def _explained(
     reach: float,
 ) -> FloatArray:
     """Return 1 where a match lies within reach at a pose and its normals agree, else 0, shape (p, m)."""
-    gaps = source[0] @ np.swapaxes(rotations, 1, 2) + shifts[:, None] - target[0]
-    cosines = np.einsum("pmi,mi->pm", source[1] @ np.swapaxes(rotations, 1, 2), target[1])
-    near = np.einsum("pmi,pmi->pm", gaps, gaps) < reach**2
-    return np.asarray(near & (cosines > MATCH_COSINE), dtype=np.float64)
+    (to, normals_to), (of, normals_of) = target, source
+    flat = rotations.reshape(-1, 9)
+    cosines = flat @ _products(normals_to, normals_of).T
+    # |R of + shift - to|^2, each product of a pose and a match by itself: no array of differences.
+    squares = (to**2).sum(axis=1) + (of**2).sum(axis=1) + (shifts**2).sum(axis=1)[:, None]
+    squares += 2.0 * ((shifts[:, None] @ rotations)[:, 0] @ of.T - shifts @ to.T)
+    squares -= 2.0 * flat @ _products(to, of).T
+    return np.asarray((squares < reach**2) & (cosines > MATCH_COSINE), dtype=np.float64)
+
+
+def _products(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the products of every two coordinates, shape (m, 9), of vectors (m, 3)."""
+    return (first[:, :, None] * second[:, None]).reshape(-1, 9)
 
 
 def _procrustes(
@@ -271,8 +280,8 @@ def _procrustes(
     """Return the rigid poses that fit weighted matches best, weights (p, m); rotations (p, 3, 3), shifts (p, 3)."""
     shares = weights / np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
     means_to, means_of = shares @ to, shares @ of
-    products = np.einsum("mi,mj->mij", to, of).reshape(len(to), 9)
-    moments = (shares @ products).reshape(-1, 3, 3) - means_to[:, :, None] * means_of[:, None]
+    moments = (shares @ _products(to, of)).reshape(-1, 3, 3)
+    moments -= means_to[:, :, None] * means_of[:, None]
     rotations = nearest_orthogonal(moments, determinant=1.0)
     return rotations, means_to - (rotations @ means_of[:, :, None])[:, :, 0]
 
