@@ -106,7 +106,10 @@ class DepthImage:
         """
         is_faced = np.abs(normals @ self.axes[2]) >= TUNED.least_faced
         x, y, depth = (points @ axis for axis in self.axes)
-        row, column = (np.floor((at - first) / self.cell) for at, first in zip((x, y), self.corner, strict=True))
+        row, column = (
+            np.floor((at - first) / self.cell)
+            for at, first in zip((x, y), self.corner, strict=True)
+        )
         height, width = self.heights.shape
         inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
         pixels = np.where(inside, row * width + column, 0).astype(np.int64)

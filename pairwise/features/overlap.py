@@ -194,9 +194,7 @@ def match_overlapping(
         poses = Similarity.rigid(*map(np.concatenate, starts))
         cutoffs = FIRST_STEPS + LAST_STEPS
         if len(poses) > NUM_KEPT * num_candidates:
-            poses = refine_on_planes(
-                target, other, poses, cutoffs=FIRST_STEPS, num_points=NUM_FEW
-            )
+            poses = refine_on_planes(target, other, poses, cutoffs=FIRST_STEPS, num_points=NUM_FEW)
             rough = _evidence(target, other, poses, matches, num_points=NUM_FEW)
             score = _score(_local_poses(poses.rotation, poses.shift, rough))
             poses = poses[np.argsort(-score, kind="stable")[: NUM_KEPT * num_candidates]]
