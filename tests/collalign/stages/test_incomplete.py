@@ -23,6 +23,7 @@ from collalign.stages.incomplete.detect import (
     match_like_copies,
     named_incomplete,
     open_among_closed,
+    share_beyond,
 )
 from collalign.stages.incomplete.place import (
     nearest_labels,
@@ -362,6 +363,20 @@ def test_samples_far_from_everything_get_no_label():
         np.array([[2.1, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.2, 0.0]]), consensus
     )
     assert labels.tolist() == [2, -1, 0]
+
+
+def test_only_poses_of_what_may_be_cut_off_are_refined(monkeypatch):
+    rng = np.random.default_rng(2)
+    crowns = [crown(rng, num_vertices=400) for _ in range(4)]
+    partners = [surface(one) for one in crowns[1:]]
+    broken = surface(cut(crowns[0], np.array([1.0, 0.0, 0.0]), 0.3))
+    assert share_beyond(broken, partners) > 0.1
+    monkeypatch.setattr(
+        "collalign.stages.incomplete.detect.refine", lambda *_, **__: pytest.fail("refined")
+    )
+    assert share_beyond(surface(crowns[0]), partners) < 0.04
+    with pytest.raises(pytest.fail.Exception):
+        share_beyond(broken, partners)
 
 
 def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch):
