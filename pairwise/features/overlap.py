@@ -13,7 +13,7 @@ from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
-from pairwise.features.depth_images import conflict, extent_poses, sight_conflicts
+from pairwise.features.depth_images import TUNED, conflict, extent_poses, sight_conflicts
 from pairwise.features.poses import (
     FIRST_STEPS,
     LAST_STEPS,
@@ -36,11 +36,9 @@ COMPARED_CELLS = 2.4
 LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30
-#: Poses on which extents agree that are refined, and how much a conflict counts beside overlap where both are known.
-#: The last is added to the share of consistent matches there, of which views from different sides have none.
-NUM_EXTENTS, CONFLICT_POWER, UNMATCHED = 24, 4.0, 0.1
-#: More poses than so many for each wanted one are first refined on so few points, and the best of them on all.
-NUM_KEPT, NUM_FEW = 2, 200
+#: How much a conflict counts beside overlap where both are known. The other number is added to the share of
+#: consistent matches there, of which views from different sides have none.
+CONFLICT_POWER, UNMATCHED = 4.0, 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,16 +186,17 @@ def match_overlapping(
         matches = match_features(feature_distances(target.features, other.features))
         starts = zip(
             consensus_poses(target, other, matches, num_candidates),
-            extent_poses(target, other, NUM_EXTENTS),
+            extent_poses(target, other, TUNED.num_proposed),
             strict=True,
         )
         poses = Similarity.rigid(*map(np.concatenate, starts))
-        cutoffs = FIRST_STEPS + LAST_STEPS
-        if len(poses) > NUM_KEPT * num_candidates:
-            poses = refine_on_planes(target, other, poses, cutoffs=FIRST_STEPS, num_points=NUM_FEW)
-            rough = _evidence(target, other, poses, matches, num_points=NUM_FEW)
+        cutoffs: tuple[float, ...] = FIRST_STEPS + LAST_STEPS
+        if len(poses) > (num_kept := TUNED.num_kept * num_candidates):
+            few = TUNED.num_points
+            poses = refine_on_planes(target, other, poses, cutoffs=FIRST_STEPS, num_points=few)
+            rough = _evidence(target, other, poses, matches, num_points=few)
             score = _score(_local_poses(poses.rotation, poses.shift, rough))
-            poses = poses[np.argsort(-score, kind="stable")[: NUM_KEPT * num_candidates]]
+            poses = poses[np.argsort(-score, kind="stable")[:num_kept]]
             cutoffs = LAST_STEPS
         poses = refine_on_planes(target, other, poses, cutoffs=cutoffs)
         rotations.append(poses.rotation * [flip, 1.0, 1.0])

@@ -48,7 +48,7 @@ def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> Loca
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
 DESCRIBING = Job(kind="surfaces", version="local-3", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
-OVERLAPPING = Job(kind="evidence", version="overlap-4", run=overlap_pair, reader=LocalPoses)
+OVERLAPPING = Job(kind="evidence", version="overlap-5", run=overlap_pair, reader=LocalPoses)
 
 
 def common_cell(shapes: Shapes) -> float:
