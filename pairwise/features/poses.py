@@ -88,7 +88,8 @@ def consensus_poses(
         At most so many poses, those of most matches.
     """
     cell = max(target.cell, source.cell)
-    to, of = target.points[matches[0]], source.points[matches[1]]
+    centre_to, centre_of = target.points.mean(axis=0), source.points.mean(axis=0)
+    to, of = target.points[matches[0]] - centre_to, source.points[matches[1]] - centre_of
     normals_to, normals_of = target.normals[matches[0]], source.normals[matches[1]]
     compatible = _compatible((to, normals_to), (of, normals_of), cell)
     degrees = compatible.sum(axis=1)
@@ -112,6 +113,7 @@ def consensus_poses(
             agree = _explained(
                 (to, normals_to), (of, normals_of), rotations, shifts, SAME_CELLS * cell
             )
+        shifts = shifts + centre_to - rotations @ centre_of
         held = np.asarray(agree.sum(axis=1), dtype=np.float64)
         kept = poses_apart(rotations, shifts, held, source, cell, num)
         found_rotations.append(rotations[kept])

@@ -72,6 +72,15 @@ def test_matches_of_which_half_are_right_give_the_pose(surface, rng):
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
 
 
+def test_matches_far_from_the_origin_give_the_pose(surface, rng):
+    rotation, far = random_rotation(rng), np.array([4e8, -2e8, 1e8])
+    source = placed(surface, rotation, far)
+    every = np.arange(0, len(surface.points), 3)
+    rotations, shifts = consensus_poses(surface, source, (every, every), 1)
+    assert pose_angle_deg(rotations[0], rotation) < 0.01
+    assert np.linalg.norm(source.points @ rotations[0].T + shifts[0] - surface.points) < 0.01
+
+
 def test_matches_that_hardly_any_others_support_give_no_pose(surface):
     two = np.array([0, len(surface.points) - 1])
     rotations, shifts = consensus_poses(surface, surface, (two, two), 3)
