@@ -9,13 +9,20 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
+from collalign.matching_input import dense_points
 from collalign.options import AlignOptions
-from collalign.stages.poses.refinement import local_pairs, refine_rotations
+from collalign.stages.poses.refinement import (
+    MOST_WEIGHT,
+    local_pairs,
+    refine_pair,
+    refine_rotations,
+)
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import crown
+from data_tools.synthetic_shapes import crown, figure
+from pairwise.dense import DensePoints, SharedTuning
 
 
 def all_edges(num):
@@ -77,6 +84,49 @@ def test_disturbed_poses_come_back(session, rng):
     assert errors_deg(disturbed, truth).max() > 5
     assert errors_deg(refined, truth).max() < 0.5
     assert np.allclose(refined[0], disturbed[0])
+
+
+def bowed_figures(angles):
+    """Return samples of one figure whose head and arms are bent forwards by angles, in radians, in one frame."""
+    made = []
+    for angle in angles:
+        whole = figure(resolution=3)
+        vertices = np.array(whole.vertices)
+        above = vertices[:, 2] > 12.0
+        bend = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+        vertices[above] = (vertices[above] - [0.0, 1.0, 12.0]) @ bend.T + [0.0, 1.0, 12.0]
+        options = SamplingOptions(num_points=16, num_dense_points=300)
+        shape = Shape.from_arrays(vertices, whole.faces)
+        made.append(sample_shape(shape, options, EmbeddingOptions(kind="xyz")))
+    return made
+
+
+def test_versions_of_one_surface_are_posed_by_what_they_share(session, monkeypatch):
+    samples = bowed_figures([0.0, 0.8, -0.8, 0.5])
+    truth, edges = np.tile(np.eye(3), (4, 1, 1)), all_edges(4)
+
+    def worst():
+        refined = refine_rotations(
+            session, samples, truth, edges, np.ones(len(edges)), group="SO", fixed={0: np.eye(3)}
+        )
+        return errors_deg(refined, truth).max()
+
+    assert worst() < 1
+    monkeypatch.setattr(
+        "pairwise.dense.SHARED", SharedTuning(spacings=0.0)
+    )  # no part is taken to be shared
+    assert worst() > 5
+
+
+def test_a_pair_weighs_by_what_it_shares(rng):
+    """No more than a hundred times as much as others, however exact; not more, where it shares nothing."""
+    points = dense_points(bowed_figures([0.0])[0], invariants=False).points
+    one = DensePoints.from_user(points)
+    top = points[:, 2] > np.quantile(points[:, 2], 0.9)
+    moved = DensePoints.from_user(points + top[:, None] * [0.0, 0.2, 0.0])
+    other = DensePoints.from_user(rng.standard_normal(points.shape))
+    weights = [refine_pair(one, item, np.eye(3))[2] for item in (moved, other)]
+    assert weights == [MOST_WEIGHT, 1.0]
 
 
 def test_fixed_poses_stay(session, rng):
