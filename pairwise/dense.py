@@ -10,18 +10,12 @@ whose noise level is unknown and differs from shape to shape, so each says by it
 (the profile likelihood of the noise level), and the two together by the sum of the logarithms: the candidates are
 ranked by the product of both energies. On rigid shapes (teeth) and on bent ones (ants, teddy bears) the product picks
 the right pose more often than the samples' energy alone; the dense energy alone loses on bent shapes.
-
-Two specimens differ everywhere, and least squares weigh all of it. Two versions of *one* surface agree exactly where
-neither is bent or broken, and there is their pose. Weights that fall with the distance (Geman and McClure 1987) find
-that part. The spacing of the points says whether it is one: then half of them lie as near as sampling alone leaves
-them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,30 +124,9 @@ class DenseMatcher:
             Takes the source to the target.
         """
         of_target, of_source = pairs
-        gaps = self.gaps(pairs, pose)
+        gaps = self.target.points[of_target] - pose.apply(self.source.points[of_source])
         other = self.target.invariants[of_target] - self.source.invariants[of_source]
         return float(((gaps**2).sum() + (other**2).sum()) / len(gaps))
-
-    def gaps(self, pairs: tuple[IntArray, IntArray], pose: Similarity) -> FloatArray:
-        """Return target minus source of pairs of points at a pose, shape (p, d), in units of the target."""
-        return np.asarray(self.target.points[pairs[0]] - pose.apply(self.source.points[pairs[1]]))
-
-    def fitted(
-        self,
-        pairs: tuple[IntArray, IntArray],
-        weights: FloatArray,
-        former: Similarity,
-        *,
-        estimate_scale: bool,
-    ) -> Similarity:
-        """Return the similarity that fits weighted pairs (p,) best, of the former one's chirality."""
-        return _procrustes(
-            self.target.points.take(pairs[0], axis=0),
-            self.source.points.take(pairs[1], axis=0),
-            weights,
-            float(np.sign(np.linalg.det(former.rotation))),
-            None if estimate_scale else former.scale,
-        )
 
     def _columns(self, shape: DensePoints, pose: Similarity) -> FloatArray:
         """Return columns (f, 1) of what is compared at a pose: places, invariants and weighted normals."""
@@ -219,26 +192,6 @@ NORMAL_WEIGHT = 0.2
 _SETTLED = 1e-4
 
 
-class SharedTuning(NamedTuple):
-    """When two surfaces share a part.
-
-    Chosen on CAPOD's horses and spiders, as they are and triangulated anew, SHREC07's chairs, planes and glasses, and
-    molars.
-    """
-
-    spacings: float = 0.6
-    """Half of the points have the other surface's nearest point within so many spacings of its points. Two samplings
-    of one surface are .46 to .55 apart. Hardly a pair below .6 is worse for it, many above .65 are."""
-    farthest_spacings: float = 1.5
-    """No part is looked for where they are farther apart than this: no pair of these collections came from there."""
-    settled: float = 3e-3
-    """Its pose is settled when no entry of R changes by more: each step costs as much as one of least squares."""
-
-
-#: The numbers in use.
-SHARED = SharedTuning()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RefinedPose:
     """A pose refined on dense samples.
@@ -250,14 +203,10 @@ class RefinedPose:
     energy : float
         Mean squared distance of the matched points at this pose plus that of their invariants, in squared units of
         the target.
-    shared_energy : float
-        The same of the points, as they are weighed where the pose is that of a part which both surfaces share; else
-        the energy.
     """
 
     pose: Similarity
     energy: float
-    shared_energy: float
 
 
 @one_blas_thread()
@@ -269,7 +218,6 @@ def refine_pose(
     estimate_scale: bool = True,
     normal_weight: float = NORMAL_WEIGHT,
     max_iterations: int = 30,
-    shared_part: bool = False,
 ) -> RefinedPose:
     """Refine a pose on dense samples, from centroids that are brought together.
 
@@ -283,9 +231,6 @@ def refine_pose(
     normal_weight : float
         Weight of the normals relative to positions of unit root mean square radius; 0 leaves them out.
     max_iterations : int
-    shared_part : bool
-        Whether the pose is that of the part which both surfaces share, if they do: versions of one surface, parts of
-        which are bent, broken off or added. Else all of both surfaces counts.
 
     Returns
     -------
@@ -308,60 +253,31 @@ def refine_pose(
     """
     if not normal_weight >= 0 or max_iterations < 1:
         raise OptionsError("normal_weight must not be negative, max_iterations at least 1")
-    pose = _start(target, source, R_target_source, estimate_scale=estimate_scale)
+    pose = centred_pose(target, source, R_target_source, estimate_scale=estimate_scale)
     matcher = DenseMatcher(target, source, normal_weight=normal_weight * target.radius)
+    chirality = float(np.sign(np.linalg.det(pose.rotation)))
     pairs = matcher.pair_up(pose)
-    even = np.ones(len(pairs[0]))
     for iterations in range(1, max_iterations + 1):
         former = pose
-        pose = matcher.fitted(pairs, even, former, estimate_scale=estimate_scale)
+        to, of = target.points.take(pairs[0], axis=0), source.points.take(pairs[1], axis=0)
+        pose = _procrustes(to, of, chirality, None if estimate_scale else pose.scale)
         if np.abs(pose.rotation - former.rotation).max() <= _SETTLED:
             break
         if iterations < max_iterations:
             pairs = matcher.pair_up(pose)
-    energy = matcher.mean_cost(pairs, pose)
-    found = RefinedPose(pose=pose, energy=energy, shared_energy=energy)
-    if not shared_part:
-        return found
-    return _on_shared_part(matcher, found, max_iterations, estimate_scale=estimate_scale) or found
+    return RefinedPose(pose=pose, energy=matcher.mean_cost(pairs, pose))
 
 
-def _on_shared_part(
-    matcher: DenseMatcher, whole: RefinedPose, most: int, *, estimate_scale: bool
-) -> RefinedPose | None:
-    """Return the pose of the part that both surfaces share, from that of all of them; None where they share none.
-
-    Iteratively reweighted least squares of Geman and McClure's ``d^2 / (d^2 + s^2)``, whose scale s is the median
-    distance: the weights are ``1 / (1 + d^2 / s^2)^2``.
-    """
-    target, source = matcher.target, matcher.source
-    pose, numbers = whole.pose, (len(source.points), len(target.points))
-    for _ in range(most):
-        pairs = matcher.pair_up(pose)
-        distances = np.linalg.norm(matcher.gaps(pairs, pose), axis=1)
-        # Each distance is by the spacing of the points among which the nearest was looked for.
-        spacings = np.repeat([target.spacing, pose.scale * source.spacing], numbers)
-        apart = float(np.median(distances / spacings))
-        if apart > SHARED.farthest_spacings:
-            return None
-        middle = max(float(np.median(distances)), np.finfo(float).tiny)
-        weights = (1.0 + (distances / middle) ** 2) ** -2
-        former = pose
-        pose = matcher.fitted(pairs, weights, former, estimate_scale=estimate_scale)
-        if np.abs(pose.rotation - former.rotation).max() <= SHARED.settled:
-            break
-    if apart > SHARED.spacings:
-        return None
-    return RefinedPose(
-        pose=pose,
-        energy=matcher.mean_cost(pairs, pose),
-        shared_energy=float(np.average(distances**2, weights=weights)),
-    )
-
-
-def _start(
+def centred_pose(
     target: DensePoints, source: DensePoints, R_target_source: ArrayLike, *, estimate_scale: bool
 ) -> Similarity:
+    """Return the checked rotation with centroids, and sizes where the scale is free, brought together.
+
+    Raises
+    ------
+    InputError
+        If the rotation is none, or the shapes' arrays do not fit each other.
+    """
     dim = target.points.shape[1]
     if source.points.shape[1] != dim or source.invariants.shape[1] != target.invariants.shape[1]:
         raise InputError(
@@ -375,19 +291,17 @@ def _start(
 
 
 def _procrustes(
-    to: FloatArray, of: FloatArray, weights: FloatArray, chirality: float, scale: float | None
+    to: FloatArray, of: FloatArray, chirality: float, scale: float | None
 ) -> Similarity:
-    """Return the similarity that brings ``of`` to ``to`` best (Umeyama 1991) at a given chirality, weighted.
+    """Return the similarity that brings ``of`` to ``to`` best (Umeyama 1991) at a given chirality.
 
     The scale is the symmetric one, the ratio of the sizes, so that refining either way gives inverse results.
     """
-    shares = weights / weights.sum()
-    mean_to, mean_of = shares @ to, shares @ of
+    mean_to, mean_of = (np.full(len(to), 1.0 / len(to)) @ points for points in (to, of))
     centred_to, centred_of = to - mean_to, of - mean_of
-    weighted = weights[:, None] * centred_to
-    rotation = nearest_orthogonal(weighted.T @ centred_of, determinant=chirality)
+    rotation = nearest_orthogonal(centred_to.T @ centred_of, determinant=chirality)
     if scale is None:
-        sizes = [float((weights @ points**2).sum()) for points in (centred_to, centred_of)]
+        sizes = [float((points**2).sum()) for points in (centred_to, centred_of)]
         scale = float(np.sqrt(sizes[0] / sizes[1])) if min(sizes) > 0 else 1.0
     return Similarity(rotation=rotation, scale=scale, shift=mean_to - scale * rotation @ mean_of)
 

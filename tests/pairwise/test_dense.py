@@ -9,17 +9,10 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.shape import Shape, outward_normals
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import blob, crown, figure
+from data_tools.surface.shape import outward_normals
+from data_tools.synthetic_shapes import blob, crown
 from pairwise import MatchOptions
-from pairwise.dense import (
-    SHARED,
-    DenseMatcher,
-    DensePoints,
-    ranked_on_dense,
-    refine_pose,
-)
+from pairwise.dense import DenseMatcher, DensePoints, ranked_on_dense, refine_pose
 from pairwise.matching import match_problem
 from pairwise.problem import Problem
 from pairwise.results import Candidate, MatchResult, Status
@@ -83,58 +76,6 @@ def test_bad_input_is_refused():
     for wrong in ({"normal_weight": -1.0}, {"max_iterations": 0}):
         with pytest.raises(OptionsError, match=next(iter(wrong))):
             refine_pose(shape, shape, np.eye(3), **wrong)
-
-
-def two_samplings(change, *, num=300):
-    """Return a figure and its changed version, each as points of its own: no point of one is on the other."""
-    vertices = figure(resolution=4).vertices
-    order = np.random.default_rng(6).permutation(len(vertices))
-    return [
-        DensePoints.from_user(
-            points[farthest_points(Shape.from_arrays(points), num, metric="euclidean")]
-        )
-        for points in (vertices[order[::2]], change(vertices[order[1::2]]))
-    ]
-
-
-def bowed(points):
-    """Bend the head and the arms forwards by a radian."""
-    above = points[:, 2] > 12.0
-    hinge = points[above].mean(axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 12.0]
-    moved = points.copy()
-    moved[above] = Rotation.from_rotvec([1.0, 0.0, 0.0]).apply(points[above] - hinge) + hinge
-    return moved
-
-
-def test_a_bent_part_does_not_move_the_pose_of_the_shared_one():
-    target, source = two_samplings(bowed)
-    whole = refine_pose(target, source, np.eye(3))
-    shared = refine_pose(target, source, np.eye(3), shared_part=True)
-    assert rotation_angle_deg(whole.pose.rotation) > 5
-    assert rotation_angle_deg(shared.pose.rotation) < 2.5
-    assert shared.shared_energy < 0.3 * shared.energy
-    assert whole.shared_energy == whole.energy
-
-
-def test_surfaces_that_differ_everywhere_share_no_part(rng):
-    surface = blob(rng, num_vertices=900)
-    target, source = (
-        DensePoints.from_user(bumped(surface, rng, rms=0.06).vertices[::3]) for _ in range(2)
-    )
-    whole = refine_pose(target, source, np.eye(3))
-    shared = refine_pose(target, source, np.eye(3), shared_part=True)
-    np.testing.assert_array_equal(shared.pose.rotation, whole.pose.rotation)
-    assert shared.shared_energy == whole.energy
-
-
-def test_two_samplings_of_one_surface_are_that_surface():
-    """What the number of spacings stands for."""
-    target, source = two_samplings(np.copy)
-    matcher = DenseMatcher(target, source)
-    still = Similarity(rotation=np.eye(3), scale=1.0, shift=np.zeros(3))
-    distances = np.linalg.norm(matcher.gaps(matcher.pair_up(still), still), axis=1)
-    apart = np.median(distances) / target.spacing
-    assert 0.4 < apart < SHARED.spacings
 
 
 def test_nearest_neighbours_in_slabs_are_those_of_trees_wherever_the_source_moves(rng, monkeypatch):

@@ -24,15 +24,16 @@ from collalign.stages.poses.bent import bent_poses
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from pairwise.dense import DensePoints, refine_pose
+from pairwise.dense import DensePoints
 from pairwise.rotation_pattern import RotationPattern
+from pairwise.surface_fit import fit_surfaces
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8
 #: Most steps of closest points.
 MOST_STEPS = 16
 #: Most that a pair weighs compared with another one of its energy. Chosen on the collections that
-#: :class:`pairwise.dense.SharedTuning` names, and CAPOD's guns: 30 to 300 hardly differ.
+#: :class:`pairwise.surface_fit.FitTuning` names, and CAPOD's guns: 30 to 300 hardly differ.
 MOST_WEIGHT = 100.0
 
 
@@ -50,7 +51,7 @@ def refine_pair(
     weight : float
         At least 1: how many times the energy is that of the part which both surfaces share.
     """
-    found = refine_pose(target, source, start, max_iterations=MOST_STEPS, shared_part=True)
+    found = fit_surfaces(target, source, start, max_iterations=MOST_STEPS)
     least = max(found.energy / MOST_WEIGHT, np.finfo(float).tiny)
     weight = max(found.energy / max(found.shared_energy, least), 1.0)
     return found.pose.rotation, found.energy / target.radius**2, weight

@@ -22,7 +22,8 @@ from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.synthetic_shapes import crown, figure
-from pairwise.dense import DensePoints, SharedTuning
+from pairwise.dense import DensePoints
+from pairwise.surface_fit import FitTuning
 
 
 def all_edges(num):
@@ -112,9 +113,8 @@ def test_versions_of_one_surface_are_posed_by_what_they_share(session, monkeypat
         return errors_deg(refined, truth).max()
 
     assert worst() < 1
-    monkeypatch.setattr(
-        "pairwise.dense.SHARED", SharedTuning(spacings=0.0)
-    )  # no part is taken to be shared
+    none = FitTuning(shared_spacings=0.0)  # no part is taken to be shared
+    monkeypatch.setattr("pairwise.surface_fit.FIT", none)
     assert worst() > 5
 
 

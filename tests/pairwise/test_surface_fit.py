@@ -1,0 +1,125 @@
+"""The fit of two surfaces: exact where they are one, by their planes where alike, and by the part that they share."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape, outward_normals
+from data_tools.synthetic import bumped
+from data_tools.synthetic_shapes import blob, crown, figure
+from pairwise.dense import DenseMatcher, DensePoints, centred_pose, refine_pose
+from pairwise.surface_fit import FIT, fit_surfaces
+
+
+def fitted(target, source, start=None):
+    return fit_surfaces(target, source, np.eye(3) if start is None else start, max_iterations=30)
+
+
+def spread(points, num, normals=None):
+    """Return an even choice of points."""
+    chosen = farthest_points(Shape.from_arrays(points), num, metric="euclidean")
+    return DensePoints.from_user(points[chosen], None if normals is None else normals[chosen])
+
+
+def two_samplings(shape, num, *, change=None, with_normals=False):
+    """Return two even choices of points of a shape that have none in common, the second ones changed."""
+    normals = outward_normals(shape)
+    halves = np.random.default_rng(6).permutation(len(shape.vertices))
+    made = []
+    for half in (halves[::2], halves[1::2]):
+        points = shape.vertices[half]
+        points = change(points) if made and change else points
+        made.append(spread(points, num, normals[half] if with_normals else None))
+    return made
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("with_normals", [False, True])
+def test_exact_pose_scale_and_shift_are_recovered(mirrored, with_normals, rng):
+    shape = crown(np.random.default_rng(0), num_vertices=300)
+    points, normals = shape.vertices, outward_normals(shape)
+    turn = random_rotation(rng) @ (np.diag([1.0, 1.0, -1.0]) if mirrored else np.eye(3))
+    target, source = (
+        DensePoints.from_user(places, directions if with_normals else None)
+        for places, directions in (
+            (points, normals),
+            (2.5 * (points @ turn) + [1.0, 2.0, 3.0], normals @ turn),
+        )
+    )
+    start = turn @ Rotation.from_rotvec([0.1, -0.08, 0.05]).as_matrix()
+    found = fitted(target, source, start)
+    assert rotation_angle_deg(found.pose.rotation, turn) < 0.1
+    assert found.pose.scale == pytest.approx(0.4, rel=1e-3)
+    assert np.allclose(found.pose.apply(source.points), points, atol=5e-3)
+
+
+def test_the_plane_has_one_rotation(rng):
+    points = rng.random((200, 2))
+    angle = 0.1
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shape, moved = DensePoints.from_user(points), DensePoints.from_user(points @ turn)
+    found = fit_surfaces(shape, moved, np.eye(2), max_iterations=30)
+    assert np.allclose(found.pose.rotation, turn, atol=1e-3)
+
+
+def test_planes_hold_surfaces_that_are_alike():
+    shape = blob(np.random.default_rng(5), num_vertices=3000)
+    start = Rotation.from_rotvec([0.05, -0.05, 0.05]).as_matrix()
+    errors = [
+        rotation_angle_deg(
+            fitted(*two_samplings(shape, 300, with_normals=with_normals), start).pose.rotation
+        )
+        for with_normals in (False, True)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def bowed(points):
+    """Bend the head and the arms of a figure forwards by a radian."""
+    above = points[:, 2] > 12.0
+    hinge = points[above].mean(axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 12.0]
+    moved = points.copy()
+    moved[above] = Rotation.from_rotvec([1.0, 0.0, 0.0]).apply(points[above] - hinge) + hinge
+    return moved
+
+
+def test_a_bent_part_does_not_move_the_pose_of_the_shared_one():
+    target, source = two_samplings(figure(resolution=4), 300, change=bowed)
+    found = fitted(target, source)
+    assert rotation_angle_deg(refine_pose(target, source, np.eye(3)).pose.rotation) > 5
+    assert rotation_angle_deg(found.pose.rotation) < 2.5
+    assert FIT.least_gain * found.shared_energy < found.energy
+
+
+def test_surfaces_that_differ_everywhere_share_no_part(rng):
+    surface = blob(rng, num_vertices=1200)
+    target, source = (
+        DensePoints.from_user(bumped(surface, rng, rms=0.06).vertices[::3]) for _ in range(2)
+    )
+    found = fitted(target, source)
+    assert found.shared_energy == found.energy
+
+
+def test_coarse_points_do_not_tell_what_is_shared():
+    """Of 50 points, half are within .6 of their spacing at poses several degrees apart."""
+    for num, is_shared in ((300, True), (50, False)):
+        found = fitted(*two_samplings(figure(resolution=4), num, change=bowed))
+        assert (found.shared_energy < found.energy) == is_shared
+
+
+def test_two_samplings_of_one_surface_are_that_surface():
+    """What the number of spacings stands for."""
+    target, source = two_samplings(figure(resolution=4), 300)
+    start = centred_pose(target, source, np.eye(3), estimate_scale=False)
+    to, of = DenseMatcher(target, source).pair_up(start)
+    distances = np.linalg.norm(target.points[to] - start.apply(source.points[of]), axis=1)
+    assert 0.4 < np.median(distances) / target.spacing < FIT.shared_spacings
+
+
+def test_bad_input_is_refused():
+    shape = DensePoints.from_user(crown(num_vertices=100).vertices)
+    with pytest.raises(InputError, match="not orthogonal"):
+        fitted(shape, shape, 2 * np.eye(3))
