@@ -86,8 +86,9 @@ class DensePoints:
 
     @cached_property
     def spacing(self) -> float:
-        """Root mean square distance of a point from the nearest other one."""
-        nearest = cKDTree(self.points).query(self.points, k=2)[0][:, 1]
+        """Root mean square distance of a point from the nearest one at another place."""
+        places = np.unique(self.points, axis=0)
+        nearest = cKDTree(places).query(places, k=2)[0][:, 1]
         return float(np.sqrt((nearest**2).mean()))
 
 

@@ -49,7 +49,7 @@ class FitTuning(NamedTuple):
     """... nor where the spacing is more than this share of the radius, as of pianos of 55 vertices: poses that differ
     by 6 degrees then look alike."""
     least_ratio: float = 1e-4
-    """The variance across the surface is no less than this share of that along it: the equations keep full rank."""
+    """Neither variance is less than this share of the other one: the equations keep full rank."""
 
 
 #: The numbers in use.
@@ -198,14 +198,15 @@ def _stepped(
     across = np.einsum("pk,pk->p", gaps, normals)
     through = float(shares @ across**2)
     along = (float(shares @ np.einsum("pk,pk->p", gaps, gaps)) - through) / (dim - 1)
-    through = max(through, FIT.least_ratio * along, np.finfo(float).tiny)
+    least = max(FIT.least_ratio * max(through, along), np.finfo(float).tiny)
+    ratio = max(along, least) / max(through, least)
     generators = _generators(dim)
     flat, num = generators.reshape(len(generators), -1), len(generators)
     first, second = np.triu_indices(dim, 1)
     slopes = np.concatenate(
         [arms[:, first] * normals[:, second] - arms[:, second] * normals[:, first], normals], axis=1
     )
-    pulled = slopes * ((along / through - 1.0) * shares)[:, None]
+    pulled = slopes * ((ratio - 1.0) * shares)[:, None]
     moments, forces = pulled.T @ slopes, across @ pulled
     weighted = arms * shares[:, None]
     spread = weighted.T @ arms

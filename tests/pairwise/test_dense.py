@@ -78,6 +78,12 @@ def test_bad_input_is_refused():
             refine_pose(shape, shape, np.eye(3), **wrong)
 
 
+def test_the_spacing_is_that_of_places():
+    square = np.array([[0.0, 0.0], [0.0, 2.0], [2.0, 0.0], [2.0, 2.0]])
+    for points in (square, np.concatenate([square, square])):
+        assert DensePoints.from_user(points).spacing == pytest.approx(2.0)
+
+
 def test_nearest_neighbours_in_slabs_are_those_of_trees_wherever_the_source_moves(rng, monkeypatch):
     points, normals = some_shape()
     source = DensePoints.from_user(rng.permutation(points)[:200])

@@ -6,12 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
+from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape, outward_normals
 from data_tools.synthetic import bumped
 from data_tools.synthetic_shapes import blob, crown, figure
 from pairwise.dense import DenseMatcher, DensePoints, centred_pose, refine_pose
-from pairwise.surface_fit import FIT, fit_surfaces
+from pairwise.surface_fit import FIT, _stepped, fit_surfaces
 
 
 def fitted(target, source, start=None):
@@ -63,6 +64,17 @@ def test_the_plane_has_one_rotation(rng):
     shape, moved = DensePoints.from_user(points), DensePoints.from_user(points @ turn)
     found = fit_surfaces(shape, moved, np.eye(2), max_iterations=30)
     assert np.allclose(found.pose.rotation, turn, atol=1e-3)
+
+
+@pytest.mark.parametrize("direction", [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+def test_a_sheet_is_moved_across_or_along_itself(direction, rng):
+    """Then one of the two variances is zero, and the other one holds all gaps."""
+    sheet = np.column_stack([rng.random((50, 2)), np.zeros(50)])
+    up = np.tile([0.0, 0.0, 1.0], (50, 1))
+    still = Similarity(rotation=np.eye(3), scale=1.0, shift=np.zeros(3))
+    gaps = np.tile(0.1 * np.array(direction), (50, 1))
+    moved = _stepped(still, sheet, gaps, up, np.ones(50))
+    assert np.allclose(moved.apply(sheet), sheet + gaps)
 
 
 def test_planes_hold_surfaces_that_are_alike():
