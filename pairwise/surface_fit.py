@@ -202,20 +202,24 @@ def _stepped(
     ratio = max(along, least) / max(through, least)
     generators = _generators(dim)
     flat, num = generators.reshape(len(generators), -1), len(generators)
-    first, second = np.triu_indices(dim, 1)
-    slopes = np.concatenate(
-        [arms[:, first] * normals[:, second] - arms[:, second] * normals[:, first], normals], axis=1
-    )
-    pulled = slopes * ((ratio - 1.0) * shares)[:, None]
-    moments, forces = pulled.T @ slopes, across @ pulled
+    moments, forces = np.zeros((num + dim, num + dim)), np.zeros(num + dim)
+    if normals.any():
+        first, second = np.triu_indices(dim, 1)
+        slopes = np.empty((len(arms), num + dim))
+        slopes[:, :num] = arms.take(first, axis=1) * normals.take(second, axis=1)
+        slopes[:, :num] -= arms.take(second, axis=1) * normals.take(first, axis=1)
+        slopes[:, num:] = normals
+        pulled = slopes * ((ratio - 1.0) * shares)[:, None]
+        moments, forces = pulled.T @ slopes, across @ pulled
     weighted = arms * shares[:, None]
     spread = weighted.T @ arms
     moments[:num, :num] += (generators @ spread).reshape(num, -1) @ flat.T
-    moments[num:, num:] += np.eye(dim)
     forces[:num] += flat @ (gaps.T @ weighted).ravel()
     forces[num:] += shares @ gaps
+    diagonal = np.einsum("kk->k", moments)
+    diagonal[num:] += 1.0
     # What nothing holds, as a rotation of points on a line about it, stays.
-    moments += np.finfo(float).eps * np.trace(moments) * np.eye(len(moments))
+    diagonal += np.finfo(float).eps * diagonal.sum()
     step = np.linalg.solve(moments, forces)
     turn = nearest_orthogonal(np.eye(dim) + (step[:num] @ flat).reshape(dim, dim))
     to = placed + gaps
