@@ -96,7 +96,8 @@ def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path, run
     alone = carried(result, planted, run)
     mapped = carried(with_maps(result, exact_maps(planted), tmp_path / "mapped"), planted, run)
     assert mapped.max() < 0.06
-    assert mapped.mean() < 0.5 * alone.mean()
+    # Without maps, a landmark of a limb that moved may find no place.
+    assert mapped.mean() < 0.5 * np.nanmean(alone)
 
 
 def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path, run):
