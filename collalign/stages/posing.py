@@ -17,6 +17,7 @@ from collalign.stages.incomplete.detect import (
     find_incomplete,
     found_complete,
     match_like_copies,
+    may_be_broken,
 )
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
@@ -77,6 +78,7 @@ def _tries_scans(run: Run, missing: Mapping[int, str]) -> bool:
         and not run.constraints.fixed
         and 3 <= len(run.shapes.names) <= MAX_ALL_PAIRS
         and any(item.rim != "closed" for item in run.shapes.samples)
+        and (may_be_broken(options, run.shapes) or were_seen(run.shapes))
     )
 
 

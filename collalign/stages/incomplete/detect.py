@@ -64,7 +64,7 @@ def named_incomplete(
 def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:
     """Return the shapes whose surfaces are open, as at a break, where most, and enough, are not."""
     num = len(shapes.samples)
-    if not _may_be_broken(options, shapes):
+    if not may_be_broken(options, shapes):
         return {}
     suspects = [i for i, item in enumerate(shapes.samples) if item.rim == "open"]
     if num - len(suspects) < MIN_SHAPES or len(suspects) > MOST_MISSING * num:
@@ -72,7 +72,7 @@ def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:
     return dict.fromkeys(suspects, OPEN)
 
 
-def _may_be_broken(options: AlignOptions, shapes: Shapes) -> bool:
+def may_be_broken(options: AlignOptions, shapes: Shapes) -> bool:
     """Return whether a border may be a break. Objects that are assembled of components have borders everywhere."""
     return not are_assembled(options.cleaning, [item.notes for item in shapes.samples])
 
@@ -109,7 +109,7 @@ def find_incomplete(
     if its surface is open.
     """
     samples = shapes.samples
-    if not _may_be_broken(session.options, shapes):
+    if not may_be_broken(session.options, shapes):
         return {}
     are_dense = all(len(item.dense_positions) >= NUM_POINTS for item in samples)
     if len(samples) < MIN_SHAPES or not are_dense or all(item.rim == "closed" for item in samples):

@@ -419,12 +419,26 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
     ],
 )
 def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, missing, rims, tries):
-    shapes = SimpleNamespace(names="abcd", samples=[SimpleNamespace(rim=rims)] * 4)
-    session = SimpleNamespace(options=AlignOptions(**options))
-    run = SimpleNamespace(session=session, shapes=shapes, constraints=Constraints())
+    run = unmatched_run(AlignOptions(**options), SimpleNamespace(rim=rims, notes=(), local=None))
     assert _tries_scans(run, missing) == tries
-    shapes.names = "ab"
+    run.shapes.names = "ab"
     assert not _tries_scans(run, missing)
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_assembled_objects_are_tried_as_scans_where_they_were_seen_from_one_side(seen):
+    local = SimpleNamespace(sights=np.eye(3)[: int(seen)], points=np.zeros((500, 3)))
+    lost = (Note(COMPONENTS_KEPT, values={"share": 60}),)
+    options = AlignOptions(cleaning=CleaningOptions(components="largest"))
+    run = unmatched_run(options, SimpleNamespace(rim="open", notes=lost, local=local))
+    assert _tries_scans(run, {}) == seen
+
+
+def unmatched_run(options, sample):
+    """Return what is asked of a run of four such shapes before any pair is matched."""
+    shapes = SimpleNamespace(names="abcd", samples=[sample] * 4)
+    session = SimpleNamespace(options=options)
+    return SimpleNamespace(session=session, shapes=shapes, constraints=Constraints())
 
 
 def test_points_that_stand_for_all_samples_lie_apart():
