@@ -139,7 +139,8 @@ class Collection(CollectionData):
     confidence : ndarray, shape (N,)
         Probability that the pose is the right one of those considered; NaN where it was not estimated.
     samples : ndarray of int, shape (N, k)
-        Vertex indices of each shape's samples, as its file counts them.
+        Vertex indices of each shape's samples, as its file counts them; the nearest vertices of objects that are
+        assembled of components, whose samples lie anywhere on the surface.
     positions : ndarray, shape (N, k, 3)
         The samples in the common frame.
     maps : ConsistentMaps
