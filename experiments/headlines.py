@@ -52,7 +52,7 @@ HEADLINES = (
     ),
     Headline(
         "the same, from the command to the report: {:.0f} s of CPU time",
-        "130 for principal axes, ICP and a spanning tree",
+        "142 for principal axes, ICP and a spanning tree",
         "teeth_jobs",
         "teeth_jobs",
         {"job": "116 teeth", "tool": "collalign"},
