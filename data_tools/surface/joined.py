@@ -66,9 +66,13 @@ def _occupied_cells(mesh: Shape) -> tuple[FloatArray, float, BoolArray]:
 def _points_on(corners: FloatArray, step: float) -> FloatArray:
     """Return points (p, 3) of triangles, given by their corners (f, 3, 3), at most a step from the next ones.
 
-    Each triangle has rows of points along its shortest side, from the opposite corner on.
+    Triangles no longer than a step have their corners, others rows of points along their shortest side, from the
+    opposite corner on.
     """
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    is_long = sides.max(axis=1) > step
+    few = corners[~is_long].reshape(-1, 3)
+    corners, sides = corners[is_long], sides[is_long]
     every = np.arange(len(corners))
     tip = sides.argmin(axis=1)
     a, b, c = (corners[every, (tip + n) % 3] for n in range(3))
@@ -78,7 +82,7 @@ def _points_on(corners: FloatArray, step: float) -> FloatArray:
     owner = np.repeat(every, num)
     at = np.arange(len(owner)) - np.repeat(np.cumsum(num) - num, num)
     row, column = np.divmod(at, num_columns[owner])
-    down = (row / (num_rows[owner] - 1).clip(1))[:, None]
+    down = (row / (num_rows[owner] - 1))[:, None]
     along = (column / (num_columns[owner] - 1).clip(1))[:, None]
     side = b[owner] + along * (c - b)[owner]
-    return np.asarray(a[owner] + down * (side - a[owner]))
+    return np.concatenate([few, a[owner] + down * (side - a[owner])])
