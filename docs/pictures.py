@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 import collalign
 import pairwise
 from collalign.cli import main as collalign_command
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import voxel_surface
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import voxel_surface
 
 HERE = Path(__file__).resolve().parent
 #: Until the report has drawn what has come into view, in ms.

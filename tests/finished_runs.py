@@ -3,9 +3,9 @@
 import numpy as np
 
 from collalign import RunOptions, align_collection
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.poses import pose_angle_deg
-from data_tools.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
 
 
 def chairs(num, *, scale_range=(1.0, 1.0)):

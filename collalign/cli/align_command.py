@@ -44,6 +44,7 @@ from collalign.products.run_record import REST
 from collalign.products.trust import DOUBT
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
+from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.objects import list_shapes
@@ -52,7 +53,6 @@ from data_tools.io.source import inputs_of, location
 from data_tools.notes import Note, percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import PlantedCollection, demo_collection, write_collection
 
 #: What is done to nearly every file and loses nothing of its surface; said of each in ``alignment.json`` alone.
 _USUAL = {

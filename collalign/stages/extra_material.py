@@ -1,20 +1,36 @@
-"""Poses shapes without their extra material, such as a stand, which centroid, size and invariants would be off by."""
+"""Extra material of shapes, such as a stand: poses without it, and which points it has.
+
+It is surface far from that of the other shapes, which lack little on the rest. Centroid, size and invariants would be
+off by it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from collalign.engine.job import Shared, table_of_values
 from collalign.matching_input import match_at_rotation
-from collalign.options import MAX_ROUNDS
+from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import ExtraMaterial, Shapes
-from collalign.stages.extra_points import TUNED, find_extra
 from collalign.stages.incomplete.add import label_map
+from collalign.stages.incomplete.detect import (
+    GRID_GROWTH,
+    MIN_SHAPES,
+    NUM_PARTNERS,
+    NUM_POINTS,
+    posed_samples,
+    refined_on,
+)
 from collalign.stages.incomplete.place import nearest_labels
+from collalign.stages.incomplete.posed_points import surface_from_record
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.placement import (
     common_positions,
@@ -23,9 +39,11 @@ from collalign.stages.poses.placement import (
 )
 from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.steps import Matched, Posed, Run
-from data_tools.arrays import read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
 from data_tools.surface.extra import ExtraSurface
+from pairwise.partial_surface import PartialSurface
 
 #: Extra material by name, and the run, pairs and poses without it.
 _Found: TypeAlias = Mapping[str, ExtraSurface]
@@ -155,3 +173,154 @@ def _with_whole_samples(posed: Posed, whole: Shapes, extra: _Found) -> Posed:
         for pair in posed.pairs[num:]
     ]
     return replace(posed, pairs=[*pairs, *of_lacking], labels=labels, consensus=consensus)
+
+
+class ExtraTuning(NamedTuple):
+    """Numbers by which extra material is found.
+
+    Chosen on blobs, skulls and guns on stands of .3 to .8 of their size, and on guitars, guns, teeth, skulls, chairs,
+    teddies, spiders and humans without.
+    """
+
+    doubtful: float = 0.5
+    """Poses tell what is extra if the median shape's confidence is above this, the most of a pose in doubt; symmetric
+    shapes may lie anywhere."""
+    most_partners: int = 12
+    """Shapes that each is compared with; it is refined on about half of them."""
+    far_ratio: float = 5.0
+    """Extra is what lies so many times as far from the others as the shape's median point, ..."""
+    least_far: float = 0.12
+    """... and so many of their radii."""
+    grown: float = 0.5
+    """Around it counts what is so many times as far."""
+    least_share: float = 0.02
+    """The least share of a surface that is looked at."""
+    lacking_at_first: float = 0.75
+    """The others lack less of their surface on the shape than so many times what is extra, at first poses, which
+    extra material has spoilt (stands have .2 to .75 there), ..."""
+    lacking: float = 0.5
+    """... and at those without it: stands have .03 to .44 there, what differs on healthy guitars, teeth and humans
+    .68 to 7."""
+    same_share: float = 0.8
+    """It is the same as before if so much of what was found in either round was found in both."""
+    num_nearest: int = 8
+    """Nearest points of another surface whose tangent planes tell how far a point is from it, and points of one
+    surface that each is connected with: meshes of objects have vertices at uneven distances."""
+
+
+#: The numbers in use.
+TUNED = ExtraTuning()
+
+
+def find_extra(
+    session: AlignSession,
+    samples: Sequence[Samples],
+    transforms: FloatArray,
+    part: Sequence[int],
+    most_lacking: float,
+) -> dict[int, ExtraSurface]:
+    """Return the extra material of shapes (by position) at their transforms (N, 4, 4).
+
+    Parameters
+    ----------
+    session : Session
+    samples : sequence of Samples
+        Of the shapes with all that their files hold.
+    transforms : ndarray, shape (N, 4, 4)
+        File coordinates to the common frame.
+    part : sequence of int
+        Complete shapes that are posed together; the others are not looked at. Too few tell nothing.
+    most_lacking : float
+        What the others lack at most, as a share of what is extra.
+    """
+    dense = [i for i in part if len(samples[i].dense_positions) >= NUM_POINTS]
+    if len(dense) < MIN_SHAPES:
+        return {}
+    points = [posed_samples(samples[i], transforms[i]) for i in dense]
+    surfaces = [
+        Shared(key=str(n), reader=surface_from_record, growth=GRID_GROWTH)
+        for n in range(len(dense))
+    ]
+    tasks = {}
+    for n, i in enumerate(dense):
+        others = [*surfaces[n + 1 :], *surfaces[:n]]
+        step = -(-len(others) // TUNED.most_partners)
+        tasks[i] = {
+            "surface": surfaces[n],
+            "partners": tuple(others[::step]),
+            "most_lacking": most_lacking,
+        }
+    with table_of_values(points) as table:
+        found = session.map_parallel("extra material", extra_points, tasks, shared=table)
+    return {
+        i: ExtraSurface(
+            points=read_only(samples[i].dense_positions * samples[i].scale + samples[i].offset),
+            is_extra=read_only(is_extra),
+        )
+        for i, is_extra in found.items()
+        if is_extra.any()
+    }
+
+
+def extra_points(
+    surface: PartialSurface, partners: Sequence[PartialSurface], most_lacking: float
+) -> BoolArray:
+    """Return which points of a surface are extra, shape (l,), mostly none; runs inside a worker.
+
+    What is extra lies far from most partners, and they have less that lies so far from the surface: a limb that is
+    elsewhere is missing where the others have it.
+    """
+    step = -(-len(partners) // NUM_PARTNERS)
+    every = [Disks(one.points, one.normals) for one in partners]
+    least_far = TUNED.least_far * float(np.median([one.radius for one in partners]))
+    gaps = np.median([one.distances(surface.points) for one in every[::step]], axis=0)
+    if (gaps >= TUNED.grown * least_far).mean() < TUNED.least_share:
+        return np.zeros(len(gaps), dtype=np.bool_)  # refined, still fewer would be far
+    pose = refined_on(partners[::step], surface)
+    own = Disks(pose.apply(surface.points)[0], surface.normals @ pose.rotation[0].T)
+    gaps = np.median([one.distances(own.points) for one in every], axis=0)
+    far = max(TUNED.far_ratio * float(np.median(gaps)), least_far)
+    extra = _largest_piece(own.points, gaps >= TUNED.grown * far, gaps >= far)
+    if not extra.any():
+        return extra
+    lacking = np.median(
+        [(own.distances(one.points) >= TUNED.grown * far).mean() for one in partners]
+    )
+    return extra if lacking < most_lacking * extra.mean() else np.zeros_like(extra)
+
+
+class Disks:
+    """A surface as disks around its points, each in the tangent plane and as wide as points are apart.
+
+    Parameters
+    ----------
+    points, normals : ndarray, shape (l, 3)
+        The normals are of unit length.
+    """
+
+    def __init__(self, points: FloatArray, normals: FloatArray) -> None:
+        self.points, self._normals, self._tree = points, normals, cKDTree(points)
+        self._spacing = float(np.median(self._tree.query(points, k=2)[0][:, 1]))
+
+    def distances(self, places: FloatArray) -> FloatArray:
+        """Return how far places (p, 3) are from the surface, shape (p,)."""
+        nearest: IntArray = self._tree.query(places, k=TUNED.num_nearest)[1]
+        arms = places[:, None] - self.points[nearest]
+        heights = np.einsum("pka,pka->pk", arms, self._normals[nearest]) ** 2
+        beside = np.sqrt(np.maximum((arms * arms).sum(axis=2) - heights, 0.0))
+        gaps = heights + np.maximum(beside - self._spacing, 0.0) ** 2
+        return np.asarray(np.sqrt(gaps.min(axis=1)))
+
+
+def _largest_piece(points: FloatArray, near: BoolArray, core: BoolArray) -> BoolArray:
+    """Return the connected piece of near points with most of the core, if that is enough of the surface."""
+    nearest = cKDTree(points).query(points, k=TUNED.num_nearest + 1)[1][:, 1:]
+    links = np.stack(
+        [np.repeat(np.arange(len(points)), TUNED.num_nearest), nearest.ravel()], axis=1
+    )
+    links = links[near[links].all(axis=1)]
+    graph = coo_array((np.ones(len(links)), links.T), shape=(len(points),) * 2)
+    piece = connected_components(graph, directed=False)[1]
+    counts = np.bincount(piece[core], minlength=1)
+    is_enough = counts.max() >= TUNED.least_share * len(points)
+    return np.asarray(near & (piece == counts.argmax()) & is_enough)

@@ -18,11 +18,11 @@ from collalign.engine.records import Record
 from collalign.stages.incomplete.place import place_shape
 from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.arrays import BoolArray, FloatArray
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import sphere_mesh
 from experiments.calibration.scan import Calibration, Finding, constants_of
 from experiments.collections.landmarked import read_dataset
 from experiments.pairs.incomplete import without_share

@@ -18,11 +18,11 @@ from collalign.engine.records import Record
 from collalign.engine.session import Session
 from collalign.output.collection import Collection
 from collalign.products.pair import are_weighed
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import sphere_mesh
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, RIGHT_DEG, read_dataset
 from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
 from experiments.collections.switches import (

@@ -13,9 +13,9 @@ import numpy as np
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.records import Record
 from collalign.output.write import alignment_record
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
 from experiments.clock import stopwatch
 from experiments.collections.posed import PosedCollection
 from experiments.datasets import read_teeth

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from data_tools.io.shapes import write_mesh
-from data_tools.rotations import random_rotation
-from data_tools.surface.shape import Shape
-from data_tools.synthetic import (
+from data_tools.datasets.synthetic import (
     bent,
     bumped,
     deformed_family,
     planted_collection,
     point_cloud,
 )
-from data_tools.synthetic_shapes import blob, chair, crown, figure, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure, sphere_mesh
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
 from experiments.collections.posed import PosedCollection
 from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone

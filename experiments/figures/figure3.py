@@ -13,10 +13,10 @@ from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.map_starts import wave_gaps
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure as figure_shape
 from data_tools.embedding.invariants import NUM_SPECTRUM
 from data_tools.surface.geodesics import GeodesicSolver
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure as figure_shape
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
 from experiments.maps.map_cells import map_set
 from experiments.maps.map_sets import FOLDERS, SEED, MapSet, some_pairs

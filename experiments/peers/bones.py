@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import PlantedCollection, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import smooth_field, sphere_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import PlantedCollection, planted_collection, write_collection
-from data_tools.synthetic_shapes import smooth_field, sphere_mesh
 
 SEED = 5
 #: Vertices of each bone, and bones.

@@ -16,10 +16,10 @@ from collalign import AlignOptions, RunOptions, align_collection, match_in_part
 from collalign.engine.records import Record
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.datasets.synthetic import range_view
 from data_tools.embedding.surface_points import centre_and_radius
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
 from experiments.clock import stopwatch
 from experiments.collections.posed import GROSS_DEG, PosedCollection
 from experiments.datasets import read_canonical_class, read_range_scans

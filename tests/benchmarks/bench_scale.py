@@ -17,9 +17,9 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
 from collalign import RunOptions, align_collection
+from data_tools.datasets.synthetic import bumped, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import bumped, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair
 
 
 def generate(num, folder, seed):

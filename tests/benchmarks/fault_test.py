@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from collalign.engine.store import Store
+from data_tools.datasets.synthetic import write_collection
 from data_tools.io.output_folder import BOOKS
-from data_tools.synthetic import write_collection
 from tests.faults import FaultLog, run_with_kills
 from tests.finished_runs import chairs
 

@@ -14,8 +14,8 @@ from collalign.batch import estimate_job, read_batch
 from collalign.engine.run_options import RunOptions
 from collalign.options import AlignOptions
 from collalign.stages.forecast import forecast
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.synthetic import write_collection
 from tests.commands import run_command
 from tests.finished_runs import chairs
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import centre_and_radius, spread_over_triangles
 from data_tools.errors import OptionsError
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 def seen(shape, direction, **options):

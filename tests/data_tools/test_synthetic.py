@@ -4,13 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data_tools.errors import InputError
-from data_tools.io.listing import read_folder
-from data_tools.io.shapes import read_shape
-from data_tools.rotations import rotation_angle_deg
-from data_tools.surface.geodesics import GeodesicSolver
-from data_tools.surface.topology import mesh_edges
-from data_tools.synthetic import (
+from data_tools.datasets.synthetic import (
     bent,
     bumped,
     deformed_family,
@@ -19,7 +13,13 @@ from data_tools.synthetic import (
     planted_collection,
     write_collection,
 )
-from data_tools.synthetic_shapes import blob, chair, crown, figure
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
+from data_tools.errors import InputError
+from data_tools.io.listing import read_folder
+from data_tools.io.shapes import read_shape
+from data_tools.rotations import rotation_angle_deg
+from data_tools.surface.geodesics import GeodesicSolver
+from data_tools.surface.topology import mesh_edges
 from experiments.ground_truth import landmark_rotation
 
 

@@ -3,14 +3,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from data_tools.surface.shape import Shape
-from data_tools.surface.topology import (
-    boundary_edges,
-    is_open_surface,
-    mesh_edges,
-    vertex_components,
-)
-from data_tools.synthetic_shapes import (
+from data_tools.datasets.synthetic_shapes import (
     blob,
     chair,
     crown,
@@ -18,6 +11,13 @@ from data_tools.synthetic_shapes import (
     smooth_field,
     sphere_mesh,
     voxel_surface,
+)
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import (
+    boundary_edges,
+    is_open_surface,
+    mesh_edges,
+    vertex_components,
 )
 
 

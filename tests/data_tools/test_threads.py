@@ -18,8 +18,8 @@ import pairwise
 from collalign.engine.run_jobs import run_jobs
 from data_tools import threads
 from data_tools.arrays import as_points
+from data_tools.datasets.synthetic import write_collection
 from data_tools.embedding.embedding import sample_shape
-from data_tools.synthetic import write_collection
 from data_tools.threads import one_blas_thread
 from tests.finished_runs import chairs
 

@@ -15,10 +15,10 @@ import pytest
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
 from collalign.engine.local_jobs import lasting_workers
 from collalign.engine.store import Store
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.synthetic import write_collection
 from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg, chairs
 from tests.notes import codes

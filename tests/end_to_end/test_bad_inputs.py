@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
+from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import printable
 from data_tools.io.listing import READERS
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.synthetic_shapes import crown
 
 NUM_GOOD = 3
 OPTIONS = AlignOptions(

@@ -7,11 +7,11 @@ import pytest
 
 import collalign
 from collalign.output.loading import load
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.io.shapes import read_alike, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, sphere_mesh
 from tests.finished_runs import angles_deg
 from tests.notes import codes
 

@@ -9,10 +9,10 @@ import pytest
 
 import collalign
 from collalign.tools.export.run import export
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import read_shape
 from data_tools.options import AS_STORED
 from data_tools.rotations import random_rotation
-from data_tools.synthetic_shapes import blob
 from tests.commands import run_command
 from tests.notes import codes
 

@@ -5,8 +5,8 @@ import pytest
 
 import collalign
 from collalign.tools.export.run import export
+from data_tools.datasets.synthetic import write_collection, write_mesh
 from data_tools.landmark_files import Landmarks
-from data_tools.synthetic import write_collection, write_mesh
 from tests.finished_runs import chairs
 
 OPTIONS = {"sampling": {"num_points": 16, "num_dense_points": 200}}

@@ -8,12 +8,12 @@ import pytest
 import trimesh
 
 from collalign import TwoShapeOptions, match_rigid
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, crown, figure
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import blob, crown, figure
 from tests.commands import read_json, run_command
 from tests.pairwise.test_partial_match import cut, moved
 

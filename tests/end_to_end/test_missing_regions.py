@@ -11,14 +11,14 @@ import pytest
 import collalign
 from collalign.output.loading import load
 from collalign.tools.transfer.run import CARRIED, MISSING_PLACE
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.topology import boundary_edges
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import crown
 from tests.commands import run_command
 from tests.pairwise.test_partial_match import cut, moved
 from tests.view_problems import write_result

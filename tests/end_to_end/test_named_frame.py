@@ -8,9 +8,9 @@ import pytest
 
 import collalign
 from collalign import AlignOptions, align_collection
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import moved_by
-from data_tools.synthetic import write_collection
 from tests.commands import run_command
 from tests.finished_runs import chairs
 

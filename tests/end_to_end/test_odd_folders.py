@@ -7,10 +7,10 @@ import pytest
 
 from collalign import RunOptions, align_collection, load
 from collalign.stages.match_pairs import match_pairs
+from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from data_tools.synthetic import write_collection
 from experiments.confidence.families import FAMILIES, pose_family
 from tests.commands import read_json, run_command
 from tests.end_to_end.test_align import FLAGS, OPTIONS

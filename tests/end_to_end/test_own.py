@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 
 import collalign
 from collalign import align_collection
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.synthetic import write_collection
 from tests.commands import run_command
 from tests.finished_runs import chairs
 from tests.notes import only

@@ -8,6 +8,7 @@ import pytest
 from collalign import add_to_collection, align_collection, load
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.posture import parts_of_mean
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.listing import hash_shape, parts_of
 from data_tools.io.objects import list_shapes
@@ -15,7 +16,6 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.poses import moved_by
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob
 from tests.commands import run_command
 from tests.finished_runs import angles_deg
 

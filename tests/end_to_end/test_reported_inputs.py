@@ -8,10 +8,10 @@ import trimesh
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.products.trust import DOUBT
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import blob
 from tests.finished_runs import angles_deg
 from tests.notes import codes
 

@@ -10,16 +10,21 @@ from scipy.spatial import Delaunay
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
 from collalign.stages.incomplete import scans as scanning
-from collalign.stages.incomplete.overlaps import PART_CELL, common_cell
-from collalign.stages.incomplete.scans import BADLY_MATCHED, match_badly, were_seen
+from collalign.stages.incomplete.scans import (
+    BADLY_MATCHED,
+    PART_CELL,
+    common_cell,
+    match_badly,
+    were_seen,
+)
 from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
+from data_tools.datasets.synthetic import deformed_family, range_view
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.errors import InputError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
-from data_tools.synthetic import deformed_family, range_view
-from data_tools.synthetic_shapes import blob, crown
 from tests.finished_runs import angles_deg
 from tests.notes import codes
 from tests.products import pair_of, samples_at

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import collalign
+from data_tools.datasets.synthetic import planted_collection
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import planted_collection
-from data_tools.synthetic_shapes import sphere_mesh
 from tests.commands import run_command
 from tests.finished_runs import finished_run
 

@@ -21,6 +21,8 @@ from collalign.tools.transfer.run import (
     PLACED,
     _lost,
 )
+from data_tools.datasets.synthetic import deformed_family, planted_collection
+from data_tools.datasets.synthetic_shapes import chair, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
@@ -28,8 +30,6 @@ from data_tools.landmark_files import Landmarks, read_landmarks
 from data_tools.options import SamplingOptions
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family, planted_collection
-from data_tools.synthetic_shapes import chair, sphere_mesh
 from tests.collalign.registration.test_fit import radius
 from tests.commands import run_command
 from tests.finished_runs import finished_run

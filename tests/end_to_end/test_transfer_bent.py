@@ -9,12 +9,12 @@ import pytest
 import collalign
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, save_vertex_maps
 from collalign.products.consistent_maps import VertexMaps
+from data_tools.datasets.synthetic import bent, planted_collection
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import CollalignError
 from data_tools.landmark_files import Landmarks
 from data_tools.options import SamplingOptions
-from data_tools.synthetic import bent, planted_collection
-from data_tools.synthetic_shapes import figure
 from tests.finished_runs import finished_run
 
 BODY = figure(resolution=1)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from collalign.confidence.candidate_model import WEIGHTS
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import OptionsError
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
-from data_tools.synthetic_shapes import sphere_mesh
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
 from experiments.calibration.fragments import broken, closed

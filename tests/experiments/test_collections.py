@@ -6,12 +6,12 @@ import pytest
 from collalign.engine.records import decode, encode
 from collalign.engine.store import Store
 from collalign.tools.variation.classification import refined_distance
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import chair, crown
 from experiments import load_experiment
 from experiments.collections import aligning, classification, tooth_distances
 from experiments.experiment import Bench, Cell

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import blob
 from experiments import datasets
 from experiments.ground_truth import landmark_rotation
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
-from data_tools.synthetic_shapes import crown
+from data_tools.datasets.synthetic_shapes import crown
 from experiments.experiment import Bench
 from experiments.pairs import incomplete
 from experiments.pairs.incomplete import complete_row, cut_row, without_share

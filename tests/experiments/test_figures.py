@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
+from data_tools.datasets.synthetic import bent, shuffled
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.io.shapes import write_mesh
-from data_tools.synthetic import bent, shuffled
-from data_tools.synthetic_shapes import figure
 from experiments import load_experiment
 from experiments.experiment import Bench, Cell
 from experiments.figures import figure3, figure5, figure14

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import crown
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import crown
 from experiments.peers.landmarks import template_rows
 from experiments.peers.warps import WARPS
 

@@ -5,10 +5,10 @@ import pytest
 
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
+from data_tools.datasets.synthetic import bent, shuffled
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent, shuffled
-from data_tools.synthetic_shapes import figure
 from experiments.maps.evaluation import MapEvaluator
 from experiments.maps.paper_chain import PaperChain, icp, match_by_paper
 from pairwise.results import Status

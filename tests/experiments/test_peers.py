@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.synthetic import deformed_family, planted_collection, write_collection
-from data_tools.synthetic_shapes import chair, crown
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.datasets import read_canonical_class

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, crown
 from experiments.experiment import Bench
 from experiments.peers import scans
 

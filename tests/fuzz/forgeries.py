@@ -22,9 +22,9 @@ import collalign
 from collalign import AlignOptions, RunOptions
 from collalign.cli import main
 from collalign.output.verify import verify_result
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
-from data_tools.synthetic import write_collection
 from pairwise import Problem
 from pairwise.local_search import MatchingCosts, energies_of
 from tests.finished_runs import chairs

@@ -9,11 +9,11 @@ import numpy as np
 from collalign.engine.records import encode, to_record
 from collalign.engine.store import Store, fingerprint
 from collalign.stages.match_pairs import match_pair
+from data_tools.datasets.synthetic_shapes import crown
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.shapes import WRITABLE, write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import crown
 from pairwise import solve_relaxation
 from pairwise.options import MatchOptions
 from tests.data_tools import test_landmark_files as one

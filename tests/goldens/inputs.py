@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.io.shapes import write_mesh
-from data_tools.surface.shape import Shape
-from data_tools.synthetic import (
+from data_tools.datasets.synthetic import (
     bent,
     deformed_family,
     mirrored,
     planted_collection,
     point_cloud,
 )
-from data_tools.synthetic_shapes import blob, chair, crown, figure
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, figure
+from data_tools.io.shapes import write_mesh
+from data_tools.surface.shape import Shape
 from experiments.calibration.fragments import broken
 from tests.collalign.stages.test_mixed_sides import lopsided
 

@@ -5,12 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import outward_normals
-from data_tools.synthetic_shapes import blob, crown
 from pairwise import MatchOptions
 from pairwise.dense import DenseMatcher, DensePoints, ranked_on_dense, refine_pose
 from pairwise.matching import match_problem

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import blob
 from pairwise.partial_counterparts import _apart, counterparts
 from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
 from pairwise.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface

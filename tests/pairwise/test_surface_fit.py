@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import blob, crown, figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape, outward_normals
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import blob, crown, figure
 from pairwise.dense import DenseMatcher, DensePoints, centred_pose, refine_pose
 from pairwise.surface_fit import FIT, _stepped, fit_surfaces
 

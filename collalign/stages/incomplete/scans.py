@@ -1,31 +1,40 @@
-"""Aligns shapes none of which is complete, such as range scans: each on what it shares with its neighbours."""
+"""Aligns shapes none of which is complete, such as range scans: each on what it shares with its neighbours.
+
+Every pair is matched by what both share, at poses on which neighbourhoods agree, in the units of the files.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from collalign.confidence.overlap_model import overlap_chances
+from collalign.engine.job import Job, Results, Wanted
+from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import incomplete_note, label_map
 from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overlaps, join_scans
-from collalign.stages.incomplete.overlaps import describe_surfaces, overlap_pairs
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.placement import common_positions, with_origin
 from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.trust_notes import components_left_out
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.embedding.surface_points import surface_cells
 from data_tools.errors import CollectionError, InputError
-from data_tools.local_surface import LocalSurface
+from data_tools.io.shapes import read_shape
+from data_tools.io.source import Origin
+from data_tools.local_surface import PART_CELL, LocalSurface
 from data_tools.notes import Note
+from data_tools.options import CleaningOptions
 from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
 from data_tools.sight import TUNED
-from pairwise.features.overlap import LocalPoses
+from pairwise.features.overlap import LocalPoses, match_overlapping
 from pairwise.results import Status
 
 #: Shapes with open borders may be scans where the median pair matches so badly as whole shapes: its neighbourhoods
@@ -37,7 +46,7 @@ BADLY_MATCHED = 0.75
 #: 40 degrees to either side have .87, those all around 0.
 MOST_SURE, MOST_ALIKE = 0.5, 0.8
 #: Why shapes count as incomplete that nobody called so.
-OVERLAPPING = "scan"
+SCAN = "scan"
 
 
 def were_seen(shapes: Shapes) -> bool:
@@ -102,7 +111,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
         joined = join_scans(described, overlaps, session.options.group)
     if not reasons and not _are_scans(joined, described, pairs):
         return None
-    return _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), OVERLAPPING))
+    return _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), SCAN))
 
 
 def _are_scans(
@@ -273,3 +282,80 @@ def _alternatives(
                 )
             )
     return tuple(tuple(own) for own in found)
+
+
+#: Cells are powers of two to this share, so that a shape more does not change that of all others.
+_STEPS_AN_OCTAVE = 4
+#: Poses that a pair keeps.
+NUM_CANDIDATES = 6
+
+
+def describe_file(
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float
+) -> LocalSurface:
+    """Read one surface and describe its neighbourhoods, unless it has changed since its digest was taken.
+
+    Raises
+    ------
+    InputError
+        If the surface has too few points.
+    """
+    found = surface_cells(read_shape(path, cleaning, name=name, digest=digest), cell)
+    if found is None:
+        raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
+    return found
+
+
+def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> LocalPoses:
+    """Return the poses on which two surfaces share most; runs inside a worker."""
+    return match_overlapping(target, source, group=group, num_candidates=NUM_CANDIDATES)
+
+
+#: Describes a surface. The version changes whenever the same file and cell would give another one.
+DESCRIBING = Job(kind="surfaces", version="local-3", run=describe_file, reader=LocalSurface)
+#: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
+OVERLAPPING = Job(kind="evidence", version="overlap-5", run=overlap_pair, reader=LocalPoses)
+
+
+def common_cell(shapes: Shapes) -> float:
+    """Return the distance of points at which all shapes are described, in the units of the files."""
+    radii = [
+        item.scale * np.sqrt((item.positions**2).sum(axis=1).mean()) for item in shapes.samples
+    ]
+    octaves = np.log2(PART_CELL * float(np.median(radii)))
+    return float(2.0 ** (np.round(_STEPS_AN_OCTAVE * octaves) / _STEPS_AN_OCTAVE))
+
+
+def describe_surfaces(
+    session: AlignSession, shapes: Shapes, chosen: Sequence[int]
+) -> Results[int, LocalSurface]:
+    """Return the described surfaces of some shapes, by position; shapes of too few points are left out."""
+    cell = common_cell(shapes)
+    wanted = {}
+    for i in chosen:
+        arguments = {
+            "path": shapes.files[i],
+            "name": shapes.names[i],
+            "digest": shapes.digests[i],
+            "cleaning": session.options.cleaning,
+            "cell": cell,
+        }
+        key = DESCRIBING.key({"cell": cell}, shapes.keys[i])
+        wanted[i] = Wanted(key=key, label=shapes.names[i], arguments=arguments)
+    return session.compute(DESCRIBING, wanted, time_limit_s=session.run.shape_time_limit_s)
+
+
+def overlap_pairs(
+    session: AlignSession, shapes: Shapes, surfaces: Results[int, LocalSurface]
+) -> dict[tuple[int, int], LocalPoses]:
+    """Return what every two surfaces share, by target and source."""
+    group, wanted = session.options.group, {}
+    for i, j in itertools.combinations(sorted(surfaces), 2):
+        ends = surfaces.shared(i), surfaces.shared(j)
+        wanted[i, j] = Wanted(
+            key=OVERLAPPING.key({"group": group}, *(end.key for end in ends)),
+            label=shapes.label(i, j),
+            arguments={"target": ends[0], "source": ends[1], "group": group},
+        )
+    found = session.compute(OVERLAPPING, wanted, time_limit_s=session.run.pair_time_limit_s)
+    return {pair: poses for pair, poses in found.items() if len(poses)}

@@ -157,7 +157,7 @@ def match_in_part(
 
     Examples
     --------
-    >>> from data_tools.synthetic_shapes import blob
+    >>> from data_tools.datasets.synthetic_shapes import blob
     >>> whole = blob(np.random.default_rng(0), num_vertices=400).vertices
     >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     >>> found = collalign.match_in_part(whole, whole[whole[:, 0] < 0.3] @ quarter)

@@ -232,7 +232,7 @@ def match_shapes(
 
     Examples
     --------
-    >>> from data_tools.synthetic_shapes import figure
+    >>> from data_tools.datasets.synthetic_shapes import figure
     >>> body = figure(resolution=1)
     >>> small = collalign.SurfaceOptions(num_functions=30, num_dense=100)
     >>> found = collalign.match_shapes(body, body, surface_options=small)

@@ -163,7 +163,7 @@ def check_stability(
     Examples
     --------
     >>> import tempfile
-    >>> from data_tools.synthetic import demo_collection, write_collection
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
     >>> once = collalign.StabilityOptions(num_points=(), num_seeds=1, num_subsets=0)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))

@@ -175,7 +175,7 @@ def transfer_landmarks(
     Examples
     --------
     >>> import tempfile
-    >>> from data_tools.synthetic import demo_collection, write_collection
+    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
     >>> from data_tools.landmark_files import Landmarks
     >>> planted = demo_collection(num=3, resolution=1)
     >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}

@@ -8,11 +8,11 @@ import pytest
 
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import chair
 from tests.commands import run_command
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]

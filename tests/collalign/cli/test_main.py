@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from collalign.engine.store import Store
-from data_tools.synthetic import write_collection
+from data_tools.datasets.synthetic import write_collection
 from tests.commands import run_command
 from tests.faults import worker_processes
 from tests.finished_runs import chairs

@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 import collalign
 from collalign.cli.open_command import Workspace, served
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import AS_STORED, SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import write_collection
 from tests.browser import Page
 from tests.finished_runs import chairs, finished_run
 

@@ -19,8 +19,8 @@ from collalign.landmarks.carry import (
     template_distance,
     template_weights,
 )
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.closest import SurfaceLocator
-from data_tools.synthetic_shapes import sphere_mesh
 
 
 def shown(

@@ -11,9 +11,9 @@ import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.run_jobs import run_jobs
+from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import OptionsError, RunLost
 from data_tools.options import SamplingOptions
-from data_tools.synthetic import write_collection
 from tests.finished_runs import chairs
 from tests.job_functions import spectrum
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from collalign.engine.store import Store
-from data_tools.synthetic import write_collection
+from data_tools.datasets.synthetic import write_collection
 from tests.benchmarks import fault_test
 from tests.commands import read_json
 from tests.faults import run_with_kills, worker_processes

@@ -6,10 +6,10 @@ from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from collalign.landmarks.local_fit import Surroundings, fit_surroundings, holds
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape, vertex_normals
-from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 @pytest.fixture

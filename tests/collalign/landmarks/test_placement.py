@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from collalign.landmarks.on_surface import place_templates
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, write_mesh
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import chair
 from tests.notes import codes, only
 
 SEAT = chair(np.random.default_rng(1), resolution=1)

@@ -19,10 +19,10 @@ from collalign.nonrigid.portfolio import (
 from collalign.nonrigid.pose_maps import PoseMapper, sampled_surface
 from collalign.nonrigid.refine import without_torn_ends
 from collalign.nonrigid.spectral_shape import prepare_surface
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure
 
 
 @pytest.fixture(scope="module")

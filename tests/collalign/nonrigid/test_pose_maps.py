@@ -14,11 +14,11 @@ from collalign.nonrigid.portfolio import (
 )
 from collalign.nonrigid.pose_maps import PoseMapper, axis_poses, prepare_posed, sampled_surface
 from collalign.nonrigid.spectral_shape import prepare_surface
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure
 
 
 @pytest.fixture(scope="module")

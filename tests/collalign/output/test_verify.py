@@ -11,12 +11,12 @@ import pytest
 from collalign.output.certificates import write_certificates
 from collalign.output.verify import verify_result
 from collalign.products.pair import AlignedPair
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.shapes import write_mesh
 from data_tools.io.text_tables import csv_text
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import sphere_mesh
 from pairwise import Problem, solve_relaxation
 from tests.commands import read_json
 from tests.problems import random_rotation

@@ -6,10 +6,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from collalign.registration.by_map import bent_by_map, fitted_by_map
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure
 
 FIGURE = figure(resolution=2)
 BENT = bent(FIGURE, np.random.default_rng(1), angle=1.0).vertices

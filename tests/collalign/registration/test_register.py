@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 from collalign.registration.register import MIN_VOLUME_CHANGE, SmoothField, register
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import medoid
+from data_tools.datasets.synthetic import bumped, shuffled
+from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.errors import InputError
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bumped, shuffled
-from data_tools.synthetic_shapes import crown, figure
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 

@@ -4,10 +4,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from collalign.registration.by_map import bent_by_map, unbent
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import figure
 from tests.collalign.registration.test_fit import errors, every, radius
 
 FIGURE = figure(resolution=2)

@@ -16,14 +16,14 @@ from collalign.products.consistent_maps import VertexMaps
 from collalign.stages.deformation import vertex_notes
 from collalign.stages.deformation_jobs import trust_of_places
 from collalign.stages.evidence.map_surfaces import StoredSurface
+from data_tools.datasets.synthetic import bent, mirrored
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent, mirrored
-from data_tools.synthetic_shapes import blob
 from tests.notes import codes
 
 pytestmark = pytest.mark.usefixtures("quick_search")

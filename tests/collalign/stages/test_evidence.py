@@ -37,14 +37,14 @@ from collalign.stages.evidence.weigh import (
     with_evidence,
 )
 from collalign.stages.poses.synchronize import pair_graph
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import OptionsError
 from data_tools.io.shapes import write_mesh
 from data_tools.options import AS_STORED, CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import blob, figure
 from tests.products import pair_of, samples_at
 
 #: Samples of shapes whose neighbourhoods are not described.

@@ -12,16 +12,15 @@ from collalign import AlignOptions, RunOptions, align_collection, load, note_tex
 from collalign.engine.session import Session
 from collalign.output.report.content import build_content
 from collalign.stages import extra_material
-from collalign.stages import extra_points as extra_search
-from collalign.stages.extra_points import Disks, extra_points, find_extra
+from collalign.stages.extra_material import Disks, extra_points, find_extra
 from collalign.stages.incomplete.posed_points import posed_points
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import spread_points
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import blob, sphere_mesh
 from tests.notes import only
 from tests.pairwise.test_partial_match import moved
 
@@ -135,7 +134,7 @@ def test_no_shape_of_a_family_has_extra_material(family, monkeypatch):
     shown = posed_points(spread_points(on_stand(family[0])[0], 300))
     assert extra_points(shown, surfaces[1:], 1.0).any()
     # Nothing of the family is far from the others, which shows before any pose is refined.
-    monkeypatch.setattr(extra_search, "refined_on", lambda *_: pytest.fail("a pose was refined"))
+    monkeypatch.setattr(extra_material, "refined_on", lambda *_: pytest.fail("a pose was refined"))
     assert not extra_points(surfaces[0], surfaces[1:], 1.0).any()
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         assert find_extra(session, [], np.empty((0, 4, 4)), [], 1.0) == {}

@@ -37,6 +37,8 @@ from collalign.stages.posing import _tries_scans, _without_found
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
+from data_tools.datasets.synthetic import bumped, deformed_family
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
@@ -46,8 +48,6 @@ from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.cleaning import COMPONENTS_KEPT
-from data_tools.synthetic import bumped, deformed_family
-from data_tools.synthetic_shapes import blob, chair, crown, sphere_mesh
 from experiments.calibration.fragments import closed
 from experiments.peers.bones import bone
 from pairwise.partial_counterparts import counterparts

@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 from collalign.confidence.overlap_model import overlap_chances
 from collalign.stages.incomplete import join
 from collalign.stages.incomplete.join import join_scans
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob
 from pairwise.features.overlap import LocalPoses
 
 NUM = 8

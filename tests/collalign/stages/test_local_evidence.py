@@ -12,12 +12,12 @@ from collalign.stages.local_evidence import (
     rigid_overlap,
 )
 from collalign.stages.match_pairs import match_pair
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob
 from pairwise import MatchOptions
 from tests.products import samples_at
 

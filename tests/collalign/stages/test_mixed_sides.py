@@ -21,14 +21,14 @@ from collalign.stages.mixed_sides import (
     group_of_shapes,
     nearest_pairs,
 )
+from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
+from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bumped, deformed_family, mirrored
-from data_tools.synthetic_shapes import crown, sphere_mesh
 from tests.commands import run_command
 from tests.notes import codes, only
 from tests.products import pair_of

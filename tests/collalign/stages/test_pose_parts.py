@@ -9,12 +9,12 @@ from collalign.stages.poses.agreement import resolve_pair
 from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import rotated_solution
 from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
+from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.embedding import sample_shape
 from data_tools.errors import CollectionError, OptionsError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import chair
 from tests.notes import codes
 from tests.products import pair_of, samples_at
 from tests.synchronization_problems import mixed_collection, pose_errors_deg

@@ -17,11 +17,11 @@ from collalign.stages.poses.refinement import (
     refine_pair,
     refine_rotations,
 )
+from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import crown, figure
 from pairwise.dense import DensePoints
 from pairwise.surface_fit import FitTuning
 

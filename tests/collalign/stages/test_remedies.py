@@ -9,12 +9,12 @@ from collalign import AlignOptions, RunOptions
 from collalign.engine.session import Session
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.trust.trust_notes import remedies
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
 from data_tools.rotations import random_rotation
-from data_tools.synthetic_shapes import blob
 from tests.collalign.stages.test_trust import pairs_at
 from tests.pairwise.test_partial_match import cut
 

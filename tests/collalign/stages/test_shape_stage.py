@@ -18,11 +18,11 @@ from collalign.stages.shape_stage import (
     measure_surfaces,
     prepare_shapes,
 )
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.synthetic_shapes import blob
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 

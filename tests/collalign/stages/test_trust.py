@@ -35,13 +35,13 @@ from collalign.stages.trust.rival_poses import (
 )
 from collalign.stages.trust.trust_notes import trust_notes
 from collalign.synchronization import synchronize
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import crown, sphere_mesh
 from tests.notes import codes, only
 
 NUM = 8

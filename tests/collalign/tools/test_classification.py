@@ -13,10 +13,10 @@ from collalign.tools.variation.classification import (
     near_pairs,
     surface_distances,
 )
+from data_tools.datasets.synthetic import bumped
+from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.synthetic import bumped
-from data_tools.synthetic_shapes import crown, figure
 
 LINE = np.array([0.0, 1.0, 10.0, 11.0, 30.0, 12.5])
 DISTANCES = np.abs(LINE[:, None] - LINE[None, :])

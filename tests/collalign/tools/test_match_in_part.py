@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from collalign import match_in_part
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob
 
 AS_FILED = SamplingOptions(normalisation="none")
 

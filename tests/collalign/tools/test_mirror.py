@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from collalign.tools.variation.mirror import mirror_map
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 

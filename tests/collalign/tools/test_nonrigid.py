@@ -9,13 +9,13 @@ from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.tools.match.nonrigid import match_prepared, match_shapes, prepare_file
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map
+from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
+from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import as_origin
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent, mirrored, point_cloud, shuffled
-from data_tools.synthetic_shapes import figure
 from experiments.maps.evaluation import MapEvaluator
 from tests.notes import codes
 

@@ -15,10 +15,10 @@ from collalign.nonrigid.spectral_shape import (
     signed_volume,
     smoothed_curvature,
 )
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.surface.laplacian import cotangent_laplacian
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, figure, sphere_mesh
 from experiments.maps.evaluation import MapEvaluator, cumulative_curve, summary
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)

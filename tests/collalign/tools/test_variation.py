@@ -36,12 +36,12 @@ from collalign.tools.variation.surface_variation import (
     surface_symmetry,
     surface_variation,
 )
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
-from data_tools.synthetic_shapes import sphere_mesh
 from tests.browser import Page
 from tests.notes import codes, only
 from tests.view_problems import view_of

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import bent, bumped, mirrored, shuffled
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.embedding.chirality import chirality_scores, place_shares, surface_chirality
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent, bumped, mirrored, shuffled
-from data_tools.synthetic_shapes import blob, figure, sphere_mesh
 
 
 def scores_of(*shapes):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import deformed_family
+from data_tools.datasets.synthetic_shapes import blob, chair
 from data_tools.embedding.copies import find_copies, shape_signature
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import deformed_family
-from data_tools.synthetic_shapes import blob, chair
 
 SHAPE = blob(np.random.default_rng(3), num_vertices=500)
 

@@ -3,6 +3,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import Samples, sample_file, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -11,8 +13,6 @@ from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOption
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import mirrored, point_cloud, shuffled
-from data_tools.synthetic_shapes import blob, crown, sphere_mesh
 from tests.data_tools.surface.test_joined import boxes
 
 FEW = SamplingOptions(num_points=24, num_dense_points=60)

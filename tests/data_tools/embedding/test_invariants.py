@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, crown, figure, sphere_mesh
 from data_tools.embedding.invariants import (
     boundary_distance,
     heat_kernel_signature,
@@ -10,8 +12,6 @@ from data_tools.embedding.invariants import (
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.laplacian import spectrum, surface_operators
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import blob, crown, figure, sphere_mesh
 
 
 def test_heat_kernel_of_the_sphere_is_constant_and_known():

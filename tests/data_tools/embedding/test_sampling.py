@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.sampling import central_extreme, farthest_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import bent
-from data_tools.synthetic_shapes import blob, figure
 
 
 @pytest.mark.parametrize("metric", ["geodesic", "euclidean"])

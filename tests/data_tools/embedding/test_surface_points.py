@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import CELL, sample_shape
 from data_tools.embedding.surface_points import (
     RIM_NEIGHBOURS,
@@ -16,7 +17,6 @@ from data_tools.embedding.surface_points import (
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, crown, sphere_mesh
 
 
 def sphere(num=1500):

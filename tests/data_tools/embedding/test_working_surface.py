@@ -1,11 +1,11 @@
 import numpy as np
 
+from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
 from data_tools.embedding import working_surface
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, chair, crown, sphere_mesh
 
 SMALL = SamplingOptions(max_faces=1000)
 

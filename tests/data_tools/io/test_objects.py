@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.objects import as_origin, list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Source, hash_source, location
-from data_tools.synthetic_shapes import blob
 
 
 @pytest.fixture

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape
-from data_tools.synthetic_shapes import blob
 
 MALFORMED = [
     ("nan.xyz", "0 0 0\nnan 1 2\n3 4 5\n", "NaN"),

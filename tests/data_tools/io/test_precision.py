@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import (
     WRITABLE,
     coarse_coordinates,
@@ -14,7 +15,6 @@ from data_tools.io.shapes import (
 )
 from data_tools.notes import Note
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob
 
 #: Easting, northing and height of a place on a map, in metres.
 PLACE = np.array([456789.123, 5412345.678, 312.4])

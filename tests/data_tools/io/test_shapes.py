@@ -7,13 +7,13 @@ import unicodedata
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.listing import READERS, distinct_names, files_at, read_folder
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob
 from tests.data_tools.io.test_points import MALFORMED as POINTS
 
 TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"

@@ -1,9 +1,9 @@
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import UnavailableError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import DIGEST_LENGTH, hash_source, read_source
-from data_tools.synthetic_shapes import blob
 
 
 def test_files_are_hashed_by_content(tmp_path):

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError, OptionsError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface import cleaning
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, sphere_mesh
 from tests.notes import codes
 
 

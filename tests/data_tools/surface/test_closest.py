@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.surface.closest import SurfaceLocator, closest_on_triangles
-from data_tools.synthetic_shapes import crown, sphere_mesh
 
 
 def grid_distance(point, triangle, num=120):

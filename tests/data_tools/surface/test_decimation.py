@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.surface.cleaning import decimate
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.topology import counted_edges, face_areas, mesh_edges, vertex_components
-from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 def largest_gap(points, vertices, faces):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.surface.extra import ExtraSurface, without_extra
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
-from data_tools.synthetic_shapes import sphere_mesh
 
 
 def spiked():

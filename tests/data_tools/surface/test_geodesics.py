@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.geodesics import GeodesicSolver, agd_maxima, average_geodesic_distance
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import blob, figure, sphere_mesh
 
 
 @pytest.fixture(scope="module")

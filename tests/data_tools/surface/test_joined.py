@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.joined import NUM_CELLS, _points_on, joined_surface
 from data_tools.surface.shape import Shape, orientation_defects
 from data_tools.surface.topology import boundary_edges, mesh_components
-from data_tools.synthetic_shapes import sphere_mesh
 
 BOX = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 BOX_FACES = np.array(

@@ -3,6 +3,8 @@ import pytest
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
+from data_tools.datasets.synthetic import shuffled
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.laplacian import (
@@ -13,8 +15,6 @@ from data_tools.surface.laplacian import (
     vertex_areas,
 )
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import shuffled
-from data_tools.synthetic_shapes import blob, sphere_mesh
 
 
 @pytest.fixture(scope="module")

@@ -3,13 +3,13 @@ import itertools
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED
 from data_tools.surface.outliers import odd_ratios, without_outliers
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
-from data_tools.synthetic_shapes import blob, crown, sphere_mesh
 
 
 def with_slips(shape, rng, num=3):

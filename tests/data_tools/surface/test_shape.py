@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape, orientation_defects, outward_normals
-from data_tools.synthetic_shapes import sphere_mesh
 
 
 def test_measures_of_the_sphere():

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.surface.topology import (
     boundary_edges,
     counted_edges,
@@ -9,7 +10,6 @@ from data_tools.surface.topology import (
     mesh_edges,
     vertex_components,
 )
-from data_tools.synthetic_shapes import crown, sphere_mesh
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob
 from pairwise import match_overlapping
 from pairwise.features.depth_images import extent_poses
 

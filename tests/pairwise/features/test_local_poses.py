@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import surface_cells
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import random_rotation
-from data_tools.synthetic_shapes import blob
 from pairwise.features.poses import (
     MOST_MATCHES,
     consensus_poses,

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.errors import OptionsError
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob, sphere_mesh
 from pairwise import evaluate_poses, match_overlapping
 from pairwise.features.overlap import closeness
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import range_view
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.sight import DepthImage
 from data_tools.surface.shape import Shape
-from data_tools.synthetic import range_view
-from data_tools.synthetic_shapes import blob
 from pairwise.features.depth_images import MOST_BESIDE, conflict, sight_conflicts
 from pairwise.features.overlap import evaluate_poses
 

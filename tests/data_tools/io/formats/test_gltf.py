@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.formats.gltf import read_gltf
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.listing import hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source, read_source
-from data_tools.synthetic_shapes import blob
 
 MESH = blob(np.random.default_rng(3), num_vertices=60)
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.obj_off_stl import read_obj, read_stl
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.source import Source
 from data_tools.notes import Note
-from data_tools.synthetic_shapes import blob
 
 TRIANGLES = blob(np.random.default_rng(3), num_vertices=60)
 CORNERS = TRIANGLES.vertices[TRIANGLES.faces].astype(np.float32)

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.ply import read_ply
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Source
-from data_tools.synthetic_shapes import blob
 
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 CORNERS = "property list uchar int vertex_indices\n"

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.formats.vtp import read_vtp
 from data_tools.io.source import Source
-from data_tools.synthetic_shapes import blob
 
 MESH = blob(np.random.default_rng(3), num_vertices=60)
 POLYGONS = MESH.faces.tolist()

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.datasets.synthetic_shapes import chair, smooth_field
 from data_tools.embedding.surface_points import centre_and_radius, spread_over_triangles
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import write_atomic
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from data_tools.synthetic_shapes import chair, smooth_field
 from data_tools.threads import one_blas_thread
 
 #: Bumps of a deformed copy.
