@@ -43,14 +43,15 @@ def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
         if scans is not None:
             return unmatched, scans
     known = steps.match(run) if all_named or tries_scans else None
-    if known and (all_named or match_badly(run.shapes, known[1].pairs)):
+    is_bad = known is not None and match_badly(run.shapes, known[1].pairs)
+    if known and (all_named or is_bad):
         decided, matched = known
         scans = align_scans(decided, matched.pairs, missing if all_named else {})
         if scans is not None:
             return replace(matched, notes=()), scans  # which are about whole shapes
     if OPEN in missing.values():
         return _pose_few_open(run, missing)
-    return _pose_on_complete(run, missing, known)
+    return _pose_on_complete(run, missing, known, in_doubt=is_bad)
 
 
 def _pose_few_open(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
@@ -83,10 +84,20 @@ def _tries_scans(run: Run, missing: Mapping[int, str]) -> bool:
 
 
 def _pose_on_complete(
-    run: Run, missing: Mapping[int, str], known: tuple[Run, Matched] | None = None
+    run: Run,
+    missing: Mapping[int, str],
+    known: tuple[Run, Matched] | None = None,
+    *,
+    in_doubt: bool = False,
 ) -> tuple[Matched, Posed]:
-    """Pose complete shapes and judge that, then the others on them; ``known`` are the pairs of all where matched."""
+    """Pose complete shapes and judge that, then the others on them.
+
+    ``known`` are the pairs of all where matched. Shapes are ``in_doubt`` if they match so badly as whole shapes that
+    hardly any can be complete; where maps are asked, they bend.
+    """
     decided, matched, posed = _pose_others(run, missing) if known is None else _pose(run, known)
+    if in_doubt and not are_weighed(matched.pairs):
+        posed = replace(posed, suspects=frozenset(range(len(posed.rotations))))
     if {*missing.values()} <= {OPEN} and looks_for_incomplete(run.session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
     posed = _with_confidences(decided, matched, posed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -28,20 +29,33 @@ MAX_FAR_SHARE = 0.02
 MAX_FAR_CONNECTED = 2
 #: Their neighbours lie within this share of the others' radius: the rim of a cone around its tip does not.
 MAX_RING_SHARE = 0.5
-#: Points of a cloud hang together where each is among so many nearest of the other: so do those of a thinly scanned
-#: side, while a stray has points of the surface as its nearest, but is not among theirs.
-NUM_NEAREST = 6
-#: Strays do not hang together with most points, and their nearest reach so many times as far as the median point's.
-STRAY_REACH = 2.0
-#: They lie off the plane through so many neighbours, by more than this share of how far these are. Where fewer than
-#: the last share of them do, they are points of a thinly scanned surface.
-#: Of 75 clouds of fish, chairs, guitars, guns and teeth, evenly or unevenly scanned and with 1 to 10 % of their points
-#: strewn over a box, .22 to 1 of the strays do, in the median .7; without strays the median is .2, and of clouds of
-#: which a cap is scanned 25 times as densely 0 to .14. Of 10 % strays 90 % are left out, and .02 % of the surface.
-#: So it is with planes, teddy bears, horses, skulls and birds, which were not looked at.
-NUM_PLANE, OFF_PLANE, MANY_OFF = 12, 0.2, 0.4
-#: Largest share of strays: more are sparse parts of the cloud. Clouds of fewer points are sparse themselves.
-MAX_STRAY_SHARE, FEWEST_POINTS = 0.12, 500
+
+
+class StrayTuning(NamedTuple):
+    """Numbers by which stray points of a cloud are found.
+
+    Chosen on 75 clouds of fish, chairs, guitars, guns and teeth, evenly or unevenly scanned, with 1 to 10 % of their
+    points strewn over a box. Of 10 % strays in clouds that are evenly scanned 91 % are left out, and .02 % of the
+    surface. So it is with planes, teddy bears, horses, skulls and birds, which were not looked at.
+    """
+
+    num_nearest: int = 6
+    """Points hang together where each is among so many nearest of the other. So do those of a thinly scanned side; a
+    stray has points of the surface as its nearest, but is not among theirs."""
+    reach: float = 2.0
+    """Strays hang together with few points, and their nearest reach so many times as far as the median point's."""
+    off_plane: float = 0.2
+    """They lie off the plane through twice as many neighbours, by more than this share of how far these are."""
+    many_off: float = 0.4
+    """Where fewer than this share of them do, they are points of a thinly scanned surface: .22 to 1 of the strays do,
+    in the median .7; without strays the median is .2, and where a cap is scanned 25 times as densely 0 to .14."""
+    largest_share: float = 0.12
+    """More are sparse parts of the cloud."""
+    fewest_points: int = 500
+    """Clouds of fewer points are sparse themselves."""
+
+
+STRAYS = StrayTuning()
 
 
 def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Shape:
@@ -95,27 +109,26 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
 def _strays(points: FloatArray, kept: BoolArray) -> BoolArray:
     """Return which of the kept points of a cloud lie off its surface: few, whose nearest neighbours are far."""
     strays = np.zeros(len(points), dtype=np.bool_)
-    if kept.sum() < FEWEST_POINTS:
+    if kept.sum() < STRAYS.fewest_points:
         return strays
     cloud = points[kept]
     tree = cKDTree(cloud)
-    reaches, nearest = tree.query(cloud, k=NUM_NEAREST + 1)
-    ends = np.repeat(np.arange(len(cloud)), NUM_NEAREST), nearest[:, 1:].ravel()
+    reaches, nearest = tree.query(cloud, k=STRAYS.num_nearest + 1)
+    ends = np.repeat(np.arange(len(cloud)), STRAYS.num_nearest), nearest[:, 1:].ravel()
     among = coo_array((np.ones(len(ends[0])), ends), shape=(len(cloud), len(cloud))).tocsr()
     piece = connected_components(among.multiply(among.T), directed=False)[1]
     alone = piece != np.bincount(piece).argmax()
-    alone &= reaches[:, -1] > STRAY_REACH * np.median(reaches[:, -1])
-    if (
-        0.0 < alone.mean() <= MAX_STRAY_SHARE
-        and (_off_plane(tree, cloud[alone]) > OFF_PLANE).mean() >= MANY_OFF
-    ):
-        strays[kept] = alone
+    alone &= reaches[:, -1] > STRAYS.reach * np.median(reaches[:, -1])
+    if 0.0 < alone.mean() <= STRAYS.largest_share:
+        are_off = _off_plane(tree, cloud[alone]) > STRAYS.off_plane
+        if are_off.mean() >= STRAYS.many_off:
+            strays[kept] = alone
     return strays
 
 
 def _off_plane(tree: cKDTree, places: FloatArray) -> FloatArray:
     """Return how far points (n, 3) of a cloud are from the plane through their neighbours, over how far these are."""
-    reaches, nearest = tree.query(places, k=NUM_PLANE + 1)
+    reaches, nearest = tree.query(places, k=2 * STRAYS.num_nearest + 1)
     neighbours = tree.data[nearest[:, 1:]]
     middle = neighbours.mean(axis=1)
     arms = neighbours - middle[:, None]

@@ -9,6 +9,7 @@ from scipy.spatial import Delaunay
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
+from collalign.stages import posing
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.scans import (
     BADLY_MATCHED,
@@ -113,6 +114,28 @@ def test_scans_that_overlaps_do_not_join_surely_are_posed_as_whole_shapes(
     assert "all-incomplete" in codes(aligned(few).notes), "all were seen from one direction each"
     monkeypatch.setattr(scanning, "BADLY_MATCHED", 1.1)
     assert "all-incomplete" not in codes(aligned(few).notes)
+
+
+def test_scans_that_nobody_called_so_and_no_direction_saw_are_in_doubt(
+    views, by_default, aligned, monkeypatch
+):
+    monkeypatch.setattr(scanning, "were_seen", lambda shapes: False)
+    guessed = aligned(views[0])
+    np.testing.assert_array_equal(guessed.transforms, by_default.transforms)
+    np.testing.assert_array_equal(guessed.confidence, np.minimum(by_default.confidence, 0.5))
+    called = aligned(views[0], incomplete="all")
+    np.testing.assert_array_equal(called.confidence, by_default.confidence)
+
+
+def test_open_shapes_that_match_badly_as_wholes_and_cannot_be_joined_are_in_doubt(
+    views, aligned, monkeypatch
+):
+    whole = aligned(views[0], incomplete="")
+    assert whole.confidence.max() > 0.5, "or there would be nothing to limit"
+    monkeypatch.setattr(posing, "were_seen", lambda shapes: False)
+    monkeypatch.setattr(posing, "align_scans", lambda *_: None)
+    monkeypatch.setattr(posing, "may_be_broken", lambda *_: True)
+    assert aligned(views[0]).confidence.max() <= 0.5
 
 
 def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch):
