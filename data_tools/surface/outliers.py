@@ -46,9 +46,10 @@ class StrayTuning(NamedTuple):
     """Strays hang together with few points, and their nearest reach so many times as far as the median point's."""
     off_plane: float = 0.2
     """They lie off the plane through twice as many neighbours, by more than this share of how far these are."""
-    many_off: float = 0.4
-    """Where fewer than this share of them do, they are points of a thinly scanned surface: .22 to 1 of the strays do,
-    in the median .7; without strays the median is .2, and where a cap is scanned 25 times as densely 0 to .14."""
+    many_off: float = 0.3
+    """Where fewer than this share of them do, they are points of a thinly scanned surface. Of strays .37 and more do
+    where they are among themselves, else .7 in the median. Without strays it is .2, and where a cap is scanned 25
+    times as densely 0 to .14."""
     largest_share: float = 0.12
     """More are sparse parts of the cloud."""
     fewest_points: int = 500

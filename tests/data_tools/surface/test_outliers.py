@@ -96,12 +96,13 @@ def test_strays_near_a_cloud_are_left_out_and_thinly_scanned_sides_stay(rng):
     assert found.notes[0].code == "stray-points-left-out"
 
 
-def test_many_strays_that_are_near_each_other_are_left_out(rng):
-    points = blob(rng, num_vertices=1500).vertices
-    strays = rng.uniform(-2.0, 2.0, size=(150, 3))
+@pytest.mark.parametrize(("num_points", "num_strays"), [(1500, 150), (40_000, 4_000)])
+def test_many_strays_that_are_near_each_other_are_left_out(num_points, num_strays, rng):
+    points = blob(rng, num_vertices=num_points).vertices
+    strays = rng.uniform(-2.0, 2.0, size=(num_strays, 3))
     kept = without_outliers(Shape.from_arrays(np.concatenate([points, strays]))).source_indices
-    assert (kept < 1500).sum() >= 1495
-    assert (kept >= 1500).sum() <= 30
+    assert (kept < num_points).sum() >= 0.997 * num_points
+    assert (kept >= num_points).sum() <= 0.2 * num_strays
 
 
 def test_a_surface_scanned_thinly_but_for_a_cap_is_no_stray(rng):
