@@ -15,8 +15,7 @@ from collalign.engine.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.candidates import MOST_SEARCHED
-from collalign.stages.evidence.decide import wants_maps
-from collalign.stages.evidence.weigh import weigh_pairs
+from collalign.stages.evidence.weigh import wants_maps, weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_shapes

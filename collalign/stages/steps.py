@@ -22,8 +22,7 @@ from collalign.products.trust import Trust
 from collalign.stages.choose_pairs import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.deformation import map_vertices, vertex_notes
 from collalign.stages.evidence.candidates import MOST_SEARCHED
-from collalign.stages.evidence.decide import wants_maps
-from collalign.stages.evidence.weigh import weigh_doubtful_pairs, weigh_pairs
+from collalign.stages.evidence.weigh import wants_maps, weigh_doubtful_pairs, weigh_pairs
 from collalign.stages.mixed_sides import decide_group
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.parts import join_parts, split_shapes

@@ -27,12 +27,15 @@ from collalign.stages.evidence.candidates import (
     search_pair,
     searched_surfaces,
 )
-from collalign.stages.evidence.decide import BENT_ENERGY, CLOSING_CYCLES, closing_share, wants_maps
 from collalign.stages.evidence.weigh import (
+    BENT_ENERGY,
+    CLOSING_CYCLES,
     PairEvidence,
     by_energy,
+    closing_share,
     voted_poses,
     votes_of,
+    wants_maps,
     weigh_doubtful_pairs,
     with_evidence,
 )
