@@ -384,8 +384,10 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         "collalign.stages.incomplete.detect.share_beyond", lambda surface, partners: 0.2
     )
     monkeypatch.setattr("collalign.stages.incomplete.detect.MOST_MISSING", 1.0)
+    every = [4]  # which of its points are on the rim
     monkeypatch.setattr(
-        "collalign.stages.incomplete.detect.cloud_rim", lambda points, _: np.ones(len(points), bool)
+        "collalign.stages.incomplete.detect.cloud_rim",
+        lambda points, _: np.arange(len(points)) % every[0] == 0,
     )
     rng = np.random.default_rng(4)
     for number in range(5):
@@ -399,6 +401,9 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         for given, lacking in ((tmp_path, []), (clouds, [0, 1, 2, 3, 4])):
             shapes = prepare_shapes(session, list_shapes(given))
             assert list(find_incomplete(session, shapes, pairs, poses)) == lacking
+        every[0] = 2
+        assert not find_incomplete(session, shapes, pairs, poses), "a rim is no half of a shape"
+        every[0] = 4
         run = Run(
             session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={}
         )
