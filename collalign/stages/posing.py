@@ -96,10 +96,10 @@ def _pose_on_complete(
     hardly any can be complete; where maps are asked, they bend.
     """
     decided, matched, posed = _pose_others(run, missing) if known is None else _pose(run, known)
-    if in_doubt and not are_weighed(matched.pairs):
-        posed = replace(posed, suspects=frozenset(range(len(posed.rotations))))
     if {*missing.values()} <= {OPEN} and looks_for_incomplete(run.session.options):
         missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
+    if in_doubt and not are_weighed(matched.pairs):
+        posed = replace(posed, suspects=frozenset(range(len(posed.rotations))))
     posed = _with_confidences(decided, matched, posed)
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)

@@ -295,7 +295,7 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-8", run=register_file, reader=Registration)
+REGISTERING = Job(kind="registrations", version="dense-9", run=register_file, reader=Registration)
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
