@@ -603,6 +603,18 @@ def test_few_shapes_or_contradictory_pairs_need_a_clear_block_margin(
     assert (probability(seen) >= DOUBT) == is_enough
 
 
+@pytest.mark.parametrize(("num", "is_enough"), [(3, False), (8, True)])
+def test_few_shapes_need_neighbourhoods_that_tell_poses_apart(num, is_enough):
+    cycles = cycle_log_odds(num, num * (num - 1) // 2, 0)
+    clear, vague = (
+        probability(seen_of(cycles=cycles, block_margin=0.5, local_margin=margin))
+        for margin in (0.3, 0.2)
+    )
+    assert clear >= DOUBT
+    assert (vague >= DOUBT) == is_enough
+    assert vague >= UNCERTAIN
+
+
 def test_a_shape_that_fits_better_in_another_pose_is_even_odds():
     against = {"margin": -0.02, "local_margin": -0.02}
     assert probability(seen_of(**against)) == STRANGE_LIMIT
