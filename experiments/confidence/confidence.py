@@ -32,7 +32,7 @@ SEED = 11
 #: Runs of each real collection and of each generated family: all together take half an hour of CPU time.
 RUNS = {"real": 4, "generated": 4}
 #: Raised when stated confidences change.
-VERSION = "10"
+VERSION = "11"
 #: Confidence from which on a shape is called sure, and the one from which on it can be used without a look.
 SURE, USABLE = 0.95, 0.9
 RIGID = ("teeth", "mouse skulls")
