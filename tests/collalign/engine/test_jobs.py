@@ -43,12 +43,23 @@ def test_serial_workers_and_any_order_give_the_same_bytes():
     assert len(set(serial.values())) == len(SPECTRA)
 
 
-def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it():
+def meet_another(folder):
+    """Wait until two processes were here, and return which this one is."""
+    (folder / str(os.getpid())).touch()
+    deadline = time.monotonic() + 60.0
+    while len(list(folder.iterdir())) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return os.getpid()
+
+
+def test_no_limits_and_one_job_stay_in_this_process_and_a_limit_leaves_it(tmp_path):
     tasks = [(str(i), i) for i in range(8)]
     assert {result.value for result in collect(process_id, tasks).values()} == {os.getpid()}
     isolated = {result.value for result in collect(process_id, tasks, time_limit_s=60.0).values()}
     assert os.getpid() not in isolated
-    assert len({result.value for result in collect(process_id, tasks, num_jobs=2).values()}) == 2
+    meetings = [(str(i), tmp_path) for i in range(8)]
+    met = {result.value for result in collect(meet_another, meetings, num_jobs=2).values()}
+    assert len(met) == 2
 
 
 def test_a_child_of_multiprocessing_does_not_wait_for_idle_workers():
