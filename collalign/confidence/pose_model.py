@@ -58,10 +58,10 @@ WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: With weights chosen on the 48 families it has 660 in place of 594 right on the others, but 9 in place of 5 wrong.
 #: Nor do monotone boosted trees of all evidence rank better, families left out in turn.
 #:
-#: Where cycles tell nothing, as among three shapes, the local margin must be the last number for more. Of 141 shapes
-#: of the 38 families in threes that were stated at .95 or more five were wrong, and all five are below .26, as are 18
-#: of those that were right; it was chosen on them. On other draws, of real collections and of those of
-#: ``experiments confidence``, 34 of 660 right shapes are below, and come to .9.
+#: Where cycles tell nothing, as among three shapes, more than :data:`UNCERTAIN` is stated only if the local margin is
+#: at least the last number. It was chosen on the 38 families in threes: 141 shapes were stated at .95 or more, and the
+#: five wrong ones are below it, as are 18 right ones. On three other seeds of these families none of 130 is wrong. Of
+#: 660 right shapes of ``experiments confidence`` 34 are below.
 LIMIT_WEIGHTS, MOST_CYCLES, LEAST_LOCAL = np.array([2.8, 0.3, 3.0]), 5.0, 0.26
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
@@ -155,8 +155,8 @@ def ceiling(evidence: FloatArray) -> FloatArray:
     :data:`UNCERTAIN` where the misfit exceeds twice the margin: how badly the shape fits outweighs what tells its
     poses apart. Its pairs may all say the same, but they compare what hardly compares. Of 1491 shapes of 184 runs
     over 22 collections at .95 or more by the weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen
-    among seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often. And no more than
-    that where neither cycles nor neighbourhoods tell poses apart.
+    among seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often. No more than
+    that either where neither cycles nor neighbourhoods tell poses apart.
     """
     kinds = [MARGIN, MISFIT, LOCAL_MARGIN, CYCLES, BLOCK_MARGIN]
     margin, misfit, local, cycles, block = evidence[:, kinds].T

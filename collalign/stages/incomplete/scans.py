@@ -49,6 +49,10 @@ BADLY_MATCHED = 0.75
 MOST_SURE, MOST_ALIKE = 0.5, 0.8
 #: Why shapes count as incomplete that nobody called so.
 SCAN = "scan"
+#: Cells are powers of two to this share, so that a shape more does not change that of all others.
+_STEPS_AN_OCTAVE = 4
+#: Poses that a pair keeps.
+NUM_CANDIDATES = 6
 
 
 def were_seen(shapes: Shapes) -> bool:
@@ -291,12 +295,6 @@ def _alternatives(
                 )
             )
     return tuple(tuple(own) for own in found)
-
-
-#: Cells are powers of two to this share, so that a shape more does not change that of all others.
-_STEPS_AN_OCTAVE = 4
-#: Poses that a pair keeps.
-NUM_CANDIDATES = 6
 
 
 def describe_file(
