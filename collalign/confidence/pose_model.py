@@ -59,7 +59,7 @@ WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: Nor do monotone boosted trees of all evidence rank better, families left out in turn.
 #:
 #: Where cycles tell nothing, as among three shapes, more than :data:`UNCERTAIN` is stated only if the local margin is
-#: at least the last number. It was chosen on the 38 families in threes: 141 shapes were stated at .95 or more, and the
+#: at least the last number. It was chosen on the 38 families in threes: 141 shapes were stated at .95 or more. The
 #: five wrong ones are below it, as are 18 right ones. On three other seeds of these families none of 130 is wrong. Of
 #: 660 right shapes of ``experiments confidence`` 34 are below.
 LIMIT_WEIGHTS, MOST_CYCLES, LEAST_LOCAL = np.array([2.8, 0.3, 3.0]), 5.0, 0.26
