@@ -268,7 +268,7 @@ def read_canonical_class(folder: Path | str) -> Dataset:
 def read_truth_folder(folder: Path | str) -> Dataset:
     """Read the shapes that ``truth.json`` lists, each with its file, pose, chirality and landmarks.
 
-    A pose (4, 4) takes the common frame to the file. Where ``truth`` is "landmarks", these tell the rotations instead.
+    A pose (4, 4) takes the common frame to the file. Where ``truth`` is "landmarks", these tell the rotations.
     """
     folder = Path(folder)
     file = existing_file(folder / "truth.json")

@@ -23,9 +23,9 @@ from data_tools.surface.topology import boundary_edges, face_crosses, is_open_su
 POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
 #: Sides of a cell's face that a normal may point to: both sides of a thin wall keep points of their own.
 NUM_SIDES = 6
-#: An open mesh counts as inside out where its normals point inwards by so much, as the mean of cosines weighted by the
-#: distance from the centre; else the side of the file's triangles is kept. Crowns of teeth have .46 to .67, frames of a
-#: room, which surrounds what sees it, -.29 to .02.
+#: An open mesh counts as inside out where the mean cosine between normals and arms from the centre, weighted by their
+#: lengths, is below this. Else the side of the file's triangles is kept. Crowns of teeth have .46 to .67, images of a
+#: room, which is around what sees it, -.29 to .02.
 INSIDE_OUT = -1 / 3
 #: A point whose normals cancel is no surface: the least length of the mean of its unit normals.
 LEAST_NORMAL = 0.3
@@ -104,8 +104,8 @@ def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
 def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatArray]:
     """Return points on the triangles of a mesh, evenly by area, and the triangles' outward normals, each (n, 3).
 
-    Some 16 points a cell of the side ``cell``, in units of the shape. What is outside of an open mesh is what its file
-    says, unless it is clearly inside out.
+    Some 16 points a cell of the side ``cell``, in units of the shape. Outside of an open mesh is what its file says,
+    unless it is clearly inside out.
     """
     crosses = face_crosses(shape.vertices, shape.faces).T
     areas = np.linalg.norm(crosses, axis=1)
