@@ -33,6 +33,7 @@ _FOLDERS = {
     "deformations": "collections",
     "confidence": "confidence",
     "ablation": "collections",
+    "scoreboard": "collections",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)
 

@@ -14,7 +14,7 @@ from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment
 from experiments.calibration import calibrate
 from experiments.experiment import Bench
-from experiments.write import write_experiment, write_page
+from experiments.write import RESULTS, write_experiment, write_page
 
 app = App(name="python -m experiments", help=__doc__, result_action="return_value")
 
@@ -90,7 +90,12 @@ def run(
                 print(f"{experiment.name}: left out, {data / missing[0]} is not there")
                 continue
             bench = Bench(
-                data=data, store=opened, num_workers=num_workers, quick=quick, quiet=quiet
+                data=data,
+                store=opened,
+                num_workers=num_workers,
+                quick=quick,
+                quiet=quiet,
+                results=out / RESULTS,
             )
             outcome = experiment.measure(bench)
             for file in write_experiment(experiment, outcome, bench, out):

@@ -265,6 +265,42 @@ def read_canonical_class(folder: Path | str) -> Dataset:
     )
 
 
+def read_truth_folder(folder: Path | str) -> Dataset:
+    """Read the shapes that ``truth.json`` lists, each with its file, pose, chirality and landmarks.
+
+    A pose (4, 4) takes the common frame to the file. Where ``truth`` is "landmarks", these tell the rotations.
+    """
+    folder = Path(folder)
+    file = existing_file(folder / "truth.json")
+    try:
+        truth = json.loads(file.read_text())
+        rows = truth["shapes"]
+        names = tuple(str(row["name"]) for row in rows)
+        files = [folder / row["file"] for row in rows]
+        by_landmarks = truth["truth"] == "landmarks"
+        values = [
+            np.asarray(row["landmarks"] if by_landmarks else row["pose"], dtype=np.float64)
+            for row in rows
+        ]
+        rotations = None if by_landmarks else np.stack([pose[:3, :3].T for pose in values])
+        marks = np.stack(values) if by_landmarks else None
+        sides = np.array([int(row["chirality"]) for row in rows])
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"{file}: not the truth of a collection ({error!r})") from error
+    return Dataset(
+        names=names,
+        loaders=tuple(
+            partial(read_shape, path, AS_STORED, name=name)
+            for path, name in zip(files, names, strict=True)
+        ),
+        landmarks=None if marks is None else read_only(marks),
+        rotations=None
+        if rotations is None
+        else read_only(as_rotations(rotations, f"{file}: poses", group="O")),
+        chirality=read_only(sides) if len(set(sides.tolist())) > 1 else None,
+    )
+
+
 def read_landmark_archive(path: Path | str) -> Dataset:
     """Read landmarks alone from an ``.npz`` of ``landmarks`` (N, l, 3) and ``names``: the shapes are point clouds."""
     path = Path(path)

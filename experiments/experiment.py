@@ -136,6 +136,8 @@ class Bench:
         The smallest sizes only, to see that everything works.
     quiet : bool
         No progress bars.
+    results : Path, optional
+        Folder of the tables that were written before, of experiments that compare with them.
     """
 
     data: Path
@@ -143,6 +145,7 @@ class Bench:
     num_workers: int = 1
     quick: bool = False
     quiet: bool = False
+    results: Path | None = None
     seeds: set[int] = field(default_factory=set)
     dates: set[str] = field(default_factory=set)
     machines: set[str] = field(default_factory=set)

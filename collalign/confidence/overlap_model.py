@@ -30,7 +30,19 @@ MOST_CERTAIN = 0.99
 
 
 def overlap_log_odds(poses: LocalPoses) -> FloatArray:
-    """Return the log-odds of poses against that none of them is right, shape (p,)."""
+    """Return the log-odds of poses against that none of them is right, shape (p,).
+
+    With lines of sight where both surfaces were seen from one direction each.
+    """
+    seen, unseen = by_explanation(poses)
+    return np.where(np.isnan(seen), unseen, seen)
+
+
+def by_explanation(poses: LocalPoses) -> tuple[FloatArray, FloatArray]:
+    """Return the log-odds of poses against that none of them is right, by lines of sight and by overlap, each (p,).
+
+    By lines of sight they are NaN where not both surfaces have one.
+    """
     of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
     unseen = (
         WEIGHTS[0] * of_smaller
@@ -40,7 +52,7 @@ def overlap_log_odds(poses: LocalPoses) -> FloatArray:
     matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + SIGHT_WEIGHTS[3])
     against = conflict_log_odds(conflict(poses.in_front, poses.beside))
     is_seen = ~np.isnan(poses.in_front).any(axis=1)
-    return np.asarray(np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen))
+    return np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], np.nan), unseen
 
 
 def conflict_log_odds(conflicts: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ SMALLEST_SHARE = 0.5
 MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-18", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-19", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(

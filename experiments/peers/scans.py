@@ -98,9 +98,9 @@ class Scans:
     apart: IntArray
 
 
-def read_scans(name: str, data: Path, num: int) -> Scans:
+def read_scans(name: str, data: Path, num: int, seed: int = SEED) -> Scans:
     """Return the first scans of the bunny, or generated views of an object of CAPOD, rotated and moved at random."""
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(seed)
     if name == BUNNY:
         dataset = read_range_scans(data / SCANS_FOLDER)
         points = [dataset.shape(i).vertices for i in range(num)]

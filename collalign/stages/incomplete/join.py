@@ -8,7 +8,7 @@ as sure as the weakest cut of overlaps that holds it to the others.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import networkx as nx
@@ -16,11 +16,12 @@ import numpy as np
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
+    by_explanation,
     conflict_log_odds,
     overlap_chances,
 )
 from collalign.confidence.pose_model import MOST_CONFIDENT
-from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
@@ -91,6 +92,49 @@ class JoinedScans:
     kept: Overlaps
     parts: list[IntArray]
     cuts: list[WeakCut]
+
+
+def without_scenes(
+    surfaces: Sequence[LocalSurface], overlaps: Overlaps
+) -> tuple[list[LocalSurface], Overlaps]:
+    """Return surfaces without lines of sight that most of their pairs contradict, and poses without what these say.
+
+    An object ends where a depth image of it does. A room does not: its image ends where what saw it had no more room,
+    and its rays are far from parallel. Where two such images overlap, each has much that is in front of the other or
+    beside it at the right pose. Of probable poses, then, overlap alone explains more than lines of sight do.
+
+    Parameters
+    ----------
+    surfaces : sequence of LocalSurface
+    overlaps : mapping of (int, int) to LocalPoses
+        What pairs i < j share.
+    """
+    gains = np.full((len(surfaces),) * 2, np.nan)
+    for (i, j), poses in overlaps.items():
+        seen, unseen = by_explanation(poses)
+        best = int(np.argmax(np.fmax(seen, unseen)))
+        if max(seen[best], unseen[best]) > 0.0:  # NaN where there is no line of sight
+            gains[i, j] = gains[j, i] = unseen[best] - seen[best]
+    has_pair = ~np.isnan(gains)
+    is_scene = np.array(
+        [
+            np.median(own[has] if has.any() else 0.0) > 0.0
+            for own, has in zip(gains, has_pair, strict=True)
+        ]
+    )
+    # Images of a scene come together. One among images of objects shows an object that another pose fits as well.
+    is_scene &= (has_pair & is_scene).sum(axis=1) > (has_pair & ~is_scene).sum(axis=1)
+    unknown = {
+        pair: replace(poses, in_front=nothing, beside=nothing)
+        for pair, poses in overlaps.items()
+        if is_scene[pair[0]] or is_scene[pair[1]]
+        for nothing in [read_only(np.full((len(poses), 2), np.nan))]
+    }
+    found = [
+        replace(one, sights=read_only(np.empty((0, 3)))) if scene else one
+        for one, scene in zip(surfaces, is_scene, strict=True)
+    ]
+    return found, {**overlaps, **unknown}
 
 
 @one_blas_thread()

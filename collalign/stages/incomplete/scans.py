@@ -20,7 +20,13 @@ from collalign.products.shapes import Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import incomplete_note, label_map
-from collalign.stages.incomplete.join import JOINING_CHANCE, JoinedScans, Overlaps, join_scans
+from collalign.stages.incomplete.join import (
+    JOINING_CHANCE,
+    JoinedScans,
+    Overlaps,
+    join_scans,
+    without_scenes,
+)
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.placement import common_positions, with_origin
 from collalign.stages.steps import Posed, Run
@@ -112,8 +118,9 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
-        overlaps = overlap_pairs(session, shapes, surfaces)
-        described = [surfaces[i] for i in range(num)]
+        described, overlaps = without_scenes(
+            [surfaces[i] for i in range(num)], overlap_pairs(session, shapes, surfaces)
+        )
         joined = join_scans(described, overlaps, session.options.group)
     if not reasons:
         if not _are_scans(joined, described, pairs):
@@ -319,7 +326,7 @@ def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> Loca
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-3", run=describe_file, reader=LocalSurface)
+DESCRIBING = Job(kind="surfaces", version="local-4", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
 OVERLAPPING = Job(kind="evidence", version="overlap-5", run=overlap_pair, reader=LocalPoses)
 

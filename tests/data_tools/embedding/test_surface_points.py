@@ -71,6 +71,29 @@ def test_normals_of_a_mesh_point_outwards_where_it_is_hollow_and_when_it_is_insi
         assert (np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.9).all()
 
 
+@pytest.mark.parametrize("depth", [-0.05, 0.0, 0.05])
+def test_an_open_mesh_that_is_nearly_flat_keeps_the_side_of_its_file(depth):
+    x, y = (line.ravel() for line in np.meshgrid(*[np.linspace(-1.0, 1.0, 12)] * 2))
+    corner = (12 * np.arange(11)[:, None] + np.arange(11)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + 13], 1),
+            np.stack([corner, corner + 13, corner + 12], 1),
+        ]
+    )
+    vertices = np.column_stack([x, y, depth * (x * x + y * y)])
+    assert (spread_over_triangles(Shape.from_arrays(vertices, faces), 0.1)[1][:, 2] > 0.9).all()
+    turned = Shape.from_arrays(vertices, faces[:, ::-1])
+    assert (spread_over_triangles(turned, 0.1)[1][:, 2] < -0.9).all()
+
+
+def test_an_open_mesh_that_is_clearly_inside_out_is_turned():
+    shape = crown()
+    turned = Shape.from_arrays(shape.vertices, shape.faces[:, ::-1])
+    first, other = (spread_over_triangles(one, 0.1)[1] for one in (shape, turned))
+    np.testing.assert_allclose(first.mean(axis=0), other.mean(axis=0), atol=0.05)
+
+
 def test_both_sides_of_a_thin_wall_keep_points():
     found = surface_cells(slab(0.02), 0.2)
     for side in (1.0, -1.0):

@@ -1,0 +1,205 @@
+"""The scoreboard: its sets, what counts as gross, wrong and usable, and the figures of the code before."""
+
+import csv
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collalign.engine.store import Store
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_mesh
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import is_open_surface, mesh_components
+from experiments.collections import scoreboard
+from experiments.collections.animals import animal
+from experiments.collections.assembled import CLASSES, assembled_objects
+from experiments.collections.posed import PosedCollection
+from experiments.collections.scoreboard import Drawn, compare, kinds_of, read_before, row_of
+from experiments.datasets import read_truth_folder
+from experiments.experiment import Bench
+from experiments.provenance import code_digest
+from experiments.write import write_experiment
+
+
+@pytest.fixture
+def drawn():
+    """Six shapes of two kinds in known random poses."""
+    rng = np.random.default_rng(0)
+    turns = np.stack([random_rotation(rng) for _ in range(6)])
+    relative = turns[:, None] @ np.swapaxes(turns, 1, 2)[None]
+    names = ("Sofa1", "Sofa2", "Sofa3", "Chair1", "Chair2", "Chair3")
+    posed = PosedCollection(folder=Path(), names=names, relative=relative)
+    return Drawn(posed=posed, kinds=kinds_of("kenney_seats10", names)), turns
+
+
+def answer(drawn, turns, left_out=(), parts=(0,) * 6):
+    """The right answer, but for shapes that were left out and the parts that it falls into."""
+    kept = [i for i in range(6) if i not in left_out]
+    return SimpleNamespace(
+        names=tuple(drawn.posed.names[i] for i in kept),
+        rotations=np.swapaxes(turns, 1, 2)[kept],
+        part_numbers=np.array(parts)[kept],
+        confidence=np.full(len(kept), 0.96),
+    )
+
+
+def test_the_right_answer_has_no_errors_and_counts_pairs_of_one_kind(drawn):
+    found = compare(answer(*drawn), drawn[0])
+    assert len(found["pair_deg"]) == 6
+    assert found["pair_deg"].max() < 1e-4
+    assert found["shape_deg"].max() < 1e-4
+    assert found["stated"].tolist() == [0.96] * 6
+
+
+def test_a_turned_shape_is_wrong_and_so_are_its_pairs(drawn):
+    wrong = answer(*drawn)
+    wrong.rotations[4] = np.diag([1.0, -1.0, -1.0]) @ wrong.rotations[4]
+    found = compare(wrong, drawn[0])
+    assert np.flatnonzero(found["shape_deg"] > 30).tolist() == [4]
+    assert (found["pair_deg"] > 30).sum() == 2
+    row = row_of("some", [found | {"processor_s": 2.0}] * 2, "abc", None)
+    assert (row["gross"], row["wrong_sure"], row["sure"], row["usable"]) == (
+        pytest.approx(100 / 3),
+        2,
+        12,
+        100.0,
+    )
+
+
+def test_a_mirrored_shape_is_wrong(drawn):
+    wrong = answer(*drawn)
+    wrong.rotations[0] = np.diag([1.0, 1.0, -1.0]) @ wrong.rotations[0]
+    assert compare(wrong, drawn[0])["shape_deg"][0] == 180.0
+
+
+def test_poses_of_two_parts_are_not_compared_and_their_pairs_are_gross(drawn):
+    found = compare(answer(*drawn, parts=(0, 0, 1, 0, 0, 0)), drawn[0])
+    assert (found["pair_deg"] == 180.0).tolist() == [False, True, True, False, False, False]
+    assert np.isnan(found["shape_deg"]).tolist() == [False, False, True, False, False, False]
+
+
+def test_pairs_with_a_shape_that_was_left_out_are_gross(drawn):
+    found = compare(answer(*drawn, left_out=(5,)), drawn[0])
+    assert (found["pair_deg"] == 180.0).tolist() == [False] * 4 + [True, True]
+    assert found["stated"].tolist() == [0.96] * 5 + [0.0]
+
+
+def test_vases_count_by_their_axis(drawn):
+    whole, turns = drawn
+    posed = PosedCollection(
+        folder=Path(),
+        names=whole.posed.names,
+        relative=whole.posed.relative,
+        axes=turns[:, :, 2],
+    )
+    spun = answer(*drawn)
+    spun.rotations[1] = np.diag([-1.0, -1.0, 1.0]) @ spun.rotations[1]
+    assert compare(spun, Drawn(posed=posed, kinds=("",) * 6))["pair_deg"].max() < 1e-4
+    spun.rotations[1] = np.diag([1.0, -1.0, -1.0]) @ spun.rotations[1]
+    assert compare(spun, Drawn(posed=posed, kinds=("",) * 6))["pair_deg"].max() > 179.0
+
+
+def test_the_figures_of_the_code_before_stay_beside_the_new_ones(tmp_path):
+    record = {
+        "pair_deg": np.array([1.0, 50.0]),
+        "shape_deg": np.array([1.0, 50.0]),
+        "stated": np.array([0.97, 0.99]),
+        "processor_s": 3.0,
+    }
+
+    def write(code, gross):
+        records = [record | {"pair_deg": np.array([1.0, gross])}]
+        row = row_of("fish", records, code, read_before(tmp_path / "s.csv").get("fish"))
+        with (tmp_path / "s.csv").open("w", newline="") as stream:
+            writer = csv.DictWriter(stream, [column.key for column in scoreboard.COLUMNS])
+            writer.writeheader()
+            writer.writerow(row)
+        return row
+
+    assert "gross_before" not in write("one", 50.0)
+    changed = write("two", 2.0)
+    assert (changed["gross"], changed["gross_before"], changed["code_before"]) == (0.0, 50.0, "one")
+    assert write("two", 2.0) == changed
+    assert write("three", 50.0)["gross_before"] == 0.0
+
+
+def test_the_digest_changes_with_code_and_not_with_words(tmp_path):
+    file = tmp_path / "pairwise" / "a.py"
+    file.parent.mkdir()
+    file.write_text('"""One."""\n\n\ndef f():\n    """Two."""\n    return 1  # three\n')
+    first = code_digest(tmp_path)
+    file.write_text('"""Four."""\n\ndef f():\n    """Five."""\n    return 1\n')
+    assert code_digest(tmp_path) == first
+    file.write_text('"""Four."""\n\ndef f():\n    """Five."""\n    return 2\n')
+    assert code_digest(tmp_path) != first
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_assembled_objects_are_closed_parts_that_no_edge_connects(kind, rng):
+    first, second = assembled_objects(kind, 2, rng)
+    assert mesh_components(len(first.vertices), first.faces)[0] >= 4
+    assert not is_open_surface(first.vertices, first.faces)
+    a, b, c = (first.vertices[first.faces[:, i]] for i in range(3))
+    assert np.einsum("ij,ij->", a, np.cross(b, c)) > 0
+    assert first.name != second.name
+    assert not np.array_equal(first.vertices, second.vertices)
+
+
+def test_animals_are_one_closed_surface_each_and_bend(rng):
+    first, second = animal(rng), animal(rng)
+    for shape in (first, second):
+        assert mesh_components(len(shape.vertices), shape.faces)[0] == 1
+        assert not is_open_surface(shape.vertices, shape.faces)
+        a, b, c = (shape.vertices[shape.faces[:, i]] for i in range(3))
+        assert np.einsum("ij,ij->", a, np.cross(b, c)) > 0
+    assert len(first.vertices) != len(second.vertices)
+
+
+def test_truth_folders_are_read_with_poses_or_landmarks(tmp_path, rng):
+    base = blob(rng, num_vertices=80)
+    poses = [random_rotation(rng), random_rotation(rng) @ np.diag([1.0, 1.0, -1.0])]
+    rows = []
+    for i, pose in enumerate(poses):
+        shape = Shape.from_arrays(base.vertices @ pose.T, base.faces)
+        write_mesh(tmp_path / "meshes" / f"s{i}.ply", shape)
+        full = np.eye(4)
+        full[:3, :3] = pose
+        rows.append(
+            {
+                "name": f"n{i}",
+                "file": f"meshes/s{i}.ply",
+                "pose": full.tolist(),
+                "chirality": round(np.linalg.det(pose)),
+                "landmarks": shape.vertices[:9].tolist(),
+            }
+        )
+    truth = {"truth": "exact", "shapes": rows}
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    found = read_truth_folder(tmp_path)
+    assert found.names == ("n0", "n1")
+    assert found.chirality.tolist() == [1, -1]
+    np.testing.assert_allclose(found.rotation(0, 1), poses[0] @ poses[1].T, atol=1e-12)
+    (tmp_path / "truth.json").write_text(json.dumps(truth | {"truth": "landmarks"}))
+    marked = read_truth_folder(tmp_path)
+    assert marked.rotations is None
+    np.testing.assert_allclose(marked.rotation(0, 1, group="O"), poses[0] @ poses[1].T, atol=1e-5)
+    assert rotation_angle_deg(marked.rotation(0, 0)) < 1e-3
+    (tmp_path / "truth.json").write_text(json.dumps({"shapes": []}))
+    with pytest.raises(InputError, match=r"truth\.json: not the truth of a collection"):
+        read_truth_folder(tmp_path)
+
+
+def test_the_smallest_scoreboard_is_measured_and_written(tmp_path):
+    bench = Bench(
+        data=tmp_path, store=Store.memory(), quick=True, quiet=True, results=tmp_path / "results"
+    )
+    experiment = scoreboard.EXPERIMENT
+    write_experiment(experiment, experiment.measure(bench), bench, tmp_path)
+    rows = read_before(tmp_path / "results" / "scoreboard.csv")
+    assert [*rows] == ["generated families", "all sets"]
+    assert float(rows["all sets"]["gross"]) < 10.0
