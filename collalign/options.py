@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Literal, TypeAlias, TypedDict
 
 import numpy as np
@@ -266,6 +266,10 @@ class TwoShapeOptions:
 
     Parameters
     ----------
+    preset : {"default", "paper"}
+        default searches rotations and keeps the best candidates; paper rounds PM-SDP over conv SO(3) at 20 points,
+        positions and 4 Laplace-Beltrami coordinates (Maron et al. 2016), without refinement. An option that differs
+        from its own default wins over the preset.
     group : {"SO", "O"}
         SO keeps the source as it is; O may reflect it.
     refine : bool
@@ -295,6 +299,7 @@ class TwoShapeOptions:
         "scaling, and match_in_part keeps sizes with sampling={'normalisation': 'none'}"
     }
 
+    preset: Preset = "default"
     group: Literal["SO", "O"] = "SO"
     refine: bool = True
     certify: bool = False
@@ -306,6 +311,7 @@ class TwoShapeOptions:
 
     def __post_init__(self) -> None:
         check_kinds(self)
+        _apply(PRESETS[self.preset], self)
         check_count("seed", self.seed, lower=0)
 
     @property
@@ -322,6 +328,7 @@ class TwoShapeOptions:
 class TwoShapeKeywords(TypedDict, total=False):
     """The fields of :class:`TwoShapeOptions` as keywords."""
 
+    preset: Preset
     group: Literal["SO", "O"]
     refine: bool
     certify: bool
@@ -340,10 +347,13 @@ def numbers_of(text: str) -> list[float] | None:
         return None
 
 
-def _apply(preset: Mapping[str, Any], options: AlignOptions) -> None:
-    """Set the options of a preset that are at their defaults, in place."""
+def _apply(preset: Mapping[str, Any], options: AlignOptions | TwoShapeOptions) -> None:
+    """Set the options of a preset that are there and at their defaults, in place."""
+    known = {one.name: one for one in fields(options)}
     for name, value in preset.items():
-        given, default = getattr(options, name), getattr(_DEFAULTS, name)
+        if name not in known:
+            continue
+        given, default = getattr(options, name), _default(known[name])
         if is_dataclass(given):
             table = {
                 key: new
@@ -356,8 +366,10 @@ def _apply(preset: Mapping[str, Any], options: AlignOptions) -> None:
         object.__setattr__(options, name, value)
 
 
-#: What no option of a user's has changed.
-_DEFAULTS = AlignOptions()
+def _default(option: Field[Any]) -> Any:
+    """Return what an option is that no user has changed."""
+    return option.default if option.default_factory is MISSING else option.default_factory()
+
 
 #: The session of an alignment.
 AlignSession: TypeAlias = Session[AlignOptions]

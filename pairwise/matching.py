@@ -21,7 +21,7 @@ from data_tools.checks import as_options, check_number
 from data_tools.threads import one_blas_thread
 from pairwise.branch_and_bound.prove import can_certify, prove
 from pairwise.local_search import minimise
-from pairwise.options import MatchOptions, PairKeywords
+from pairwise.options import BUILT_IN, MatchOptions, PairKeywords
 from pairwise.portfolio import (
     annealed_starts,
     costs_down_to,
@@ -30,7 +30,7 @@ from pairwise.portfolio import (
     with_better,
 )
 from pairwise.problem import Problem, ProblemArguments, marked_unmatched, with_unmatched
-from pairwise.relaxations import solve_pm_sdp
+from pairwise.relaxations import check_solver, solve_pm_sdp
 from pairwise.results import Candidate, MatchResult, RelaxationResult, Status
 from pairwise.rotation_search import explore
 
@@ -98,6 +98,8 @@ def match(
     ------
     InputError, OptionsError
         If the arrays or the options are not as described.
+    UnavailableError
+        If the solver of the relaxation is not installed.
 
     See Also
     --------
@@ -236,6 +238,7 @@ def match_problem(
     problem: Problem, options: MatchOptions, *, starts: FloatArray | None = None
 ) -> MatchResult:
     """Match as :func:`match` does, from a checked problem and checked starts (m, d, d)."""
+    check_solver(options.solver)
     began_s, log = time.monotonic(), []
 
     def left_s() -> float | None:
@@ -249,9 +252,15 @@ def match_problem(
         log.append(f"Searched rotations of {size}: {len(searched)} local minima.")
     if wants_relaxation(problem, options, searched):
         relaxation = solve_pm_sdp(
-            problem, row_sums=options.row_sums, tol=GAP_TOL, time_limit_s=left_s()
+            problem,
+            solver=options.solver,
+            row_sums=options.row_sums,
+            tol=GAP_TOL if options.solver == BUILT_IN else None,
+            time_limit_s=left_s(),
         )
-        log.append(f"Solved PM-SDP of {size}: {relaxation.status.value}")
+        log.append(f"Solved PM-SDP of {size} ({options.solver}): {relaxation.status.value}")
+        if relaxation.status is Status.FAILED:
+            relaxation = None
     ranked = ranked_poses(problem, options, searched=searched, relaxation=relaxation, starts=starts)
     bound, status = _proven(problem, relaxation, ranked[0])
     if options.certify and status is not Status.PROVEN_OPTIMAL and can_certify(problem):

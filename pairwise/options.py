@@ -10,6 +10,9 @@ import numpy as np
 from data_tools.checks import check_count, check_kinds, check_number
 
 Strategy = Literal["search", "relaxation", "portfolio"]
+Solver = Literal["built-in", "clarabel", "scs"]
+#: The solver that needs no other package.
+BUILT_IN: Literal["built-in"] = "built-in"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +27,9 @@ class PairOptions:
     row_sums : bool
         Use the equations of target points that are always matched in the relaxation; without them it is PM-SDP as
         published, looser and faster.
+    solver : {"built-in", "clarabel", "scs"}
+        What solves the relaxation: the interior-point method of this package, or Clarabel or SCS through CVXPY, which
+        are slower and need ``pip install 'collalign[cvxpy]'``.
     time_limit_s : float, optional
         Seconds for search and relaxation of one pair, and for a proof of :func:`pairwise.match`; none by default. The
         search itself takes a second or two at most and is not stopped.
@@ -42,6 +48,7 @@ class PairOptions:
 
     strategy: Strategy = "portfolio"
     row_sums: bool = True
+    solver: Solver = BUILT_IN
     time_limit_s: float | None = None
     num_draws: int = 64
     max_candidates: int = 8
@@ -62,6 +69,7 @@ class PairKeywords(TypedDict, total=False):
 
     strategy: Strategy
     row_sums: bool
+    solver: Solver
     time_limit_s: float | None
     num_draws: int
     max_candidates: int

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, read_only
-from data_tools.checks import check_count, check_number
+from data_tools.checks import check_choice, check_count, check_number
+from data_tools.errors import UnavailableError
 from data_tools.threads import one_blas_thread
+from pairwise.options import BUILT_IN, Solver
 from pairwise.pm_sdp.certify import certify_dual
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import DualSolution, solve_dual
 from pairwise.problem import Problem, ProblemArguments
 from pairwise.results import RelaxationResult
+
+#: Tolerance and most iterations of each solver unless told otherwise.
+SOLVERS: dict[str, tuple[float, int]] = {
+    BUILT_IN: (1e-6, 100),
+    "clarabel": (1e-8, 200),
+    "scs": (1e-6, 100_000),
+}
 
 
 @one_blas_thread()
@@ -22,8 +32,9 @@ def solve_relaxation(
     target: ArrayLike,
     source: ArrayLike,
     *,
-    tol: float = 1e-6,
-    max_iterations: int = 100,
+    solver: Solver = BUILT_IN,
+    tol: float | None = None,
+    max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
     row_sums: bool = True,
@@ -33,16 +44,26 @@ def solve_relaxation(
 
     With ``row_sums`` it has more linear equations than the paper's: where a target point is always matched (all are
     for k = n), its matches' shares of R add up to R. On few points they close most of the gap between bound and
-    optimum; ``row_sums=False`` is PM-SDP as published.
+    optimum; ``row_sums=False`` is PM-SDP as published (eq. 10-12 of the paper).
+
+    CVXPY writes the same relaxation down entry by entry for two other solvers, as the paper does. They serve as a
+    check: they take 10 to 100 times as long.
 
     Parameters
     ----------
     target, source : array_like, shapes (n, d) and (k, d)
         Points are rows; k <= n.
-    tol : float
-        Relative gap between value and bound at which to stop.
-    max_iterations : int
+    solver : {"built-in", "clarabel", "scs"}
+        `built-in` is an interior-point method for this relaxation alone. The others are called through CVXPY and
+        need ``pip install 'collalign[cvxpy]'``: Clarabel is an interior-point method, for up to about 20 points, and
+        SCS a first-order method, whose values and bounds are less accurate.
+    tol : float, optional
+        Relative gap between value and bound at which to stop, by default 1e-6. Clarabel and SCS take it as their own
+        absolute and relative tolerance, by default 1e-8 and 1e-6.
+    max_iterations : int, optional
+        By default 100; 200 for Clarabel and 100 000 for SCS.
     time_limit_s : float, optional
+        For Clarabel and SCS without the time in which CVXPY sets up the program, a second for 20 points.
     cross_products : bool
         Use the identities R_a x R_b = R_c of the 3x3 rotation blocks, stronger than conv SO(3).
     row_sums : bool
@@ -53,7 +74,9 @@ def solve_relaxation(
     Returns
     -------
     RelaxationResult
-        What happens inside ends in its ``status``; the bound is valid in any case.
+        What happens inside ends in its ``status``. The bound is valid in any case and with any solver: it is that of
+        its certificate, never the value that a solver claims. Only where a solver fails (``Status.FAILED``) there is
+        no certificate, and all numbers are NaN.
 
     Raises
     ------
@@ -61,6 +84,8 @@ def solve_relaxation(
         If the points or the allowed matches do not make a problem.
     OptionsError
         If an option is out of range.
+    UnavailableError
+        If CVXPY or the solver is not installed.
 
     Examples
     --------
@@ -69,9 +94,11 @@ def solve_relaxation(
     >>> bool(abs(found.lower_bound) < 1e-4)
     True
     """
+    check_solver(solver)
     check_limits(tol, max_iterations, time_limit_s)
     return solve_pm_sdp(
         Problem.from_user(target, source, **problem_arguments),
+        solver=solver,
         cross_products=cross_products,
         row_sums=row_sums,
         tol=tol,
@@ -80,10 +107,33 @@ def solve_relaxation(
     )
 
 
-def check_limits(tol: float, max_iterations: int, time_limit_s: float | None) -> None:
+def check_solver(solver: str) -> None:
+    """Refuse a solver that there is not, or that is not installed.
+
+    Raises
+    ------
+    OptionsError, UnavailableError
+        Naming the solver, and the command that installs it.
+    """
+    check_choice("solver", solver, SOLVERS)
+    if solver == BUILT_IN:
+        return
+    try:
+        import_module("cvxpy")
+        import_module(solver)
+    except ImportError as error:
+        raise UnavailableError(
+            f"solver {solver!r} cannot be used ({error}); install it with: pip install 'collalign[cvxpy]', or leave "
+            f"the solver out"
+        ) from None
+
+
+def check_limits(tol: float | None, max_iterations: int | None, time_limit_s: float | None) -> None:
     """Refuse a tolerance or a limit that no solver can have."""
-    check_number("tol", tol, upper=1.0, positive=True)
-    check_count("max_iterations", max_iterations, lower=1)
+    if tol is not None:
+        check_number("tol", tol, upper=1.0, positive=True)
+    if max_iterations is not None:
+        check_count("max_iterations", max_iterations, lower=1)
     if time_limit_s is not None:
         check_number("time_limit_s", time_limit_s, positive=True)
 
@@ -92,23 +142,48 @@ def check_limits(tol: float, max_iterations: int, time_limit_s: float | None) ->
 def solve_pm_sdp(
     problem: Problem,
     *,
+    solver: Solver = BUILT_IN,
     cross_products: bool = False,
     row_sums: bool = True,
-    tol: float = 1e-6,
-    max_iterations: int = 100,
+    tol: float | None = None,
+    max_iterations: int | None = None,
     time_limit_s: float | None = None,
 ) -> RelaxationResult:
-    """Solve PM-SDP of a checked problem by the interior-point method.
+    """Solve PM-SDP of a checked problem by a solver that is installed.
 
     Parameters
     ----------
     problem : Problem
-    cross_products, row_sums, tol, max_iterations, time_limit_s
+    solver, cross_products, row_sums, tol, max_iterations, time_limit_s
         See :func:`solve_relaxation`.
     """
+    usual_tol, usual_iterations = SOLVERS[solver]
+    tol = usual_tol if tol is None else tol
+    max_iterations = usual_iterations if max_iterations is None else max_iterations
+    if solver != BUILT_IN:
+        from pairwise.pm_sdp.cvxpy_solve import solve_by_cvxpy
+
+        return solve_by_cvxpy(
+            problem,
+            solver=solver,
+            tol=tol,
+            max_iterations=max_iterations,
+            time_limit_s=time_limit_s,
+            cross_products=cross_products,
+            row_sums=row_sums,
+        )
     data = RelaxationData.from_problem(problem, cross_products=cross_products, row_sums=row_sums)
     solution = solve_dual(data, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s)
-    certificate = certify_dual(problem, data, solution)
+    dual = solution.dual
+    certificate = certify_dual(
+        problem,
+        data,
+        F=dual.F,
+        u=dual.u,
+        g=dual.g,
+        y=solution.equation_multipliers,
+        Y=dual.Y,
+    )
     x, B, R, C = full_variables(data, solution)
     return RelaxationResult(
         value=solution.value,

@@ -141,10 +141,15 @@ def use_scheduler():
     return collalign.align_collection([np.eye(8, 3)] * 2, run=run, progress=False)
 
 
+def use_solver():
+    return pairwise.solve_relaxation(np.eye(3), np.eye(3), solver="clarabel")
+
+
 @pytest.mark.parametrize(
     ("package", "call", "advice"),
     [
         ("distributed", use_scheduler, "pip install 'collalign[dask]'"),
+        ("cvxpy", use_solver, "pip install 'collalign[cvxpy]'"),
     ],
 )
 def test_a_missing_package_is_named(package, call, advice, monkeypatch):

@@ -23,6 +23,7 @@ from data_tools.errors import CollectionError, InputError, SolveFailed
 from data_tools.notes import MAX_NAMED
 from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
+from pairwise.relaxations import check_solver
 from pairwise.results import Status
 
 
@@ -113,8 +114,11 @@ def match_pairs(
         With ``options.strict``, at the first pair that fails.
     CollectionError
         If no pair is left.
+    UnavailableError
+        If the solver of the relaxation is not installed.
     """
     options = session.options
+    check_solver(options.matching.solver)
     wanted = {
         (i, j): Wanted(
             key=pair_key(shapes.keys[i], shapes.keys[j], options),

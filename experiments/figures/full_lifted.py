@@ -17,8 +17,10 @@ from typing import Any
 
 import cvxpy as cp
 
-from experiments.reference.pm_sdp import Model, build_model, solve_model
+from pairwise.pm_sdp.cvxpy_model import CvxpyModel, build_model
+from pairwise.pm_sdp.cvxpy_solve import solve_model
 from pairwise.problem import Problem
+from pairwise.relaxations import SOLVERS
 from pairwise.results import RelaxationResult
 
 
@@ -27,34 +29,36 @@ def solve_full_lifted(
     *,
     solver: str = "clarabel",
     tol: float = 1e-6,
-    max_iterations: int | None = None,
     time_limit_s: float | None = None,
     cross_products: bool = False,
     row_sums: bool = False,
 ) -> RelaxationResult:
     """Solve the full lifted relaxation through CVXPY.
 
-    As published unless ``row_sums`` are asked for.
-    Parameters are those of :func:`experiments.reference.pm_sdp.solve_reference`; so is the result, and the errors.
+    As published unless ``row_sums`` are asked for. Parameters and the result are those of
+    :func:`pairwise.solve_relaxation`, but nothing is proven: ``lower_bound`` is NaN.
     Memory grows with (n k)^2 and time with a high power of it: n = k = 8 is comfortable.
     """
     model = lift_fully(build_model(problem, cross_products=cross_products, row_sums=row_sums))
     return solve_model(
-        model, solver=solver, tol=tol, max_iterations=max_iterations, time_limit_s=time_limit_s
+        model,
+        solver=solver,
+        tol=tol,
+        max_iterations=SOLVERS[solver][1],
+        time_limit_s=time_limit_s,
     )
 
 
-def lift_fully(model: Model) -> Model:
+def lift_fully(model: CvxpyModel) -> CvxpyModel:
     """Return the model with the blocks of all source points replaced by the one large block."""
-    problem = model.problem
-    num, r = len(model.source_index), problem.pattern.num_entries
-    lifted = cp.Variable((1 + num + r, 1 + num + r), PSD=True)
+    num, s = len(model.source_index), len(model.basis.T)
+    lifted = cp.Variable((1 + num + s, 1 + num + s), PSD=True)
     own: list[Any] = [lifted[0, 0] == 1.0]
     own.append(lifted[0, 1 : num + 1] == model.x)
-    own.append(lifted[0, num + 1 :] == model.entries)
+    own.append(lifted[0, num + 1 :] == model.rho)
     own.append(lifted[num + 1 :, 1 : num + 1] == model.b)
     own.append(lifted[num + 1 :, num + 1 :] == model.c)
-    for point in range(problem.num_source):
+    for point in range(model.problem.num_source):
         columns = model.columns(point)
         block = slice(columns.start + 1, columns.stop + 1)
         own.append(lifted[block, block] == cp.diag(model.x[columns]))

@@ -13,7 +13,6 @@ from data_tools.errors import InputError
 from pairwise.certificates.certificate import Certificate, hash_problem, problem_arrays
 from pairwise.certificates.verify import proven_bound
 from pairwise.pm_sdp.data import RelaxationData
-from pairwise.pm_sdp.interior_point import DualSolution
 from pairwise.pm_sdp.lifted_rotation import LiftedRotation
 from pairwise.problem import Problem
 
@@ -21,7 +20,16 @@ from pairwise.problem import Problem
 _MAX_SHIFTS = 18
 
 
-def certify_dual(problem: Problem, data: RelaxationData, solution: DualSolution) -> Certificate:
+def certify_dual(
+    problem: Problem,
+    data: RelaxationData,
+    *,
+    F: FloatArray,
+    u: FloatArray,
+    g: FloatArray,
+    y: FloatArray,
+    Y: FloatArray,
+) -> Certificate:
     """Turn a dual point into a certificate whose bound the verifier confirms.
 
     The point's linear constraints are closed exactly, F is shifted until it is safely positive definite (a shift t
@@ -32,15 +40,18 @@ def certify_dual(problem: Problem, data: RelaxationData, solution: DualSolution)
     problem : Problem
     data : RelaxationData
         Of this problem.
-    solution : DualSolution
+    F, u, g, Y : ndarray, shapes (k, s, s), (k, s), (n, s) and (q, 4, 4)
+        See :class:`pairwise.pm_sdp.variables.DualPoint`.
+    y : ndarray, shape (e,)
+        Multipliers of the moment equations.
     """
-    lifted, dual, y = data.lifted, solution.dual, solution.equation_multipliers
-    F, u = _close_constraints(lifted, _symmetrised(dual.F), dual.u, dual.g, y, _symmetrised(dual.Y))
+    lifted, Y = data.lifted, _symmetrised(Y)
+    F, u = _close_constraints(lifted, _symmetrised(F), u, g, y, Y)
     arrays = problem_arrays(problem)
-    arrays |= _multiplier_arrays(lifted, y, _symmetrised(dual.Y))
+    arrays |= _multiplier_arrays(lifted, y, Y)
     arrays["u"] = u
     if data.tied.any():
-        arrays["row_u"] = dual.g
+        arrays["row_u"] = g
     arrays["impossible"] = np.argwhere(problem.allowed & ~_support(data))
     arrays, bound = _with_safe_bound(problem, data, arrays, F)
     frozen = {name: read_only(np.array(values)) for name, values in arrays.items()}

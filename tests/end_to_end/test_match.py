@@ -2,6 +2,7 @@
 
 import csv
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -105,6 +106,33 @@ def test_certify_reaches_the_pair(files, tmp_path):
     run_command("match", target, source, "--out", tmp_path / "out", *flags)
     record = read_json(tmp_path / "out" / "match.json")
     assert record["lower_bound"] <= record["energy"] * (1 + 1e-9)
+
+
+def test_the_preset_of_the_paper_relaxes_the_pair_with_any_solver(files, tmp_path, rng):
+    target, source, _ = files
+    rough = read_shape(source)
+    vertices = rough.vertices + 0.1 * rng.standard_normal(rough.vertices.shape)
+    source = write_mesh(tmp_path / "c.ply", Shape.from_arrays(vertices, rough.faces))
+    bounds = {}
+    for solver in ("built-in", "scs"):
+        flags = ["--preset", "paper", "--matching.solver", solver]
+        flags += ["--sampling.num-points", "8", "--embedding.kind", "xyz"]
+        run_command("match", target, source, "--out", tmp_path / solver, *flags)
+        record = read_json(tmp_path / solver / "match.json")
+        assert 0.0 < record["lower_bound"] <= record["energy"]
+        assert all(one["refined"] is None for one in record["candidates"])
+        bounds[solver] = record["lower_bound"]
+    assert bounds["scs"] == pytest.approx(bounds["built-in"], rel=1e-2)
+    assert bounds["scs"] != bounds["built-in"]
+    partial = run_command("match", target, source, "--partial", "--preset", "paper", ends=2)
+    assert "--preset are for samples" in partial.err
+
+
+def test_a_solver_that_is_not_installed_is_named(files, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scs", None)
+    flags = ["--preset", "paper", "--matching.solver", "scs"]
+    said = run_command("match", *files[:2], *flags, ends=2).err
+    assert "pip install 'collalign[cvxpy]'" in said
 
 
 def test_nonrigid_match_writes_a_map_of_all_vertices(tmp_path, rng, capsys):

@@ -3,8 +3,8 @@
 import pytest
 
 from experiments.figures.full_lifted import solve_full_lifted
-from experiments.reference.pm_sdp import solve_reference
 from pairwise.problem import Problem
+from pairwise.relaxations import solve_pm_sdp
 from tests.oracles import check_relaxation
 
 
@@ -24,7 +24,7 @@ def test_value_equals_pm_sdp(num_target, num_source, dim, options, equations, rn
     target, source = rng.random((num_target, dim)), rng.random((num_source, dim))
     problem = Problem.from_user(target, source, **options)
     equations = {"cross_products": False, "row_sums": False} | equations
-    pm_sdp = solve_reference(problem, tol=1e-8, **equations)
+    pm_sdp = solve_pm_sdp(problem, solver="clarabel", tol=1e-8, **equations)
     full = solve_full_lifted(problem, tol=1e-8, **equations)
     assert full.value == pytest.approx(pm_sdp.value, abs=2e-6)
     assert check_relaxation(problem, full, 1e-5) == []

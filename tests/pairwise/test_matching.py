@@ -163,7 +163,7 @@ def test_the_log_says_what_was_solved_and_how_it_ended():
     assert proven.log[1].endswith(Status.PROVEN_OPTIMAL.value)
     relaxed = match_problem(problem, MatchOptions(strategy="relaxation"))
     assert relaxed.log == (
-        f"Solved PM-SDP of 8 on 9 points in 3 dimensions: {Status.CONVERGED.value}",
+        f"Solved PM-SDP of 8 on 9 points in 3 dimensions (built-in): {Status.CONVERGED.value}",
     )
 
 

@@ -192,8 +192,10 @@ def match(
             "--deformation, --surface and --landmarks go with --nonrigid (by poses: `transfer`)"
         )
     if partial:
-        if options.certify:
-            raise OptionsError("--partial works on surfaces: --certify is for samples")
+        if options.certify or options.preset != "default":
+            raise OptionsError(
+                "--partial works on surfaces: --certify and --preset are for samples"
+            )
         return _match_partial(target, source, out, options)
     found = match_rigid(target, source, options=options)
     if options.group == "SO":

@@ -1,4 +1,4 @@
-"""The dual solver against the CVXPY reference, brute force and theory."""
+"""The built-in solver against the CVXPY reference, brute force and theory."""
 
 import numpy as np
 import pytest
@@ -29,11 +29,11 @@ def test_agrees_with_the_reference(variant):
 
 
 def test_comparison_rejects_wrong_values():
-    assert Comparison(1e-3, 1e-7, may_exceed=False).faults(1e-5)
-    assert Comparison(-1e-3, 1e-7, may_exceed=True).faults(1e-5)
-    assert Comparison(0.0, -1e-9, may_exceed=False).faults(1e-5)
-    assert Comparison(0.0, 1e-3, may_exceed=False).faults(1e-5)
-    assert not Comparison(1e-3, 1e-7, may_exceed=True).faults(1e-5)
+    assert Comparison(1e-3, 1e-7).faults(1e-5)
+    assert Comparison(-1e-3, 1e-7).faults(1e-5)
+    assert Comparison(0.0, -1e-9).faults(1e-5)
+    assert Comparison(0.0, 1e-3).faults(1e-5)
+    assert not Comparison(-1e-6, 1e-7).faults(1e-5)
 
 
 @pytest.mark.parametrize("known", catalogue(), ids=lambda known: known.name)

@@ -1,79 +1,25 @@
-"""Linear equations and cones on the lifted rotation (C, [R]), written entry by entry for the reference solvers.
+"""Linear equations and cones on the lifted rotation (C, [R]), written entry by entry for CVXPY.
 
 C stands for E[[R][R]^T] and [R] for the free entries of R in column-major order, so every quadratic identity of the
 rotations is one linear equation in (C, [R]) (Maron et al. 2016, section 4.1). The equations are derived here from the
-identities themselves, independently of the dual solver, because they are what that solver is tested against.
-
-SCS and Clarabel solve them, called through CVXPY.
+identities themselves, independently of :mod:`pairwise.pm_sdp.lifted_rotation`, whose solver is tested against them.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import cvxpy as cp
 import numpy as np
+from scipy.linalg import qr
 from scipy.sparse import coo_array, csr_array
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.checks import check_choice
-from pairwise.relaxations import check_limits
-from pairwise.results import Status
 from pairwise.rotation_pattern import RotationPattern
 
-#: Iterations after which each solver gives up unless told otherwise.
-DEFAULT_MAX_ITERATIONS = {"scs": 100_000, "clarabel": 200}
-
-
-def solve_program(
-    program: Any,
-    *,
-    solver: str,
-    tol: float,
-    max_iterations: int | None = None,
-    time_limit_s: float | None = None,
-) -> Status:
-    """Run one of the two solvers on a CVXPY problem and say how it ended; the values stay in the problem."""
-    settings = _solver_settings(solver, tol, max_iterations, time_limit_s)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", message="Solution may be inaccurate"
-            )  # the status says so
-            program.solve(solver=solver.upper(), **settings)
-    except cp.error.SolverError:
-        return Status.FAILED
-    except (
-        BaseException
-    ) as error:  # Clarabel panics on some ill-posed programs, outside the Exception hierarchy
-        if type(error).__name__ != "PanicException":
-            raise
-        return Status.FAILED
-    if program.status == cp.OPTIMAL:
-        return Status.CONVERGED
-    if program.status not in (cp.OPTIMAL_INACCURATE, cp.USER_LIMIT):
-        return Status.FAILED
-    stats = program.solver_stats
-    if time_limit_s is not None and (stats.solve_time or 0.0) >= 0.9 * time_limit_s:
-        return Status.TIME_LIMIT
-    limit = max_iterations or DEFAULT_MAX_ITERATIONS[solver]
-    return Status.ITERATION_LIMIT if (stats.num_iters or 0) >= limit else Status.STALLED
-
-
-def _solver_settings(
-    solver: str, tol: float, max_iterations: int | None, time_limit_s: float | None
-) -> dict[str, float]:
-    check_choice("solver", solver, DEFAULT_MAX_ITERATIONS)
-    limit = DEFAULT_MAX_ITERATIONS[solver] if max_iterations is None else max_iterations
-    check_limits(tol, limit, time_limit_s)
-    if solver == "scs":
-        settings = {"eps_abs": tol, "eps_rel": tol, "max_iters": limit}
-        return settings if time_limit_s is None else {**settings, "time_limit_secs": time_limit_s}
-    settings = {"tol_gap_abs": tol, "tol_gap_rel": tol, "tol_feas": tol, "max_iter": limit}
-    return settings if time_limit_s is None else {**settings, "time_limit": time_limit_s}
-
+#: Relative size below which a pivot of the equations counts as zero.
+_RANK_TOL = 1e-10
 
 #: A polynomial in R of degree two: (coefficient, entry, entry or None for a linear term).
 Entry = tuple[int, int]
@@ -125,12 +71,43 @@ def cross_product_equations(pattern: RotationPattern) -> LiftedEquations:
     return _collect(pattern, polynomials)
 
 
-def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
-    """Return the CVXPY constraints that put each rotation block of R in the convex hull of the rotations.
+def independent_equations(
+    equations: Iterable[LiftedEquations], basis: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Write equations in the variables rho of ``[R] = basis @ rho``, and drop those that depend on the others.
 
-    Size 3 is the 4 x 4 linear matrix inequality of Saunderson, Parrilo and Willsky (2015) in the quaternion moment
-    matrix Y; size 2 is ``[[a, -b], [b, a]]`` (the disc follows from orthogonality of the lifted R). Larger blocks
-    have no small description and get none, which keeps bounds valid.
+    Parameters
+    ----------
+    equations : iterable of LiftedEquations
+    basis : ndarray, shape (r, s)
+
+    Returns
+    -------
+    quadratic, linear, constants : ndarray, shapes (e, s * s), (e, s) and (e,)
+        ``quadratic @ vec(E[rho rho^T]) + linear @ E[rho] = constants``.
+    """
+    r, s = basis.shape
+    quadratic, linear, constants = (
+        np.concatenate(parts)
+        for parts in zip(
+            *((q.toarray(), lin @ basis, constant) for q, lin, constant in equations), strict=True
+        )
+    )
+    forms = basis.T @ quadratic.reshape(-1, r, r) @ basis
+    forms = 0.5 * (forms + np.swapaxes(forms, 1, 2))
+    rows = np.concatenate([forms.reshape(-1, s * s), linear, constants[:, None]], axis=1)
+    _, triangle, order = qr(rows.T, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(triangle))
+    kept = np.sort(order[: len(pivots)][pivots > _RANK_TOL * pivots[0]])
+    return rows[kept, : s * s], rows[kept, s * s : -1], rows[kept, -1]
+
+
+def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
+    """Return the CVXPY constraints that put each 3 x 3 rotation block of R in the convex hull of the rotations.
+
+    Each is the linear matrix inequality of Saunderson, Parrilo and Willsky (2015) in the quaternion moment matrix.
+    Blocks of size 2 need none: orthogonality of the lifted R says it. Larger blocks have no small description and
+    get none, which keeps bounds valid.
 
     Parameters
     ----------
@@ -145,20 +122,13 @@ def hull_constraints(pattern: RotationPattern, entries: Any) -> list[Any]:
 
     constraints: list[Any] = []
     for start, stop in pattern.special_blocks:
-        block = [[entry(a, b) for b in range(start, stop)] for a in range(start, stop)]
-        if stop - start == 2:
-            constraints += _equal(block[0][0], block[1][1]) + _equal(block[0][1], -block[1][0])
-        elif stop - start == 3:
-            rows = quaternion_moments(block)
-            constraints.append(
-                cp.bmat([[cp.reshape(y, (1, 1), order="F") for y in row] for row in rows]) >> 0
-            )
+        if stop - start == 3:
+            block = [[entry(a, b) for b in range(start, stop)] for a in range(start, stop)]
+            rows = [
+                [cp.reshape(y, (1, 1), order="F") for y in row] for row in quaternion_moments(block)
+            ]
+            constraints.append(cp.bmat(rows) >> 0)
     return constraints
-
-
-def _equal(left: Any, right: Any) -> list[Any]:
-    """Return ``left = right`` as a CVXPY constraint, or none where both are the constant zero."""
-    return [] if isinstance(left, float) and isinstance(right, float) else [left == right]
 
 
 def quaternion_moments(block: Any) -> list[list[Any]]:

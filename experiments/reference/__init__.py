@@ -1,1 +1,0 @@
-"""The relaxations written down plainly in CVXPY, to compare with."""

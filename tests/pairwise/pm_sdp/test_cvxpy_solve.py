@@ -1,0 +1,207 @@
+"""Clarabel and SCS agree with the built-in solver, and what they prove is proven."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data_tools.errors import OptionsError, UnavailableError
+from pairwise import match, solve_relaxation, verify_certificate
+from pairwise.pm_sdp import cvxpy_solve
+from pairwise.pm_sdp.cvxpy_model import build_model
+from pairwise.problem import Problem, with_unmatched
+from pairwise.relaxations import solve_pm_sdp
+from pairwise.results import Status
+from tests.oracles import brute_force, check_relaxation
+from tests.problems import planted
+
+#: Matches of which some are in no assignment: points 0 and 1 share targets 0 and 1.
+FORCED = np.array(
+    [[1, 1, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1], [0, 0, 0, 1]], dtype=bool
+)
+
+
+def noisy(seed, num_target, num_source, dim=3, **arguments):
+    rng = np.random.default_rng(seed)
+    target = rng.random((num_target, dim))
+    source = target[rng.permutation(num_target)[:num_source]]
+    source = source + 0.2 * rng.standard_normal(source.shape)
+    return Problem.from_user(target, source, **arguments)
+
+
+def kinds():
+    """Every kind of problem with the options of the relaxation, by name."""
+    rng = np.random.default_rng(0)
+    mask = rng.random((7, 5)) < 0.5
+    mask[np.arange(5), np.arange(5)] = True
+    described = rng.random((6, 2)), rng.random((6, 2))
+    return {
+        "as published": (noisy(1, 6, 6), {"row_sums": False}),
+        "row sums": (noisy(2, 6, 6), {}),
+        "cross products": (noisy(3, 6, 6), {"cross_products": True}),
+        "O": (noisy(4, 6, 6, group="O"), {"row_sums": False}),
+        "fewer source points": (noisy(5, 7, 4), {}),
+        "allowed": (noisy(6, 7, 5, allowed=mask), {}),
+        "forced": (noisy(7, 5, 4, allowed=FORCED), {}),
+        "weights": (noisy(8, 6, 5, weights=rng.random(5) + 0.2), {"cross_products": True}),
+        "invariants": (noisy(9, 6, 6, invariants=described), {}),
+        "plane": (noisy(10, 6, 6, 2), {"row_sums": False}),
+        "blocks": (noisy(11, 5, 5, 5, rotation_pattern=[3, 2]), {"row_sums": False}),
+        "band": (noisy(12, 5, 5, 4, rotation_pattern=1, group="O"), {"row_sums": False}),
+        "unmatched points": (with_unmatched(noisy(13, 6, 5), 0.1), {}),
+    }
+
+
+KINDS = kinds()
+
+
+@pytest.fixture(scope="module")
+def built_in():
+    """The results of the built-in solver, by kind."""
+    return {kind: solve_pm_sdp(problem, **options) for kind, (problem, options) in KINDS.items()}
+
+
+@pytest.mark.parametrize(("solver", "tol"), [("clarabel", 1e-5), ("scs", 1e-3)])
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounds_agree_with_the_built_in_solver(kind, solver, tol, built_in):
+    problem, options = KINDS[kind]
+    result, own = solve_pm_sdp(problem, solver=solver, **options), built_in[kind]
+    assert result.lower_bound == pytest.approx(own.lower_bound, rel=tol)
+    assert result.value == pytest.approx(own.value, rel=tol)
+    bound = verify_certificate(problem.target, problem.source, result.certificate, problem=problem)
+    assert bound == result.lower_bound
+    assert result.lower_bound <= own.value + 1e-9 * abs(own.value), "of a primal feasible point"
+    assert check_relaxation(problem, result, tol, row_sums=False) == []
+    for name in ("R", "X", "C", "B"):
+        assert getattr(result, name).shape == getattr(own, name).shape
+        assert not getattr(result, name).flags.writeable
+
+
+@pytest.mark.parametrize("solver", ["clarabel", "scs"])
+@pytest.mark.parametrize("max_iterations", [1, 3, 10, 30])
+def test_what_stops_early_still_proves_its_bound(solver, max_iterations):
+    problem = noisy(20, 5, 5)
+    result = solve_pm_sdp(problem, solver=solver, tol=1e-12, max_iterations=max_iterations)
+    assert result.status in (Status.ITERATION_LIMIT, Status.STALLED)
+    assert result.lower_bound <= brute_force(problem).energy
+    again = verify_certificate(problem.target, problem.source, result.certificate, problem=problem)
+    assert again == result.lower_bound
+
+
+def test_the_value_that_a_solver_claims_is_not_the_bound():
+    problem = noisy(21, 6, 6)
+    rough = solve_pm_sdp(problem, solver="scs", tol=1e-3)
+    best = solve_pm_sdp(problem, tol=1e-7)
+    assert rough.lower_bound < best.lower_bound
+    assert abs(rough.value - best.value) > 1e-6
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5, -1.0])
+def test_wrong_multipliers_prove_less_and_never_too_much(factor, monkeypatch):
+    problem = noisy(22, 5, 5)
+    best = solve_pm_sdp(problem, solver="clarabel").lower_bound
+    found = cvxpy_solve._dual_values
+
+    def wrong(model):
+        F, u, g, Y = found(model)
+        return factor * F, factor * u, -g, factor * Y
+
+    monkeypatch.setattr(cvxpy_solve, "_dual_values", wrong)
+    worse = solve_pm_sdp(problem, solver="clarabel").lower_bound
+    assert worse < best - 1e-3
+
+
+def test_limits_are_statuses():
+    problem = noisy(23, 6, 6)
+    few = solve_pm_sdp(problem, solver="scs", tol=1e-9, max_iterations=50)
+    assert few.status is Status.ITERATION_LIMIT
+    stopped = solve_pm_sdp(problem, solver="clarabel", tol=1e-9, max_iterations=3)
+    assert stopped.status is Status.ITERATION_LIMIT
+    for solver in ("clarabel", "scs"):
+        late = solve_pm_sdp(problem, solver=solver, tol=1e-12, time_limit_s=1e-9)
+        assert late.status is Status.TIME_LIMIT
+        assert late.lower_bound <= solve_pm_sdp(problem).lower_bound
+        endless = solve_pm_sdp(problem, solver=solver, time_limit_s=np.inf)
+        assert endless.status in (Status.CONVERGED, Status.STALLED)
+
+
+@pytest.mark.parametrize(
+    "error", [cvxpy_solve.cp.error.SolverError, type("PanicException", (BaseException,), {})]
+)
+def test_a_solver_that_fails_leaves_no_numbers_and_no_bound(error, monkeypatch):
+    def fail(*arguments, **settings):
+        raise error("no")
+
+    monkeypatch.setattr(cvxpy_solve.cp.Problem, "solve", fail)
+    target = np.random.default_rng(0).random((5, 3))
+    result = solve_relaxation(target, target[:4], solver="scs", allowed=FORCED)
+    assert result.status is Status.FAILED
+    assert result.certificate is None
+    for name in ("value", "lower_bound", "R", "X", "C", "B"):
+        assert np.isnan(getattr(result, name)).all()
+    found = match(target, target[:4], strategy="relaxation", solver="scs")
+    assert found.energy == pytest.approx(0.0, abs=1e-12), "by search"
+    assert Status.FAILED.value in found.log[0]
+
+
+def test_other_errors_are_not_hidden(monkeypatch):
+    monkeypatch.setattr(
+        cvxpy_solve.cp.Problem, "solve", lambda *a, **s: (_ for _ in ()).throw(KeyboardInterrupt)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        solve_pm_sdp(noisy(24, 4, 4), solver="scs")
+
+
+@pytest.mark.parametrize("solver", ["clarabel", "scs"])
+def test_match_takes_the_solver(solver, rng):
+    problem = planted(rng, rng.random((6, 3)), noise=0.05)
+    plain, other = (
+        match(problem.target, problem.source, strategy="relaxation", solver=name, seed=1)
+        for name in ("built-in", solver)
+    )
+    assert other.energy == pytest.approx(plain.energy, rel=1e-9)
+    assert other.lower_bound == pytest.approx(plain.lower_bound, rel=2e-3)
+    assert f"({solver})" in other.log[0]
+
+
+@pytest.mark.parametrize("package", ["cvxpy", "scs"])
+def test_a_missing_package_is_named_before_anything_is_solved(package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    points = np.eye(3)
+    for solve in (solve_relaxation, match):
+        with pytest.raises(UnavailableError, match=r"scs.*pip install 'collalign\[cvxpy\]'"):
+            solve(points, points, solver="scs")
+        solve(points, points)
+    if package == "scs":
+        assert solve_relaxation(points, points, solver="clarabel").status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("solver", ["clarabel", "scs"])
+def test_wrong_options_are_refused(solver):
+    for options in ({"tol": 0.0}, {"max_iterations": 0}, {"time_limit_s": -1.0}):
+        with pytest.raises(OptionsError, match=next(iter(options))):
+            solve_relaxation(np.eye(3), np.eye(3), solver=solver, **options)
+
+
+def test_an_unknown_solver_is_refused():
+    for solve in (solve_relaxation, match):
+        with pytest.raises(OptionsError, match=r"solver.*'mosek'"):
+            solve(np.eye(3), np.eye(3), solver="mosek")
+
+
+def test_same_bytes_every_time():
+    problem = noisy(25, 5, 4)
+    for solver in ("clarabel", "scs"):
+        first, second = (solve_pm_sdp(problem, solver=solver) for _ in range(2))
+        assert first.X.tobytes() == second.X.tobytes()
+        assert first.lower_bound == second.lower_bound
+
+
+def test_a_certificate_needs_the_multipliers_of_its_own_problem():
+    problem = noisy(26, 4, 4)
+    other = replace(problem, source=problem.source[::-1].copy())
+    model = build_model(problem)
+    cvxpy_solve.solve_model(model, solver="clarabel", tol=1e-8, max_iterations=200)
+    certificate = cvxpy_solve.certify_model(replace(model, problem=other))
+    assert certificate.bound < cvxpy_solve.certify_model(model).bound
