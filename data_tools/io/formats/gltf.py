@@ -98,10 +98,7 @@ class _Document:
         self._files = source.companions
         self._buffers: dict[int, bytes] = {}
         self._lost: set[str] = set()
-        #: What a shape may still hold: instances of one mesh could ask for any memory.
-        self._room = 10_000_000 + sum(
-            len(data) for data in (source.content, *source.companions.values())
-        )
+        self._room = source.room()  # copies of one mesh, or a count, could ask for any memory
 
     def shape(self) -> RawShape:
         parts = [
@@ -198,6 +195,7 @@ class _Document:
                 self.path, self._numbers(primitive["indices"], 1, primitive)[:, 0], num_vertices
             )
         else:
+            self._take(num_vertices)
             corners = np.arange(num_vertices)
         sizes = np.array([len(corners)])
         if mode == "strip":
@@ -214,11 +212,6 @@ class _Document:
         """Return the rows of an accessor, shape (count, width); normalised integers as the fractions they mean."""
         accessor = self._entry("accessors", index)
         count = _whole(accessor["count"])
-        self._room -= count
-        if self._room < 0:
-            raise InputError(
-                f"{self.path}: its meshes are larger than the file, too many copies or a damaged count"
-            )
         if _WIDTHS.get(accessor["type"]) != width:
             raise InputError(
                 f"{self.path}: damaged, an accessor of type {accessor['type']!r:.20} is in a wrong place"
@@ -230,6 +223,7 @@ class _Document:
         elif sparse is None:
             raise self._without_data(primitive)
         else:
+            self._take(count * width)
             values = np.zeros((count, width))
         if sparse is not None:
             num, at = _whole(sparse["count"]), sparse["indices"]
@@ -241,6 +235,10 @@ class _Document:
         if accessor.get("normalized") and kind.kind != "f":
             return np.maximum(values / float(np.iinfo(kind).max), -1.0)
         return values
+
+    def _take(self, num: int) -> None:
+        """Count numbers that are going to be made."""
+        self._room.take(8 * num, "export it with fewer copies of its meshes, all accessors in full")
 
     def _rows(
         self, view: dict[str, Any], count: int, kind: np.dtype[Any], width: int
@@ -260,6 +258,7 @@ class _Document:
             raise InputError(
                 f"{self.path}: truncated, {count} entries of {size} bytes go beyond the end of their data"
             )
+        self._take(count * width)
         rows = np.ndarray(
             (count, width),
             dtype=kind,

@@ -16,6 +16,7 @@ from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.listing import hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source, read_source
+from tests.memory import most_memory
 
 MESH = blob(np.random.default_rng(3), num_vertices=60)
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -227,6 +228,35 @@ def test_sparse_accessors_replace_some_rows(has_base):
         scene.read()
 
 
+def test_a_sparse_accessor_cannot_promise_more_than_its_file():
+    scene = Scene()
+    primitive = scene.plain()
+    accessor = scene.document["accessors"][primitive["attributes"]["POSITION"]]
+    del accessor["bufferView"]
+    accessor["sparse"] = {
+        "count": 1,
+        "indices": {
+            "bufferView": scene.view(np.zeros(1, dtype="<u2")),
+            "componentType": 5123,
+        },
+        "values": {"bufferView": scene.view(np.ones((1, 3), dtype="<f4"))},
+    }
+    scene.node(mesh=scene.mesh(primitive))
+    accessor["count"] = 1000
+    assert len(scene.read().vertices) == 1000
+    accessor["count"] = 10_000_000
+    with most_memory(2**20), pytest.raises(InputError, match="all accessors in full"):
+        scene.read()
+
+
+def test_meshes_without_indices_cannot_ask_for_any_memory():
+    scene = Scene()
+    many = scene.accessor(np.zeros((30_000, 3), dtype="<f4"))
+    scene.node(mesh=scene.mesh(*[{"attributes": {"POSITION": many}}] * 1000))
+    with most_memory(300 * 2**20), pytest.raises(InputError, match="fewer copies"):
+        scene.read()
+
+
 def test_morph_targets_count_by_the_weights_of_the_node_or_mesh():
     scene = Scene()
     targets = [
@@ -367,7 +397,7 @@ def test_files_that_end_early_or_are_of_old_versions_are_refused(scene):
     ("change", "reason"),
     [
         (lambda d: d["accessors"][0].update(count=10**6), "go beyond the end"),
-        (lambda d: d["accessors"][0].update(count=10**18), "larger than the file"),
+        (lambda d: d["accessors"][0].update(count=10**18), "go beyond the end"),
         (lambda d: d["accessors"][0].update(byteOffset=4), "go beyond the end"),
         (lambda d: d["bufferViews"][0].update(byteOffset=10**6), "go beyond the end"),
         (lambda d: d["accessors"][0].update(type="SCALAR"), "in a wrong place"),
@@ -399,5 +429,5 @@ def test_instances_cannot_ask_for_any_memory():
     mesh = scene.mesh({"attributes": {"POSITION": many}, "mode": 0})
     for _ in range(1000):
         scene.node(mesh=mesh)
-    with pytest.raises(InputError, match="too many copies"):
+    with pytest.raises(InputError, match="fewer copies of its meshes"):
         scene.read()
