@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def read_own(path: Path, names: Iterable[str]) -> tuple[Own, set[Path]]:
         Naming the file, if it is not such a file, or an array cannot be read.
     """
     try:
-        content = json.loads(read_text(path))
+        content = _content(path)
         if unknown := sorted(set(content) - _KEYS):
             raise InputError(f"there is no entry {unknown[0]!r}, only {', '.join(sorted(_KEYS))}")
         pairs = [((one["target"], one["source"]), one) for one in content.pop("pairs", [])]
@@ -70,7 +71,6 @@ def read_own(path: Path, names: Iterable[str]) -> tuple[Own, set[Path]]:
         TypeError,
         AttributeError,
         KeyError,
-        RecursionError,
     ) as error:
         reason = f"no {error} is given" if isinstance(error, KeyError) else str(error)
         raise InputError(f"{path}: {reason.removeprefix(f'{path}: ')}") from error
@@ -105,6 +105,21 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
         for name, one in placed.items()
     }
     return replace(own, marks=marks), {shape_of(path)[1]}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(f"not JSON ({error})") from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # no text, numbers of any length, brackets without end
+        raise InputError("not JSON of such knowledge, it is damaged or of another kind") from error
+    if not isinstance(content, dict):
+        raise InputError(f"expected a JSON object with {', '.join(sorted(_KEYS))}")
+    return content
 
 
 def _arrays(folder: Path, names: Iterable[str]) -> dict[str, np.ndarray]:

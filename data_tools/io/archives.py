@@ -50,8 +50,8 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If it is no archive, damaged, holds objects, is not compressed as NumPy does it, or unpacks to more than a file
-        of its size may hold.
+        If it is no archive, damaged, holds objects, is not compressed as NumPy does it, or unpacks to more than a
+        file of its size may hold.
     """
     stream = io.BytesIO(content)
     if not zipfile.is_zipfile(stream):
@@ -95,18 +95,13 @@ def load_array(stream: IO[bytes], num_bytes: int, name: str) -> NDArray[Any]:
     InputError
         If it is no such file, holds objects, or another number of bytes than it promises.
     """
+    shape, fortran, dtype = _header(stream, name)
+    if dtype.hasobject:
+        raise InputError(f"{name} holds Python objects (a pickle), which are never read")
     try:
-        version = np.lib.format.read_magic(stream)
-        if version not in _HEADER_READERS:
-            raise InputError(f"{name} is of NPY version {version}, which is not read")
-        shape, fortran, dtype = _HEADER_READERS[version](stream)
-        if dtype.hasobject:
-            raise InputError(f"{name} holds Python objects (a pickle), which are never read")
         left = num_bytes - stream.tell()
         if math.prod(shape) * dtype.itemsize != left:
-            raise InputError(
-                f"{name} promises {math.prod(shape) * dtype.itemsize} bytes, {left} follow"
-            )
+            raise InputError(f"{name} promises another number of bytes than the {left} that follow")
         values = (
             np.frombuffer(bytearray(stream.read()), dtype=dtype)
             if left
@@ -119,6 +114,17 @@ def load_array(stream: IO[bytes], num_bytes: int, name: str) -> NDArray[Any]:
         raise UnavailableError(f"{name} does not fit in memory") from error
     except _DAMAGE as error:
         raise InputError(f"{name} is damaged, or no NPY file") from error
+
+
+def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return the shape and type of an array, and whether its first axis runs fastest."""
+    try:
+        version = np.lib.format.read_magic(stream)
+        if version in _HEADER_READERS:
+            return _HEADER_READERS[version](stream)
+    except Exception as error:  # it is parsed as Python, which fails in every way there is
+        raise InputError(f"{name} is damaged, or no NPY file") from error
+    raise InputError(f"{name} is of NPY version {version}, which is not read")
 
 
 def read_npz(source: Source) -> RawShape:

@@ -87,7 +87,7 @@ class Source:
 
 
 class Room:
-    """The memory that the arrays of one file may take: in proportion to the file, or a small one could fill any memory.
+    """The memory that the arrays of one file may take: in proportion to its size, or a small file could fill any.
 
     Parameters
     ----------
@@ -114,7 +114,8 @@ class Room:
         if self._left < 0:
             raise InputError(
                 f"{self._name}: promises more than a file of its size can hold, it is damaged or was made to fill "
-                f"the memory. If it is right, {advice} ({self._num_bytes} bytes, at most {self._most} bytes of arrays)"
+                f"the memory. If it is right, {advice} ({self._num_bytes} bytes, at most {self._most} bytes of "
+                "arrays)"
             )
 
 

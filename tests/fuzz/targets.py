@@ -6,7 +6,9 @@ import re
 import tempfile
 from pathlib import Path
 
+import collalign
 from collalign.cli import main
+from collalign.cli.own_file import read_own
 from collalign.engine.records import decode, from_record
 from collalign.engine.store import Store
 from collalign.stages.match_pairs import PairPoses
@@ -54,6 +56,28 @@ def read_and_sample(payload):
             raise
         sample_shape(shape, SAMPLING)
         return len(shape.vertices)
+
+
+def read_shape_file(payload):
+    """Read a shape file; returns the number of vertices."""
+    with _as_file(payload) as path:
+        return len(read_shape(path).vertices)
+
+
+def read_own_file(payload):
+    """Read what the caller knows of the shapes a and b, from a file, or a folder that holds an array of a."""
+    with _as_file(payload) as path:
+        if path.suffix == ".npy":
+            path = path.with_name("own.json")
+            path.write_text('{"invariants": "."}')
+        own, _ = read_own(path, ["a", "b"])
+        return len(own.kinds)
+
+
+def read_result(payload):
+    """Load the result of a folder that holds one file."""
+    with _as_file(payload) as path:
+        return len(collalign.load(path.parent))
 
 
 def read_landmark_file(payload):

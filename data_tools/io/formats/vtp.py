@@ -114,7 +114,8 @@ class _Arrays:
         if self._compressor and self._compressor not in _DECOMPRESSORS:
             method = "LZ4" if "LZ4" in self._compressor else "an unknown method"
             raise InputError(
-                f"{self._path}: is compressed with {method}, which is not read; save it with ZLib or without compression"
+                f"{self._path}: is compressed with {method}, which is not read; save it with ZLib or without "
+                "compression"
             )
 
     def values(self, array: ElementTree.Element) -> NDArray[np.generic]:
