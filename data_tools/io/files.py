@@ -230,6 +230,11 @@ def readable_name(path: Path) -> str:
     return printable(composed(os.fsencode(path.name).decode("utf-8", "backslashreplace")))
 
 
+def readable_stem(path: Path) -> str:
+    """Return a file's name without its suffix, as :func:`readable_name` does: what a shape of it is called."""
+    return readable_name(path).removesuffix(path.suffix)
+
+
 def existing_file(path: Path) -> Path:
     """Return the path of a file that exists and is not empty.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray, extremes, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
-from data_tools.io.files import write_atomic
+from data_tools.io.files import readable_stem, write_atomic
 from data_tools.io.formats.obj_off_stl import STL_TRIANGLE
 from data_tools.io.formats.raw_shape import RawShape
 from data_tools.io.listing import READERS, joint_digest, parts_of
@@ -226,7 +226,7 @@ def shape_from_source(
         ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
-    shape = clean(_checked(source, raw, name or path.stem), cleaning)
+    shape = clean(_checked(source, raw, name or readable_stem(path)), cleaning)
     keeps_all = cleaning is not None and cleaning.components == "all"
     return shape if keeps_all else without_outliers(shape, cleaning)
 
@@ -256,7 +256,7 @@ def _of_parts(
     ):
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shapes = [shape_from_source(source, cleaning, name=part) for part, source in sources.items()]
-    return Shape.of_parts(name or path.stem, shapes, file=path)
+    return Shape.of_parts(name or readable_stem(path), shapes, file=path)
 
 
 def write_mesh(path: Path | str, shape: Shape) -> Path:

@@ -470,3 +470,10 @@ def test_a_file_that_vanishes_is_the_machines_failure(tmp_path, name):
         read_shape(path, digest=digest)
     with pytest.raises(InputError, match=r"no such file|no files of its parts"):
         read_shape(path)
+
+
+def test_a_shape_is_called_by_the_readable_name_of_its_file(tmp_path):
+    path = write_mesh(
+        tmp_path / "a\u202eylp.x.ply", blob(np.random.default_rng(0), num_vertices=60)
+    )
+    assert read_shape(path).name == r"a\u202eylp.x" == read_folder(tmp_path).names[0]
