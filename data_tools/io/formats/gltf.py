@@ -148,9 +148,13 @@ class _Document:
                 )
             place = above @ _matrix(node)
             if "mesh" in node:
-                self._lost |= {"the pose of its skeleton"} if "skin" in node else set()
+                is_skinned = (
+                    "skin" in node
+                )  # its skeleton places it, not its node (glTF 2.0, 3.7.3.3)
+                self._lost |= {"the pose of its skeleton"} if is_skinned else set()
                 mesh = self._entry("meshes", node["mesh"])
-                yield mesh, node.get("weights", mesh.get("weights", [])), place
+                weights = node.get("weights", mesh.get("weights", []))
+                yield mesh, weights, np.eye(4) if is_skinned else place
             waiting += [(child, place) for child in reversed(node.get("children", []))]
 
     def _mesh(

@@ -91,6 +91,8 @@ def _piece(path: Path, piece: ElementTree.Element, arrays: _Arrays) -> RawShape:
         piece.find(f"{name}/DataArray") is not None for name in ("PointData", "CellData")
     )
     lost = {"values of points and cells"} if has_values else set[str]()
+    if piece.get("NumberOfLines", "0").strip() not in ("", "0"):
+        lost.add("lines")
     return vtk_surface(path, points.reshape(-1, 3), cells["Polys"], cells["Strips"], lost)
 
 

@@ -157,6 +157,20 @@ def test_nodes_move_what_is_below_them_and_mirrors_turn_faces_round(tmp_path):
     )
 
 
+def test_the_node_of_a_skinned_mesh_does_not_move_it_but_what_is_below_it():
+    scene = Scene()
+    mesh = scene.mesh(scene.plain())
+    below = scene.node(root=False, mesh=mesh)
+    skinned = scene.node(root=False, mesh=mesh, skin=0, scale=[1, 5, 1], children=[below])
+    scene.node(children=[skinned], rotation=QUARTER, translation=[1, 0, 0])
+    scene.document["skins"] = [{"joints": [scene.node()]}]
+    found = scene.read()
+    np.testing.assert_allclose(found.vertices[:60], MESH.vertices, atol=1e-6)
+    moved = MESH.vertices * [1, 5, 1] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T
+    np.testing.assert_allclose(found.vertices[60:] - [1, 0, 0], moved, atol=1e-5)
+    assert found.notes == not_kept(["the pose of its skeleton"])
+
+
 def normals(raw):
     corners = raw.vertices[raw.faces]
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
