@@ -108,14 +108,12 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
 
 
 def _content(path: Path) -> dict[str, Any]:
+    """Return what the file holds."""
     try:
         content = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise InputError(f"not JSON ({error})") from error
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # no text, numbers of any length, brackets without end
+    except (ValueError, RecursionError) as error:  # no text, endless numbers or brackets
         raise InputError("not JSON of such knowledge, it is damaged or of another kind") from error
     if not isinstance(content, dict):
         raise InputError(f"expected a JSON object with {', '.join(sorted(_KEYS))}")

@@ -327,18 +327,18 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
 
 @pytest.mark.parametrize("after", [2, 6])
 def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, after):
-    moves, original, new = iter(range(100)), os.replace, tmp_path / "new"
+    moves, original, new = iter(range(100)), os.link, tmp_path / "new"
     write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
     before = read_json(out / "alignment.json")["shapes"]
 
-    def replace(source, target):
+    def link(source, target):
         if next(moves) >= after:
             raise KeyboardInterrupt
         original(source, target)
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace})
+            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"link": link})
         )
         run_command("add", out, new, "--jobs", "1", ends=130)
     assert not (out / "alignment.json").exists()

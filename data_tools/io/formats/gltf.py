@@ -148,9 +148,8 @@ class _Document:
                 )
             place = above @ _matrix(node)
             if "mesh" in node:
-                is_skinned = (
-                    "skin" in node
-                )  # its skeleton places it, not its node (glTF 2.0, 3.7.3.3)
+                # The skeleton places a skinned mesh, not its node (glTF 2.0, 3.7.3.3).
+                is_skinned = "skin" in node
                 self._lost |= {"the pose of its skeleton"} if is_skinned else set()
                 mesh = self._entry("meshes", node["mesh"])
                 weights = node.get("weights", mesh.get("weights", []))
