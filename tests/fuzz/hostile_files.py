@@ -40,6 +40,8 @@ def cases():
         (_certificates, targets.read_certificate),
         (_configs, targets.read_config),
         (_stores, targets.read_store),
+        (_decisions, targets.read_decisions),
+        (_manifests, targets.read_manifest),
     ):
         for name, make in group().items():
             found[f"{group.__name__[1:]} {name}"] = (target, make)
@@ -581,6 +583,26 @@ def _configs():
         "not a text": bytes(range(256)),
     }
     return {name: _file("a.toml", content) for name, content in bodies.items()}
+
+
+JSON = {
+    "brackets": b"[" * 10**5,
+    "tables": b'{"a":' * 10**5,
+    "digits": b'{"version": ' + b"9" * 10**5 + b"}",
+    "numbers beyond numbers": b'{"version": 1e999, "files": NaN}',
+    "a list": b"[1, 2]",
+    "not a text": bytes(range(256)),
+    "half a letter": b'{"version": 1, "files": {"\\ud800": {"writer": "a", "digests": []}}}',
+}
+
+
+def _decisions():
+    return {name: _file("a.json", content) for name, content in JSON.items()}
+
+
+def _manifests():
+    leave = b'{"version": 1, "files": {"../a": {"writer": "test", "digests": []}}, "pending": {}}'
+    return {name: _file("a.json", content) for name, content in (JSON | {"leave": leave}).items()}
 
 
 def _stores():
