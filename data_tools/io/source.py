@@ -72,11 +72,6 @@ class Source:
         """Return the content as text with Unix line ends, whatever its encoding."""
         return any_text(self.content)
 
-    def room(self) -> Room:
-        """Return the memory that the arrays of the file may take."""
-        sizes = (len(data) for data in (self.content, *self.companions.values()))
-        return Room(str(self.path), sum(sizes))
-
     @property
     def digest(self) -> str:
         """The digest of what was read, equal to :func:`hash_source` of the same file."""
@@ -101,6 +96,12 @@ class Room:
         self._name, self._num_bytes = name, num_bytes
         self._most = min(_FREE_BYTES + _BYTES_PER_BYTE * num_bytes, MAX_FILE_BYTES)
         self._left = self._most
+
+    @classmethod
+    def of(cls, source: Source) -> Room:
+        """Return the memory of a file in memory, with the files of its data."""
+        sizes = (len(data) for data in (source.content, *source.companions.values()))
+        return cls(str(source.path), sum(sizes))
 
     def take(self, num_bytes: int, advice: str = "save it without compression") -> None:
         """Count what is going to be unpacked or copied, in bytes, before memory is taken.

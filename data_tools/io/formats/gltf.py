@@ -23,7 +23,7 @@ from data_tools.io.formats.raw_shape import (
     not_kept,
     strip_triangles,
 )
-from data_tools.io.source import Source
+from data_tools.io.source import Room, Source
 from data_tools.poses import moved_by
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -98,7 +98,7 @@ class _Document:
         self._files = source.companions
         self._buffers: dict[int, bytes] = {}
         self._lost: set[str] = set()
-        self._room = source.room()  # copies of one mesh, or a count, could ask for any memory
+        self._room = Room.of(source)  # copies of one mesh, or a count, could ask for any memory
 
     def shape(self) -> RawShape:
         parts = [

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
-from data_tools.io.source import Source
+from data_tools.io.source import Room, Source
 from data_tools.io.text_tables import parse_table
 from data_tools.notes import Note
 
@@ -49,7 +49,7 @@ class _Header:
 
     def __init__(self, source: Source, text: str) -> None:
         self.path = path = source.path
-        self._room = source.room()
+        self._room = Room.of(source)
         lines = {words[0]: words[1:] for words in map(str.split, text.splitlines()) if words}
         self.names = lines.get("FIELDS", lines.get("COLUMNS", []))
         num = len(self.names)

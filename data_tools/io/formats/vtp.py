@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, joined
 from data_tools.io.formats.vtk_legacy import text_numbers, vtk_surface
-from data_tools.io.source import Source
+from data_tools.io.source import Room, Source
 from data_tools.io.xml_trees import parse_xml
 
 _DECOMPRESSORS: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
@@ -112,7 +112,7 @@ class _Arrays:
         )
         self._compressor = root.get("compressor", "")
         self._appended = appended
-        self._room = source.room()  # many arrays may name the same data
+        self._room = Room.of(source)  # many arrays may name the same data
         if self._compressor and self._compressor not in _DECOMPRESSORS:
             method = "LZ4" if "LZ4" in self._compressor else "an unknown method"
             raise InputError(

@@ -57,9 +57,9 @@ def test_the_memory_of_a_file_grows_with_its_size_up_to_a_limit(size):
 
 def test_the_data_beside_a_file_count_as_the_file():
     source = Source(Path("a.gltf"), b"{}", companions={"a": bytes(10**6)})
-    source.room().take(2**26 + 64 * (10**6 + 2))
+    Room.of(source).take(2**26 + 64 * (10**6 + 2))
     with pytest.raises(InputError):
-        source.room().take(2**26 + 64 * (10**6 + 2) + 1)
+        Room.of(source).take(2**26 + 64 * (10**6 + 2) + 1)
 
 
 def test_data_under_several_names_are_read_once(tmp_path):
