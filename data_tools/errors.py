@@ -9,9 +9,12 @@ from __future__ import annotations
 import re
 from typing import Any
 
-#: Control characters, ends of lines and marks that reverse the direction of writing: a file's name may hold any of
-#: them, and a terminal, a log or a table would obey it.
-_UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+#: Control characters, ends of lines, marks that reverse the direction of writing, and invisible ones: a file's name
+#: may hold any of them, and a terminal, a log, a table or a page would obey it. Joiners (U+200C, U+200D) stay.
+_UNPRINTABLE = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
+    "\U000e0000-\U000e007f]"
+)
 
 
 def printable(text: str, *, keep: str = "") -> str:

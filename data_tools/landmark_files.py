@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
-from data_tools.errors import CollalignError, InputError
+from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import composed, existing_file, read_any_text
 from data_tools.io.shapes import CoordinateSystem
+from data_tools.io.xml_trees import parse_xml
 from data_tools.point_tables import number, read_point_table
 
 #: What semilandmarks lie on: a curve with two ends, one without, or a patch of the surface.
@@ -99,6 +99,8 @@ def read_landmarks(path: Path | str) -> Landmarks:
         landmarks = reader(path)
     except CollalignError:
         raise
+    except MemoryError as error:
+        raise UnavailableError(f"{path}: does not fit in memory") from error
     except (
         ValueError,
         ArithmeticError,
@@ -254,7 +256,7 @@ def _read_pts(path: Path) -> Landmarks:
 
 def _read_picked(path: Path) -> Landmarks:
     """Read the points that were picked in MeshLab; those that are not active are missing."""
-    points = list(ElementTree.fromstring(read_any_text(path).encode()).iter("point"))
+    points = list(parse_xml(path, read_any_text(path).encode(), encoding="utf-8").iter("point"))
     labels = [composed(point.get("name") or str(at)) for at, point in enumerate(points)]
     rows = [
         [math.nan] * 3

@@ -1,3 +1,7 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,11 +14,13 @@ from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz import targets
 from tests.fuzz.forgeries import folder_endings, honest_result
 from tests.fuzz.forgeries import judge as judge_folder
-from tests.fuzz.harness import Report, damaged, fuzz, how_it_ended
+from tests.fuzz.harness import GOOD, Report, damaged, fuzz, how_it_ended
 from tests.fuzz.hostile import certificate_endings, honest, judge
+from tests.fuzz.hostile_files import cases
 from tests.fuzz.mutations import CHANGES, MARK
 from tests.job_functions import end_as_told
 
+ROOT = Path(__file__).parent.parent
 #: How many files of each kind are damaged here.
 NUMBERS = {
     "shapes": 90,
@@ -45,6 +51,53 @@ def test_damaged_files_end_in_a_clear_error_or_a_value(kinds):
     for kind in NUMBERS:
         found = {ending for name, ending in endings if name.startswith(f"{kind} ")}
         assert found == ({"clear errors"} if kind == "configs" else {"valid", "clear errors"})
+
+
+ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="limits on memory need Linux")
+
+
+@ON_LINUX
+def test_hostile_files_are_read_or_refused():
+    words = [sys.executable, "-m", "tests.fuzz", "hostile=24"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    num = int(re.match(r"hostile: (\d+) cases: .*\d+ refused", done.stdout)[1])
+    assert num >= 24
+    assert len(cases()) >= 120
+
+
+#: Targets that are not confined enough, and how each is to end.
+BAD_ENDINGS = {
+    "lambda _: (_ for _ in ()).throw(KeyError('a'))": "unclear error: ",
+    "lambda _: bytes(3 * 2**30)": "unclear error: ",
+    "lambda _: re.match(r'(a|a)*b', 'a' * 60)": "undecided: no answer",
+    "lambda _: os.kill(os.getpid(), 9)": "undecided: killed by signal 9",
+    "lambda _: refuse('not read: IndexError')": "names internals: ",
+    "lambda _: refuse('is damaged')": "refused",
+    "len": "valid",
+}
+
+
+@ON_LINUX
+def test_hostile_files_that_end_badly_are_noticed():
+    script = f"""
+import os, re
+from data_tools.errors import InputError
+from tests.fuzz import confined
+
+def refuse(reason):
+    raise InputError(reason)
+
+confined.TIME_S = 1
+for target in ({", ".join(BAD_ENDINGS)}):
+    print(repr(confined.confined(target, ("a.ply", b""))))
+"""
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    found = done.stdout.splitlines()
+    for ending, wanted in zip(found, BAD_ENDINGS.values(), strict=True):
+        assert ending[1:].startswith(wanted)
+        assert (ending[1:-1] in GOOD or ending[1:-1] == "valid") == (wanted in ("refused", "valid"))
 
 
 @pytest.mark.parametrize("message", [f"not a number: {MARK}", "UnboundLocalError"])

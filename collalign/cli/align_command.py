@@ -131,7 +131,7 @@ def align(
         folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts
     )
     listing = every.without(given.exclude)
-    own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own)
+    own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own, listing.names)
     inputs |= of_own
     if given.marks is not None:
         own, of_marks = read_marks(own, given.marks, listing)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -14,19 +17,26 @@ from collalign.landmarks.templates import read_templates, shape_of
 from collalign.products.own import Own
 from collalign.wording import note_text
 from data_tools.errors import CollalignError, InputError
-from data_tools.io.files import open_regular, read_text
+from data_tools.io.archives import load_array
+from data_tools.io.files import open_regular, read_text, readable_name
 from data_tools.io.listing import FolderListing
 from data_tools.io.source import MAX_FILE_BYTES
 
 _KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
 
 
-def read_own(path: Path) -> tuple[Own, set[Path]]:
+def read_own(path: Path, names: Iterable[str]) -> tuple[Own, set[Path]]:
     """Return what a JSON file says of pairs and samples, with the invariants of a folder that it names.
 
     ``{"pairs": [{"target": A, "source": B, "rotations": [R], "vertices": [[0, 7]], "weight": 1}], "samples":
     {A: [0]}, "invariants": FOLDER, "invariants_weight": 0.4}``, each of which may be missing; ``vertices`` match
     those of A's file and of B's, and FOLDER, relative to the file, holds ``A.npy``.
+
+    Parameters
+    ----------
+    path : Path
+    names : iterable of str
+        The collection's shapes.
 
     Returns
     -------
@@ -40,16 +50,19 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
         Naming the file, if it is not such a file, or an array cannot be read.
     """
     try:
-        content = json.loads(read_text(path))
+        content = _content(path)
         if unknown := sorted(set(content) - _KEYS):
             raise InputError(f"there is no entry {unknown[0]!r}, only {', '.join(sorted(_KEYS))}")
         pairs = [((one["target"], one["source"]), one) for one in content.pop("pairs", [])]
-        folder = path.parent / content.pop("invariants") if "invariants" in content else None
+        place = content.pop("invariants", None)
+        if not isinstance(place, str | None):
+            raise InputError("invariants: expected the name of a folder")
+        folder = None if place is None else path.parent / place
         own = Own(
             candidates={pair: one["rotations"] for pair, one in pairs if "rotations" in one},
             correspondences={pair: one["vertices"] for pair, one in pairs if "vertices" in one},
             pair_weights={pair: one["weight"] for pair, one in pairs if "weight" in one},
-            invariants={} if folder is None else _arrays(folder),
+            invariants={} if folder is None else _arrays(folder, names),
             **content,
         )
     except (
@@ -58,7 +71,6 @@ def read_own(path: Path) -> tuple[Own, set[Path]]:
         TypeError,
         AttributeError,
         KeyError,
-        RecursionError,
     ) as error:
         reason = f"no {error} is given" if isinstance(error, KeyError) else str(error)
         raise InputError(f"{path}: {reason.removeprefix(f'{path}: ')}") from error
@@ -95,17 +107,38 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
     return replace(own, marks=marks), {shape_of(path)[1]}
 
 
-def _arrays(folder: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a folder by the names of their shapes."""
-    found = {}
-    for file in sorted(folder.rglob("*.npy")):
+def _content(path: Path) -> dict[str, Any]:
+    """Return what the file holds."""
+    try:
+        content = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(f"not JSON ({error})") from error
+    except (ValueError, RecursionError) as error:  # no text, endless numbers or brackets
+        raise InputError("not JSON of such knowledge, it is damaged or of another kind") from error
+    if not isinstance(content, dict):
+        raise InputError(f"expected a JSON object with {', '.join(sorted(_KEYS))}")
+    return content
+
+
+def _arrays(folder: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Return the arrays of shapes, which a folder holds under their names; nothing else in it is opened."""
+    found: dict[str, np.ndarray] = {}
+    there: dict[Path, dict[str, Path]] = {}
+    for name in names:
+        place = (folder / f"{name}.npy").parent
+        if place not in there:
+            there[place] = {readable_name(file): file for file in place.glob("*.npy")}
+        file = there[place].get(f"{PurePosixPath(name).name}.npy")
+        if file is None:
+            continue
         try:
             with open_regular(file, MAX_FILE_BYTES) as stream:
-                found[file.relative_to(folder).with_suffix("").as_posix()] = np.load(
-                    stream, allow_pickle=False
-                )
-        except (OSError, ValueError, EOFError) as error:
-            raise InputError(f"invariants: {file} cannot be read ({error})") from error
+                size = os.fstat(stream.fileno()).st_size
+                found[name] = load_array(stream, size, str(file))
+        except InputError as error:
+            raise InputError(f"invariants: {error}") from error
     if not found:
-        raise InputError(f"invariants: {folder} holds no NAME.npy")
+        raise InputError(
+            f"invariants: {folder} holds no NAME.npy of a shape; name the folder that has one for each"
+        )
     return found

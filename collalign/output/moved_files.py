@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from data_tools.errors import InputError
-from data_tools.io.files import composed
+from data_tools.io.files import readable_stem
 from data_tools.io.listing import READERS, parts_of
 from data_tools.notes import listed
 
@@ -65,7 +65,7 @@ def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -
 def _found(name: str, file: str, folder: Path) -> str:
     """Return one file in a folder, or nothing."""
     if not file:
-        called = (one for one in folder.glob("*") if composed(one.stem) == name)
+        called = (one for one in folder.glob("*") if readable_stem(one) == name)
         saved = sorted(one for one in called if one.suffix.lower() in READERS)
         return str(saved[0]) if saved else ""
     parts = [part for part in re.split(r"[\\/]", file) if part not in ("", "..")]

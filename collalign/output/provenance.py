@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from collalign.output.collection_data import CollectionData
 from collalign.products.trust import DOUBT
 from collalign.version import __version__
 from data_tools.errors import InputError
-from data_tools.io.files import composed, write_atomic
+from data_tools.io.files import composed, read_text, write_atomic
 from data_tools.io.listing import parts_of
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder
@@ -113,13 +114,9 @@ def methods_paragraph(collection: CollectionData) -> str:
         Just made, or loaded; of the folder of a loaded one the records of tools are read as well.
     """
     sentences, references = [*_alignment(collection), *_confidence(collection)], [_MARON]
-    records = [] if collection.folder is None else _records(collection.folder)
-    for record in records:
-        if record["tool"] == "variation":
-            sentences.append(_variation(record["options"]))
-            references += [_GOODALL, _RRPP]
-        elif record["tool"] == "transfer":
-            sentences.append(_transfer(record["options"]))
+    for sentence, own in () if collection.folder is None else _of_tools(collection.folder):
+        sentences.append(sentence)
+        references += own
     listed = "\n".join(f"  {one}" for one in dict.fromkeys(references))
     return f"{' '.join(sentences)}\n\nReferences\n{listed}"
 
@@ -189,13 +186,18 @@ def _transfer(options: Mapping[str, Any]) -> str:
     )
 
 
-def _records(folder: Path) -> list[dict[str, Any]]:
-    """Return the records of tools in a result's folder, one level down; what cannot be read is none."""
+#: What a methods section says of a tool by the options of its record, and the references of it.
+_TOOLS: dict[str, tuple[Callable[[Mapping[str, Any]], str], tuple[str, ...]]] = {
+    "variation": (_variation, (_GOODALL, _RRPP)),
+    "transfer": (_transfer, ()),
+}
+
+
+def _of_tools(folder: Path) -> list[tuple[str, tuple[str, ...]]]:
+    """Return what the records of tools in the folders of a result say; what cannot be read says nothing."""
     found = []
-    for tool in ("variation", "transfer"):
+    for tool, (describe, references) in _TOOLS.items():
         for path in sorted(folder.glob(f"*/{record_name(tool)}")):
-            try:
-                found.append(json.loads(path.read_text("utf-8")))
-            except (OSError, ValueError):
-                continue
+            with suppress(ValueError, LookupError, TypeError, RecursionError):
+                found.append((describe(json.loads(read_text(path))["options"]), references))
     return found

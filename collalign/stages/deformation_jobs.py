@@ -29,6 +29,7 @@ from collalign.products.shapes import Shapes
 from collalign.registration.by_map import MapGoals, fitted_by_map
 from collalign.stages.evidence.candidates import PoseWeigher
 from collalign.stages.evidence.map_surfaces import StoredSurface
+from collalign.stages.shape_stage import compute_surfaces
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError
@@ -102,7 +103,7 @@ def prepare_all_detailed(
             zip(shapes.names, shapes.files, shapes.digests, strict=True)
         )
     }
-    return session.compute(DETAILING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    return compute_surfaces(DETAILING, session, shapes, wanted)
 
 
 #: Dense samples and eigenfunctions of candidate maps: few, so that one takes some 20 ms.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
-from collalign.engine.job import Job, T, Wanted
+from collalign.engine.job import Job, Results, T, Wanted
 from collalign.engine.store_file import NUM_FILES
 from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
@@ -19,7 +19,7 @@ from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
-from data_tools.io.source import Origin, Source
+from data_tools.io.source import Origin, Source, location
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
@@ -238,9 +238,47 @@ def measure_surfaces(session: AlignSession, shapes: Shapes) -> list[SurfaceChira
     every = range(len(shapes.names))
     known = {i: found for i, found in enumerate(shapes.chirality) if found is not None}
     wanted = {i: wanted_file(MEASURING, session, shapes, i) for i in every if i not in known}
-    limit_s = session.run.shape_time_limit_s
-    found = known | dict(session.compute(MEASURING, wanted, time_limit_s=limit_s))
+    found = known | dict(compute_surfaces(MEASURING, session, shapes, wanted))
     return [found.get(i, NO_CHIRALITY) for i in every]
+
+
+def compute_surfaces(
+    job: Job[T], session: AlignSession, shapes: Shapes, wanted: Mapping[int, Wanted]
+) -> Results[int, T]:
+    """Return what a job makes of files that were read before, by position of the shape.
+
+    Raises
+    ------
+    CollectionError
+        As :func:`refuse_lost`.
+    """
+    found = session.compute(job, wanted, time_limit_s=session.run.shape_time_limit_s)
+    failures = session.store.failures(job.kind)
+    refuse_lost(shapes, (i for i in found.failures if failures[wanted[i].key].crashed))
+    return found
+
+
+def refuse_lost(shapes: Shapes, failed: Iterable[int]) -> None:
+    """Refuse to go on where one of the files on which the machine failed is not the one that was read first.
+
+    A result without it would be that of other shapes than its pairs, and one with it could not be written.
+
+    Raises
+    ------
+    CollectionError
+        Naming the file.
+    """
+    for i in failed:
+        try:
+            is_same = hash_shape(shapes.files[i]) == shapes.digests[i]
+        except InputError:
+            is_same = False
+        if not is_same:
+            raise CollectionError(
+                f"{location(shapes.files[i])}: has changed or vanished since the run began. Its poses would be those "
+                "of another shape, so the run ends. Run again: what is finished is in the store, and a file that is "
+                "not there is left out"
+            )
 
 
 def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> Wanted:

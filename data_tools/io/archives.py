@@ -1,4 +1,4 @@
-"""NPZ archives from anybody: their size is known before memory is taken for them, and nothing is unpickled."""
+"""NPZ and NPY files from anybody: their size is known before memory is taken for them; nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import io
 import math
 import zipfile
 import zlib
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.io.formats.raw_shape import RawShape, no_faces
-from data_tools.io.source import MAX_FILE_BYTES, Source
+from data_tools.io.source import Room, Source
 
 #: Names of the points in an NPZ archive of a shape, the first found is read.
 POINT_KEYS = ("vertices", "points", "positions", "xyz", "verts", "V")
@@ -25,9 +25,12 @@ _DAMAGE = (
     OSError,
     EOFError,
     ValueError,
+    OverflowError,
     NotImplementedError,
     RuntimeError,
 )
+#: How NumPy compresses; other methods unpack without a limit whatever the archive promises.
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _HEADER_READERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -47,7 +50,8 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If it is no archive, damaged, holds objects, or unpacks to more than a file may hold.
+        If it is no archive, damaged, holds objects, is not compressed as NumPy does it, or unpacks to more than a
+        file of its size may hold.
     """
     stream = io.BytesIO(content)
     if not zipfile.is_zipfile(stream):
@@ -57,17 +61,70 @@ def load_arrays(content: bytes, name: str) -> dict[str, NDArray[Any]]:
             members = {
                 info.filename: info for info in archive.infolist() if info.filename.endswith(".npy")
             }
-            total = sum(info.file_size for info in members.values())
-            if total > MAX_FILE_BYTES:
-                raise InputError(f"{name}: unpacks to {total} bytes, more than {MAX_FILE_BYTES}")
-            return {
-                file.removesuffix(".npy"): _array(archive, info, name)
-                for file, info in members.items()
-            }
+            if odd := [file for file, one in members.items() if one.compress_type not in _METHODS]:
+                raise InputError(
+                    f"{name}: {odd[0]} is compressed in a way that is not read; save it with `numpy.savez_compressed`"
+                )
+            Room(name, len(content)).take(sum(info.file_size for info in members.values()))
+            found = {}
+            for file, info in members.items():
+                with archive.open(info) as member:
+                    found[file.removesuffix(".npy")] = load_array(
+                        member, info.file_size, f"{name}: {file}"
+                    )
+            return found
     except InputError:
         raise
     except _DAMAGE as error:
         raise InputError(f"{name}: damaged archive") from error
+
+
+def load_array(stream: IO[bytes], num_bytes: int, name: str) -> NDArray[Any]:
+    """Return the array of a NPY file, whose header must promise exactly the bytes that are there.
+
+    Parameters
+    ----------
+    stream : binary stream
+    num_bytes : int
+        What it holds.
+    name : str
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If it is no such file, holds objects, or another number of bytes than it promises.
+    """
+    shape, fortran, dtype = _header(stream, name)
+    if dtype.hasobject:
+        raise InputError(f"{name} holds Python objects (a pickle), which are never read")
+    try:
+        left = num_bytes - stream.tell()
+        if math.prod(shape) * dtype.itemsize != left:
+            raise InputError(f"{name} promises another number of bytes than the {left} that follow")
+        values = (
+            np.frombuffer(bytearray(stream.read()), dtype=dtype)
+            if left
+            else np.empty(0, dtype=dtype)
+        )
+        return values.reshape(shape, order="F" if fortran else "C")
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise UnavailableError(f"{name} does not fit in memory") from error
+    except _DAMAGE as error:
+        raise InputError(f"{name} is damaged, or no NPY file") from error
+
+
+def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return the shape and type of an array, and whether its first axis runs fastest."""
+    try:
+        version = np.lib.format.read_magic(stream)
+        if version in _HEADER_READERS:
+            return _HEADER_READERS[version](stream)
+    except Exception as error:  # it is parsed as Python, which fails in every way there is
+        raise InputError(f"{name} is damaged, or no NPY file") from error
+    raise InputError(f"{name} is of NPY version {version}, which is not read")
 
 
 def read_npz(source: Source) -> RawShape:
@@ -77,29 +134,3 @@ def read_npz(source: Source) -> RawShape:
     if key is None:
         raise InputError(f"{source.path}: holds none of the arrays {', '.join(POINT_KEYS)}")
     return RawShape(arrays[key], next((arrays[k] for k in FACE_KEYS if k in arrays), no_faces()))
-
-
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> NDArray[Any]:
-    """Unpack one array, whose header must promise exactly the bytes that are there."""
-    with archive.open(info) as stream:
-        version = np.lib.format.read_magic(stream)
-        if version not in _HEADER_READERS:
-            raise InputError(
-                f"{name}: {info.filename} is of NPY version {version}, which is not read"
-            )
-        shape, fortran, dtype = _HEADER_READERS[version](stream)
-        if dtype.hasobject:
-            raise InputError(
-                f"{name}: {info.filename} holds Python objects (a pickle), which are never read"
-            )
-        left = info.file_size - stream.tell()
-        if math.prod(shape) * dtype.itemsize != left:
-            raise InputError(
-                f"{name}: {info.filename} promises {math.prod(shape) * dtype.itemsize} bytes, {left} follow"
-            )
-        values = (
-            np.frombuffer(bytearray(stream.read()), dtype=dtype)
-            if left
-            else np.empty(0, dtype=dtype)
-        )
-    return values.reshape(shape, order="F" if fortran else "C")

@@ -28,6 +28,8 @@ _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(
 #: Longest stem that leaves room for every ending, in bytes.
 _MAX_STEM_BYTES = 200
 _NUM_HASH_DIGITS = 12
+#: Most tables in tables of a configuration; options have two.
+_MAX_NESTING = 20
 
 
 def write_atomic(path: Path, content: bytes) -> Path:
@@ -187,15 +189,26 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        return tomllib.loads(read_text(path))
+        content = tomllib.loads(read_text(path))
     except InputError:
         raise
-    except ValueError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not TOML ({error})") from None
+    except ValueError:
+        raise InputError(f"{path}: not a configuration, a number in it is too long") from None
     except RecursionError:
-        raise InputError(
-            f"{path}: not a configuration, its lists or tables are nested too deeply"
-        ) from None
+        raise _nested_too_deeply(path) from None
+    inside: list[Any] = [content]
+    for _ in range(_MAX_NESTING):
+        tables = (one.values() if isinstance(one, dict) else one for one in inside)
+        inside = [value for table in tables for value in table if isinstance(value, dict | list)]
+    if inside:
+        raise _nested_too_deeply(path)
+    return content
+
+
+def _nested_too_deeply(path: Path) -> InputError:
+    return InputError(f"{path}: not a configuration, its lists or tables are nested too deeply")
 
 
 def composed(name: str) -> str:
@@ -215,6 +228,11 @@ def readable_name(path: Path) -> str:
     Bytes that are no UTF-8 become escapes, and so do control characters.
     """
     return printable(composed(os.fsencode(path.name).decode("utf-8", "backslashreplace")))
+
+
+def readable_stem(path: Path) -> str:
+    """Return a file's name without its suffix, as :func:`readable_name` does: what a shape of it is called."""
+    return readable_name(path).removesuffix(path.suffix)
 
 
 def existing_file(path: Path) -> Path:

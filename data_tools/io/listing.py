@@ -13,7 +13,7 @@ from pathlib import Path
 from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
-from data_tools.io.files import composed, natural_key, read_text, readable_name
+from data_tools.io.files import composed, natural_key, read_text, readable_name, readable_stem
 from data_tools.io.formats.gltf import read_gltf
 from data_tools.io.formats.obj_off_stl import read_obj, read_off, read_stl
 from data_tools.io.formats.pcd import read_pcd
@@ -262,8 +262,7 @@ def _tail(path: Path, depth: int, *, whole: bool) -> str:
         if depth
         else []
     )
-    name = readable_name(path)
-    return "/".join([*above, name if whole else name.removesuffix(path.suffix)])
+    return "/".join([*above, readable_name(path) if whole else readable_stem(path)])
 
 
 def specimen_at(file: Path, place: Path) -> Path:

@@ -2,23 +2,26 @@
 
 A manifest inside the folder says which files were written here, by which command and with which content. Only these
 are ever replaced or removed, and only by their own command; whatever else lies there, or was changed since, is
-somebody else's.
+somebody else's. That is checked before anything is written. A file that is changed between that check and the moment
+in which it is replaced is kept under another name.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import re
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from data_tools.errors import InputError
+from data_tools.errors import InputError, printable
 from data_tools.io.files import open_regular, read_text, resolved, system_reason, write_atomic
 from data_tools.io.locks import LockFile
 
@@ -26,6 +29,9 @@ from data_tools.io.locks import LockFile
 BOOKS = ".collalign"
 MANIFEST_FILE = "manifest.json"
 _MANIFEST_VERSION = 1
+#: Folder, next to the manifest, of what outputs take the place of, until it is known whose that is.
+_FORMER = "former"
+_LOG = logging.getLogger(__name__)
 #: Longest name that common file systems take, in bytes.
 _MAX_NAME_BYTES = 255
 
@@ -128,6 +134,8 @@ class OutputFolder:
         try:
             output._go_on()
             output._is_moving = False
+            with suppress(InputError):  # of a damaged manifest
+                output._clear_former(output._entries())
             shutil.rmtree(
                 output.staging, ignore_errors=True
             )  # of a run that was killed: nobody else has the lock
@@ -169,7 +177,7 @@ class OutputFolder:
             path = above[0] if above else path  # a file where a folder belongs
             if not os.path.lexists(path):
                 continue
-            if above or not self._is_ours(name, entries):
+            if above or not _is_ours(path, entries.get(name)):
                 raise InputError(
                     f"{path}: is in the place of a result. It was not written by this program, or was changed "
                     f"since. Move it away, or {_ADVICE}"
@@ -183,8 +191,10 @@ class OutputFolder:
     def publish(self, *, last: str | None = None, complete: bool = False) -> tuple[Path, ...]:
         """Move everything staged into place.
 
-        Whenever this is interrupted, the manifest knows every file of ours by its former or its new content, and the
-        next :meth:`open` moves the rest.
+        What lies in the place of an output is moved aside, and removed at the end if it is what was written here. If
+        not, somebody changed it since the check: it is kept under another name, and the log says so. Whenever this is
+        interrupted, the manifest knows every file of ours by its former or its new content, and the next :meth:`open`
+        moves the rest.
 
         Parameters
         ----------
@@ -232,15 +242,21 @@ class OutputFolder:
     ) -> None:
         """Move what is still staged, ``last`` at the end, remove what is stale, and close the books."""
         self._is_moving = True
-        if last in fresh and (self.staging / last).exists():
-            (self.folder / last).unlink(missing_ok=True)
+        waiting = [name for name in fresh if (self.staging / name).exists()]
+        for name in [*(name for name in waiting if name == last), *stale]:
+            if _is_ours(self._path(name), entries.get(name)):
+                self._set_aside(name)
+        for name in sorted(waiting, key=lambda name: (name == last, name)):
+            path = self._path(name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._set_aside(name)
+            while not _moved(self.staging / name, path):
+                self._set_aside(name)
+        self._clear_former(_either(entries, fresh))
         for name in stale:
-            self._remove(name, entries)
-        for name in sorted(fresh, key=lambda name: (name == last, name)):
-            path = output_path(self.folder, *PurePosixPath(name).parts)
-            if (self.staging / name).exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(self.staging / name, path)
+            with suppress(OSError):  # it holds something else
+                if "/" in name:
+                    (self.folder / name).parent.rmdir()
         kept = {name: entry for name, entry in entries.items() if name not in stale}
         self._write_manifest(kept | fresh)
         self._is_moving = False
@@ -271,21 +287,34 @@ class OutputFolder:
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written ({system_reason(error)})") from None
 
-    def _remove(self, name: str, entries: Entries) -> None:
-        """Remove a file of ours, and its folder where that is empty then; one that was changed since stays."""
-        if self._is_ours(name, entries):
-            path = self.folder / name
-            path.unlink()
-            with suppress(OSError):
-                if path.parent != self.folder:
-                    path.parent.rmdir()
+    def _path(self, name: str) -> Path:
+        """Return the place of an output, relative to the folder."""
+        return output_path(self.folder, *PurePosixPath(name).parts)
 
-    def _is_ours(self, name: str, entries: Entries) -> bool:
-        """Return whether a regular file lies there with a content that was written here."""
-        path = output_path(self.folder, *PurePosixPath(name).parts)
-        if name not in entries or path.is_symlink() or not path.is_file():
-            return False
-        return _digest(path) in entries[name]["digests"]
+    def _set_aside(self, name: str) -> None:
+        """Move whatever is in the place of an output to where nobody looks for it, under a number that is free."""
+        numbered = (self._path(f"{BOOKS}/{_FORMER}/{number}/{name}") for number in count())
+        place = next(place for place in numbered if not os.path.lexists(place))
+        if os.path.lexists(self._path(name)):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with suppress(FileNotFoundError):  # it was moved away just now
+                os.rename(self._path(name), place)
+
+    def _clear_former(self, entries: Entries) -> None:
+        """Remove what was set aside and is ours, and put back the rest, under another name if its own is taken."""
+        former = self._path(f"{BOOKS}/{_FORMER}")
+        if not former.is_dir():
+            return
+        for number in sorted(former.iterdir(), key=lambda path: (len(path.name), path.name)):
+            for name, entry in entries.items():
+                place = self._path(f"{BOOKS}/{_FORMER}/{number.name}/{name}")
+                if _is_ours(place, entry):
+                    place.unlink()
+                elif os.path.lexists(place):
+                    _put_back(place, self._path(name))
+        for folder in [*sorted(former.rglob("*"), reverse=True), former]:
+            with suppress(OSError):  # what the manifest does not name stays
+                folder.rmdir()
 
     def _entries(self) -> Entries:
         """Return what the manifest lists; nothing in it is trusted to be well-formed or to stay in the folder."""
@@ -315,6 +344,42 @@ class OutputFolder:
 
 
 _ADVICE = "name another folder for the results"
+
+
+def _is_ours(path: Path, entry: Mapping[str, Any] | None) -> bool:
+    """Return whether a path is a regular file whose content the entry of an output names."""
+    if entry is None or path.is_symlink() or not path.is_file():
+        return False
+    return _digest(path) in entry["digests"]
+
+
+def _moved(source: Path, path: Path) -> bool:
+    """Move a file to a path where nothing is; return False, and leave both, where something is."""
+    try:
+        if source.is_symlink():
+            raise PermissionError  # a link to it would be one to its target on some systems
+        os.link(source, path)  # unlike a rename, it fails where something is
+    except FileExistsError:
+        return False
+    except OSError:  # folders, and file systems without hard links
+        if os.path.lexists(path):
+            return False
+        os.rename(source, path)
+        return True
+    source.unlink()
+    return True
+
+
+def _put_back(source: Path, path: Path) -> None:
+    """Move what somebody else wrote back to its path, or to a name that is free if that is taken."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if _moved(source, path):
+        return
+    names = (f"{path.stem}-changed{n if n > 1 else ''}{path.suffix}" for n in count(1))
+    kept = next(name for name in names if _moved(source, path.with_name(name)))
+    _LOG.warning(
+        printable(f"{path}: was changed while results were written. Your version is kept as {kept}")
+    )
 
 
 def _either(entries: Entries, fresh: Entries) -> Entries:

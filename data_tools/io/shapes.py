@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray, extremes, read_only
 from data_tools.errors import CollalignError, InputError, UnavailableError
-from data_tools.io.files import write_atomic
+from data_tools.io.files import readable_stem, write_atomic
 from data_tools.io.formats.obj_off_stl import STL_TRIANGLE
 from data_tools.io.formats.raw_shape import RawShape
 from data_tools.io.listing import READERS, joint_digest, parts_of
@@ -141,8 +141,8 @@ def read_shape(
     Raises
     ------
     UnavailableError
-        If the file is missing or cannot be read here and now, does not fit in memory, has changed since it was looked
-        at first, or needs a package that is not installed.
+        If the file is missing or cannot be read here and now, does not fit in memory, has changed or vanished since
+        it was looked at first, or needs a package that is not installed.
     InputError
         Naming the file and the reason: empty, truncated, another content than its suffix says, values that
         are not finite, indices out of range, no points.
@@ -151,10 +151,24 @@ def read_shape(
         if parts := parts_of(path):
             return _of_parts(Path(str(path)), parts, cleaning, name=name, digest=digest)
         return shape_from_source(read_source(path), cleaning, name=name, digest=digest)
+    except InputError:
+        if digest is not None and not _is_there(path):
+            raise UnavailableError(
+                f"{path}: has vanished since the run began; put it back, or run again without it"
+            ) from None
+        raise
     except MemoryError as error:
         raise UnavailableError(
             f"{path.path if isinstance(path, Source) else path}: does not fit in memory"
         ) from error
+
+
+def _is_there(path: Origin | str) -> bool:
+    """Return whether there is a shape in memory, a file, or files of parts."""
+    try:
+        return isinstance(path, Source) or bool(parts_of(path)) or Path(path).exists()
+    except InputError:
+        return False
 
 
 def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None) -> list[Shape]:
@@ -212,7 +226,7 @@ def shape_from_source(
         ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
-    shape = clean(_checked(source, raw, name or path.stem), cleaning)
+    shape = clean(_checked(source, raw, name or readable_stem(path)), cleaning)
     keeps_all = cleaning is not None and cleaning.components == "all"
     return shape if keeps_all else without_outliers(shape, cleaning)
 
@@ -242,7 +256,7 @@ def _of_parts(
     ):
         raise UnavailableError(f"{path}: has changed since the run began; run again")
     shapes = [shape_from_source(source, cleaning, name=part) for part, source in sources.items()]
-    return Shape.of_parts(name or path.stem, shapes, file=path)
+    return Shape.of_parts(name or readable_stem(path), shapes, file=path)
 
 
 def write_mesh(path: Path | str, shape: Shape) -> Path:

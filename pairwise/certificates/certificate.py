@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from os import PathLike
 from os.path import isfile
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -239,6 +240,8 @@ PROBLEM_ARRAYS = ("candidates", "weights", "constant_cost", "pattern", "special_
 MAX_BYTES = 2**28
 #: How an npz archive begins.
 _ZIP_MARK = b"PK"
+#: How NumPy compresses; other methods unpack without a limit whatever the archive promises.
+_METHODS = (ZIP_STORED, ZIP_DEFLATED)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -299,8 +302,11 @@ class Certificate:
                 if file.read(len(_ZIP_MARK)) != _ZIP_MARK:
                     raise InputError("not an archive")
             with np.load(path, allow_pickle=False) as archive:
-                if sum(entry.file_size for entry in archive.zip.infolist()) > MAX_BYTES:
+                entries = archive.zip.infolist()
+                if sum(entry.file_size for entry in entries) > MAX_BYTES:
                     raise InputError(f"more than {MAX_BYTES} bytes")
+                if any(entry.compress_type not in _METHODS for entry in entries):
+                    raise InputError("compressed otherwise than NumPy does")
                 content = {name: archive[name] for name in archive.files}
         except Exception as error:  # damaged archives fail in every way there is
             raise InputError(f"{path}: cannot be read as a certificate ({error})") from error

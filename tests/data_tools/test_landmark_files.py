@@ -143,7 +143,7 @@ def test_tables_may_be_in_any_encoding_and_labels_are_composed(tmp_path, encodin
         ("a.csv", "tip,0,0,inf\n", "infinite"),
         ("a.csv", "0,0\n", "2 coordinates"),
         ("a.tps", "LM3=1\n", "unknown format of a list of points; readable are .*json"),
-        ("a.pp", PICKED[:150], "not a readable landmark file"),
+        ("a.pp", PICKED[:150], "its XML cannot be read"),
         ("a.pp", PICKED.replace('z="3"', 'z="three"'), "not a readable landmark file"),
         ("a.landmarkAscii", AMIRA[:80], "holds 0 sets"),
         (

@@ -327,18 +327,18 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
 
 @pytest.mark.parametrize("after", [2, 6])
 def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, after):
-    moves, original, new = iter(range(100)), os.replace, tmp_path / "new"
+    moves, original, new = iter(range(100)), os.link, tmp_path / "new"
     write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
     before = read_json(out / "alignment.json")["shapes"]
 
-    def replace(source, target):
+    def link(source, target):
         if next(moves) >= after:
             raise KeyboardInterrupt
         original(source, target)
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"replace": replace})
+            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"link": link})
         )
         run_command("add", out, new, "--jobs", "1", ends=130)
     assert not (out / "alignment.json").exists()
@@ -348,19 +348,21 @@ def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatc
     assert [one["transform"] for one in shapes[:5]] == [one["transform"] for one in before]
 
 
-@pytest.mark.parametrize("stage", ["pairs", "common matches"])
-def test_a_file_that_changes_during_a_run_is_named(planted, tmp_path, stage):
+@pytest.mark.parametrize(
+    ("stage", "what"), [("pairs", "has changed"), ("common matches", "has vanished")]
+)
+def test_a_file_that_changes_or_vanishes_during_a_run_is_named(planted, tmp_path, stage, what):
     write_collection(tmp_path / "in", replace(planted, shapes=planted.shapes[:3]))
 
     def display(description, total, *, done):
-        if description == stage:
+        if description == stage and what == "has changed":
             write_mesh(tmp_path / "in" / "chair3.ply", planted.shapes[4])
+        elif description == stage:
+            (tmp_path / "in" / "chair3.ply").unlink(missing_ok=True)
         return contextlib.nullcontext(lambda outcome: None)
 
     found = align_collection(tmp_path / "in", options=OPTIONS, jobs=1, progress=display)
-    with pytest.raises(
-        InputError, match=r"chair3\.ply: has changed since the run began; run again"
-    ):
+    with pytest.raises(InputError, match=rf"chair3\.ply: {what} since the run began; .*run again"):
         found.save(tmp_path / "out")
     assert not list((tmp_path / "out").glob("*.json"))
 

@@ -26,6 +26,7 @@ from collalign.output.views import camera
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
 from data_tools.arrays import FloatArray
+from data_tools.errors import printable
 from data_tools.poses import moved_by
 from pairwise.results import Status
 
@@ -170,7 +171,7 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
     return [
         {
             "name": name,
-            "file": collection.files[at],
+            "file": printable(collection.files[at]),
             "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
             "byHand": {"evidence": collection.by_hand[name]}
             if name in collection.by_hand

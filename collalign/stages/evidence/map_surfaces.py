@@ -18,7 +18,7 @@ from collalign.nonrigid.pose_maps import (
 from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.shape_stage import wanted_file
+from collalign.stages.shape_stage import compute_surfaces, wanted_file
 from data_tools.arrays import FloatArray, Holds
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
@@ -91,4 +91,4 @@ def prepare_surfaces(session: AlignSession, shapes: Shapes) -> Results[int, Stor
     Point clouds have none, nor have meshes of very few vertices.
     """
     wanted = {i: wanted_file(PREPARING, session, shapes, i) for i in range(len(shapes.names))}
-    return session.compute(PREPARING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    return compute_surfaces(PREPARING, session, shapes, wanted)

@@ -41,7 +41,7 @@ from collalign.stages.evidence.candidates import (
 )
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces
 from collalign.stages.local_evidence import rigid_overlap
-from collalign.stages.shape_stage import SAMPLING, wanted_file
+from collalign.stages.shape_stage import SAMPLING, refuse_lost, wanted_file
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -266,9 +266,12 @@ def weigh_starts(
                     "files": files,
                 },
             )
-    return session.compute(
+    found = session.compute(
         WEIGHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=session.options.strict
     )
+    if searched:  # of the files themselves
+        refuse_lost(shapes, {i for e in found.failures for i in (pairs[e].target, pairs[e].source)})
+    return found
 
 
 def by_energy(pair: Pair) -> Pair:

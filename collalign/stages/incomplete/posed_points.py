@@ -12,7 +12,7 @@ from collalign.engine.job import Job, Results
 from collalign.engine.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
-from collalign.stages.shape_stage import wanted_file
+from collalign.stages.shape_stage import compute_surfaces, wanted_file
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import OrientedPoints, spread_points
 from data_tools.errors import CollectionError
@@ -48,7 +48,7 @@ def prepare_points(
         If a file cannot be read any more.
     """
     wanted = {i: wanted_file(READING, session, shapes, i) for i in chosen}
-    found = session.compute(READING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    found = compute_surfaces(READING, session, shapes, wanted)
     if found.failures:
         raise CollectionError(
             "; ".join(f"{shapes.names[i]}: {reason}" for i, reason in found.failures.items())

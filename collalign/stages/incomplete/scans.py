@@ -29,6 +29,7 @@ from collalign.stages.incomplete.join import (
 )
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.placement import common_positions, with_origin
+from collalign.stages.shape_stage import compute_surfaces
 from collalign.stages.steps import Posed, Run
 from collalign.stages.trust.trust_notes import components_left_out
 from collalign.synchronization import SynchronizationResult
@@ -356,7 +357,7 @@ def describe_surfaces(
         }
         key = DESCRIBING.key({"cell": cell}, shapes.keys[i])
         wanted[i] = Wanted(key=key, label=shapes.names[i], arguments=arguments)
-    return session.compute(DESCRIBING, wanted, time_limit_s=session.run.shape_time_limit_s)
+    return compute_surfaces(DESCRIBING, session, shapes, wanted)
 
 
 def overlap_pairs(

@@ -29,7 +29,7 @@ from collalign.tools.match.rigid import RigidMatch, match_rigid, with_mirror_sco
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import composed, write_atomic
+from data_tools.io.files import readable_stem, write_atomic
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import read_alike, read_shape, write_ply
 from data_tools.io.text_tables import csv_text
@@ -273,9 +273,9 @@ def _write_rigid(
 
 def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> int:
     """Write the map of all vertices and its picture; say what is known about it."""
-    if bending.landmarks and composed(target.stem) == composed(source.stem):
+    if bending.landmarks and readable_stem(target) == readable_stem(source):
         raise InputError(
-            f"both shapes are called {target.stem}: landmarks do not say which they are of; rename one"
+            f"both shapes are called {readable_stem(target)}: landmarks do not say which they are of; rename one"
         )
     with (
         OutputFolder.open(out, writer=f"{WRITER} --nonrigid") as output,
@@ -283,7 +283,7 @@ def _match_nonrigid(target: Path, source: Path, out: Path, bending: Bending) -> 
     ):
         output.refuse_foreign(NONRIGID_FILES)
         left, right = (
-            read_shape(file, AS_STORED, name=composed(file.stem)) for file in (target, source)
+            read_shape(file, AS_STORED, name=readable_stem(file)) for file in (target, source)
         )
         shapes = left, right
         files = {shape.name: file for shape, file in zip(shapes, (target, source), strict=True)}

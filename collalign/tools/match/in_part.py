@@ -169,12 +169,11 @@ def match_in_part(
     to, of = read_alike(origins, options.cleaning)
     poses = _posed(to, of, options.group, known_sizes=options.sampling.normalisation == "none")
     target_file, source_file = (location(origin) for origin in origins)
-    names = [origin.name.removesuffix(origin.suffix) for origin in origins]
     return PartialMatch(
         target_file=target_file,
         source_file=source_file,
-        target=names[0],
-        source=names[1],
+        target=to.name,
+        source=of.name,
         poses=poses,
     )
 

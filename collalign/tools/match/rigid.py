@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
@@ -14,6 +15,7 @@ from collalign.options import AUTO, TwoShapeKeywords, TwoShapeOptions
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.embedding import Samples, sample_file
+from data_tools.io.files import readable_stem
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import Origin, location
 from data_tools.options import CleaningOptions
@@ -196,7 +198,7 @@ def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[
                 cleaning,
                 options.sampling,
                 options.embedding,
-                name=origin.name.removesuffix(origin.suffix),
+                name=readable_stem(origin) if isinstance(origin, Path) else origin.name,
             )
             for origin in origins
         ]

@@ -23,7 +23,7 @@ from data_tools.io.formats.raw_shape import (
     not_kept,
     strip_triangles,
 )
-from data_tools.io.source import Source
+from data_tools.io.source import Room, Source
 from data_tools.poses import moved_by
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -98,10 +98,7 @@ class _Document:
         self._files = source.companions
         self._buffers: dict[int, bytes] = {}
         self._lost: set[str] = set()
-        #: What a shape may still hold: instances of one mesh could ask for any memory.
-        self._room = 10_000_000 + sum(
-            len(data) for data in (source.content, *source.companions.values())
-        )
+        self._room = Room.of(source)  # copies of one mesh, or a count, could ask for any memory
 
     def shape(self) -> RawShape:
         parts = [
@@ -151,9 +148,12 @@ class _Document:
                 )
             place = above @ _matrix(node)
             if "mesh" in node:
-                self._lost |= {"the pose of its skeleton"} if "skin" in node else set()
+                # The skeleton places a skinned mesh, not its node (glTF 2.0, 3.7.3.3).
+                is_skinned = "skin" in node
+                self._lost |= {"the pose of its skeleton"} if is_skinned else set()
                 mesh = self._entry("meshes", node["mesh"])
-                yield mesh, node.get("weights", mesh.get("weights", [])), place
+                weights = node.get("weights", mesh.get("weights", []))
+                yield mesh, weights, np.eye(4) if is_skinned else place
             waiting += [(child, place) for child in reversed(node.get("children", []))]
 
     def _mesh(
@@ -198,6 +198,7 @@ class _Document:
                 self.path, self._numbers(primitive["indices"], 1, primitive)[:, 0], num_vertices
             )
         else:
+            self._take(num_vertices)
             corners = np.arange(num_vertices)
         sizes = np.array([len(corners)])
         if mode == "strip":
@@ -214,11 +215,6 @@ class _Document:
         """Return the rows of an accessor, shape (count, width); normalised integers as the fractions they mean."""
         accessor = self._entry("accessors", index)
         count = _whole(accessor["count"])
-        self._room -= count
-        if self._room < 0:
-            raise InputError(
-                f"{self.path}: its meshes are larger than the file, too many copies or a damaged count"
-            )
         if _WIDTHS.get(accessor["type"]) != width:
             raise InputError(
                 f"{self.path}: damaged, an accessor of type {accessor['type']!r:.20} is in a wrong place"
@@ -230,6 +226,7 @@ class _Document:
         elif sparse is None:
             raise self._without_data(primitive)
         else:
+            self._take(count * width)
             values = np.zeros((count, width))
         if sparse is not None:
             num, at = _whole(sparse["count"]), sparse["indices"]
@@ -241,6 +238,10 @@ class _Document:
         if accessor.get("normalized") and kind.kind != "f":
             return np.maximum(values / float(np.iinfo(kind).max), -1.0)
         return values
+
+    def _take(self, num: int) -> None:
+        """Count numbers that are going to be made."""
+        self._room.take(8 * num, "export it with fewer copies of its meshes, all accessors in full")
 
     def _rows(
         self, view: dict[str, Any], count: int, kind: np.dtype[Any], width: int
@@ -260,6 +261,7 @@ class _Document:
             raise InputError(
                 f"{self.path}: truncated, {count} entries of {size} bytes go beyond the end of their data"
             )
+        self._take(count * width)
         rows = np.ndarray(
             (count, width),
             dtype=kind,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.errors import InputError
 from data_tools.io.formats.raw_shape import RawShape, no_faces, not_kept
-from data_tools.io.source import Source
+from data_tools.io.source import Room, Source
 from data_tools.io.text_tables import parse_table
 from data_tools.notes import Note
 
@@ -31,7 +30,7 @@ def read_pcd(source: Source) -> RawShape:
     found = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE).search(content, 0, 2**16)
     if found is None:
         raise InputError(f"{path}: not a PCD file, it has no header that ends in a line 'DATA'")
-    header = _Header(path, content[: found.start()].decode("latin-1"))
+    header = _Header(source, content[: found.start()].decode("latin-1"))
     points = header.points(found[1].decode().lower(), content[found.end() :])
     is_seen: BoolArray = np.asarray(np.isfinite(points).all(axis=1))
     notes = not_kept(["colours"] if {"rgb", "rgba"} & {*header.names} else [])
@@ -48,8 +47,9 @@ def read_pcd(source: Source) -> RawShape:
 class _Header:
     """What the header says of the fields of each point."""
 
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
+    def __init__(self, source: Source, text: str) -> None:
+        self.path = path = source.path
+        self._room = Room.of(source)
         lines = {words[0]: words[1:] for words in map(str.split, text.splitlines()) if words}
         self.names = lines.get("FIELDS", lines.get("COLUMNS", []))
         num = len(self.names)
@@ -104,6 +104,7 @@ class _Header:
                 raise InputError(
                     f"{self.path}: truncated, {self.num_points} points need {needed} bytes, not {unpacked}"
                 )
+            self._room.take(max(needed, 24 * self.num_points), "save it as binary")
             values = self._unpacked(body[8 : 8 + stored], needed)
             starts = [sum(self.sizes[:at]) * self.num_points for at in range(len(self.sizes))]
             return self._of_columns(

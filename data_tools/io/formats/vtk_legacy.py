@@ -158,7 +158,7 @@ class _Reader:
 
     def _line(self) -> list[str]:
         """Return the words of the next line that is not empty; none at the end."""
-        found = re.compile(rb"\s*([^\r\n]*)(?:\r?\n|$)").match(self._content, self._at)
+        found = re.compile(rb"\s*+([^\r\n]*+)(?:\r?\n|$)").match(self._content, self._at)
         if found is None or len(found[1]) > 1000:
             raise InputError(
                 f"{self.path}: damaged, where a block should begin is none that is known"
@@ -197,14 +197,18 @@ def text_numbers(path: Path, content: bytes, at: int, num: int) -> tuple[FloatAr
     InputError
         If there are fewer, or a word is no number.
     """
-    words = content[at:].split(None, num)
+    width = 32 * num + 1000  # a file of many blocks is not copied for each
+    words = content[at : at + width].split(None, num)
+    while len(words) <= num and at + width < len(content):
+        width *= 2
+        words = content[at : at + width].split(None, num)
     rest = len(words[num]) if len(words) > num else 0
     if len(words) < num:
         raise InputError(
             f"{path}: truncated, a block promises {num} numbers and {len(words)} follow"
         )
     try:
-        return np.array([float(word) for word in words[:num]]), len(content) - rest
+        return np.array([float(word) for word in words[:num]]), min(at + width, len(content)) - rest
     except ValueError:
         raise InputError(f"{path}: damaged, where numbers should be is a word") from None
 

@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 
 import numpy as np
+import pytest
 
 from collalign.options import AlignOptions
 from collalign.output.provenance import methods_paragraph, option_words
@@ -67,3 +69,19 @@ def test_a_call_from_python_has_no_command(tmp_path):
 def test_options_are_said_where_they_are_not_as_by_default():
     options = AlignOptions(seed=3, sampling={"num_points": 30})
     assert {*option_words(options)} == {"--seed=3", "--sampling.num-points=30"}
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["", "[1]", "[" * 100_000, "{}", '{"options": {"tests": 3}}', '{"options": []}', "pipe"],
+)
+@pytest.mark.parametrize("tool", ["variation", "transfer"])
+def test_a_record_that_anybody_wrote_is_passed_over(tmp_path, tool, record):
+    view = dataclasses.replace(view_of(6), folder=tmp_path)
+    path = tmp_path / tool / f"run-{tool}.json"
+    path.parent.mkdir()
+    if record == "pipe":
+        os.mkfifo(path)
+    else:
+        path.write_text(record)
+    assert methods_paragraph(view) == methods_paragraph(view_of(6))

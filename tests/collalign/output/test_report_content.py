@@ -260,6 +260,15 @@ def test_names_cannot_become_markup():
     assert [shape["name"] for shape in data_of(page)["shapes"]] == [bad, "a & b", "<!--"]
 
 
+def test_places_of_files_cannot_turn_text_round():
+    view = view_of(2)
+    view = dataclasses.replace(view, files=("in\u202eni/a\u200e.ply", "in/b.ply"))
+    page = rendered(view)
+    shown = [shape["file"] for shape in data_of(page)["shapes"]]
+    assert shown == [r"in\u202eni/a\u200e.ply", "in/b.ply"]
+    assert not re.search("[\u202e\u200e]", page)
+
+
 def test_bundle_was_built_from_the_sources_beside_it():
     """After a change in viewer/src run ``npm ci && npm run build`` in viewer/."""
     folder = Path(report.__file__).parent

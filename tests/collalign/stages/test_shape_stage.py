@@ -10,8 +10,13 @@ from collalign import AlignOptions, RunOptions
 from collalign.engine.job import run_task
 from collalign.engine.session import Session
 from collalign.engine.worker import Call, Task, run_in_process
+from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.products.shapes import Excluded
 from collalign.stages import shape_stage as stage
+from collalign.stages.deformation_jobs import prepare_all_detailed
+from collalign.stages.evidence.map_surfaces import prepare_surfaces
+from collalign.stages.incomplete.posed_points import prepare_points
+from collalign.stages.incomplete.scans import describe_surfaces
 from collalign.stages.shape_stage import (
     chirality_of_file,
     common_num_points,
@@ -19,6 +24,7 @@ from collalign.stages.shape_stage import (
     prepare_shapes,
 )
 from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import CollectionError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import write_mesh
 from data_tools.notes import Note
@@ -85,6 +91,34 @@ def test_failures_of_the_machine_are_tried_again_and_those_of_the_content_are_no
         if outcome.failure is not None:
             again[file.name] = outcome.crashed
     assert again == {"bad.ply": False, "missing.ply": True}
+
+
+#: Every stage that reads files again.
+READING_AGAIN = {
+    "chirality": stage.measure_surfaces,
+    "maps": prepare_surfaces,
+    "all vertices": lambda session, shapes: prepare_all_detailed(session, shapes, SurfaceOptions()),
+    "incomplete": lambda session, shapes: prepare_points(session, shapes, range(3)),
+    "scans": lambda session, shapes: describe_surfaces(session, shapes, range(3)),
+}
+
+
+@pytest.mark.parametrize("what", ["changed", "vanished", "is the same"])
+@pytest.mark.parametrize("again", READING_AGAIN)
+def test_a_file_that_is_lost_after_its_first_reading_ends_the_run(folder, again, what):
+    options = replace(OPTIONS, group="SO")
+    with Session.open(options, RunOptions(jobs=1, store=folder.parent / "store")) as session:
+        shapes = prepare_shapes(session, read_folder(folder))
+        if what == "changed":
+            write_mesh(folder / "s1.ply", blob(np.random.default_rng(7), num_vertices=60))
+        elif what == "vanished":
+            (folder / "s1.ply").unlink()
+        if what == "is the same":
+            has_too_few_vertices = again in ("maps", "all vertices")
+            assert len(READING_AGAIN[again](session, shapes)) == (0 if has_too_few_vertices else 3)
+            return
+        with pytest.raises(CollectionError, match=r"s1\.ply: has changed or vanished"):
+            READING_AGAIN[again](session, shapes)
 
 
 def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng):

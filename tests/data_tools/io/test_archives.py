@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.archives import load_arrays
+from data_tools.io.archives import load_array, load_arrays
 from tests.memory import most_memory
 
 
@@ -17,16 +17,17 @@ def archive(**arrays):
 
 def with_header(shape, data, descr="'<f8'"):
     """An archive whose only array promises another shape or type than its data have."""
-    header = (
-        f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}".encode().ljust(117)
-        + b"\n"
-    )
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as made:
-        made.writestr(
-            "a.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
-        )
+        made.writestr("a.npy", npy(shape, data, descr))
     return stream.getvalue()
+
+
+def npy(shape, data, descr="'<f8'"):
+    """A NPY file of this header and data."""
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}".encode()
+    header = header.ljust(117) + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
 
 
 def test_arrays_of_all_kinds_come_back(rng):
@@ -47,8 +48,7 @@ def test_arrays_of_all_kinds_come_back(rng):
     np.testing.assert_array_equal(load_arrays(with_header("(2,)", bytes(16)), "a")["a"], [0.0, 0.0])
 
 
-def test_a_bomb_is_refused_before_memory_is_taken(monkeypatch):
-    monkeypatch.setattr("data_tools.io.archives.MAX_FILE_BYTES", 2**26)
+def test_a_bomb_is_refused_before_memory_is_taken():
     stream = io.BytesIO()
     with (
         zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made,
@@ -57,16 +57,53 @@ def test_a_bomb_is_refused_before_memory_is_taken(monkeypatch):
         member.write(b"\x93NUMPY\x01\x00")
         for _ in range(70):
             member.write(bytes(2**20))
-    with most_memory(20 * 2**20), pytest.raises(InputError, match="unpacks to"):
+    with most_memory(20 * 2**20), pytest.raises(InputError, match="save it without compression"):
         load_arrays(stream.getvalue(), "a.npz")
+
+
+def test_an_array_that_is_all_alike_is_no_bomb():
+    labels = np.zeros(8_000_000)
+    np.testing.assert_array_equal(load_arrays(archive(labels=labels), "a")["labels"], labels)
 
 
 def test_many_arrays_count_together(monkeypatch):
     content = archive(a=np.zeros(1000), b=np.zeros(1000))
     load_arrays(content, "a.npz")
-    monkeypatch.setattr("data_tools.io.archives.MAX_FILE_BYTES", 10_000)
-    with pytest.raises(InputError, match="unpacks to"):
+    monkeypatch.setattr("data_tools.io.source._FREE_BYTES", 0)
+    monkeypatch.setattr("data_tools.io.source._BYTES_PER_BYTE", 10_000 / len(content))
+    with pytest.raises(InputError, match="more than a file of its size"):
         load_arrays(content, "a.npz")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_other_compression_than_that_of_numpy_is_refused(method):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as made:
+        made.writestr("a.npy", npy("(2,)", bytes(16)))
+    with most_memory(2**20), pytest.raises(InputError, match="save it with"):
+        load_arrays(stream.getvalue(), "a.npz")
+
+
+def test_one_array_is_read_as_it_was_written(rng):
+    array = rng.standard_normal((3, 4))
+    stream = io.BytesIO()
+    np.save(stream, array)
+    num = stream.tell()
+    stream.seek(0)
+    np.testing.assert_array_equal(load_array(stream, num, "a.npy"), array)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"no array at all", "npy", "npy-nested", b"\x93NUMPY\x01\x00\xff\xff{'shape'"],
+)
+def test_one_array_that_promises_the_world_is_refused(content):
+    if content == "npy":
+        content = npy(f"({2**48},)", bytes(16))
+    elif content == "npy-nested":
+        content = npy(f"({2**70}, 0)", b"")
+    with most_memory(2**20), pytest.raises(InputError, match=r"a\.npy"):
+        load_array(io.BytesIO(content), len(content), "a.npy")
 
 
 @pytest.mark.parametrize("shape", ["(1000000000000,)", "(3,)", "(1,)", "(-2,)", "(2.5,)", "'x'"])
@@ -84,5 +121,5 @@ def test_objects_and_impossible_types_are_refused(descr):
 def test_damage_is_named():
     content = bytearray(archive(a=np.arange(1000)))
     content[60] ^= 255
-    with pytest.raises(InputError, match=r"a\.npz: damaged"):
+    with pytest.raises(InputError, match=r"a\.npz: a.npy is damaged"):
         load_arrays(bytes(content), "a.npz")

@@ -1,7 +1,20 @@
+from pathlib import Path
+
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.io.files import existing_file, natural_key, write_atomic
+from data_tools.io.files import (
+    existing_file,
+    natural_key,
+    readable_name,
+    readable_stem,
+    write_atomic,
+)
+
+#: A control character of each kind that a name may hold: of terminals, of lines, of direction, and invisible ones.
+CONTROLS = (
+    "\x00\x1b\x7f\x9b\u061c\u200b\u200e\u200f\u2028\u2029\u202e\u2067\u2069\u2060\ufeff\U000e0041"
+)
 
 
 def test_natural_order_counts_numbers():
@@ -34,6 +47,19 @@ def test_failed_atomic_write_keeps_the_old_file(tmp_path):
         write_atomic(path, "text")
     assert path.read_bytes() == b"old"
     assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=ascii)
+def test_control_characters_in_names_and_messages_are_escaped(control):
+    path = Path(f"a{control}ylp.ply")
+    assert readable_name(path) == f"a{ascii(control)[1:-1]}ylp.ply"
+    assert readable_stem(path) == f"a{ascii(control)[1:-1]}ylp"
+    assert control not in str(InputError(f"{path}: damaged"))
+
+
+@pytest.mark.parametrize("name", ["نمونه\u200cها", "שן", "👩\u200d🔬", "é ü", "歯 1"])
+def test_names_in_any_script_stay_as_they_are(name):
+    assert readable_stem(Path(f"{name}.ply")) == name
 
 
 def test_existing_file_refuses_missing_folder_and_empty(tmp_path):

@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -150,60 +151,197 @@ def test_what_a_killed_run_left_goes_with_the_next(tmp_path):
     assert sorted(p.name for p in (tmp_path / BOOKS).iterdir()) == ["lock", MANIFEST_FILE]
 
 
-@pytest.mark.parametrize("after", range(5))
-def test_a_run_that_ends_between_two_moves_loses_nothing_and_can_be_repeated(
+def is_tidy(folder):
+    """Whether nothing but the manifest, and a lock that a killed run left, is in the books."""
+    return {p.name for p in (folder / BOOKS).iterdir()} <= {"lock", MANIFEST_FILE}
+
+
+class Interrupted(BaseException):
+    """Ends a run as a signal would."""
+
+
+def interrupt_after(monkeypatch, num):
+    """End a run when it is about to change the folder for the ``num``-th time, counted from 0."""
+    numbers = count()
+
+    def guarded(change):
+        def guard(*given, **how):
+            if Path(given[0]).name != "lock" and next(numbers) == num:
+                raise Interrupted
+            return change(*given, **how)
+
+        return guard
+
+    for name in ("replace", "rename", "link", "unlink"):
+        monkeypatch.setattr(os, name, guarded(getattr(os, name)))
+
+
+#: How often the run of the next test changes the folder; a file that is replaced takes four changes.
+NUM_CHANGES = 14
+
+
+@pytest.mark.parametrize("after", range(NUM_CHANGES))
+def test_a_run_that_ends_between_two_changes_loses_nothing_and_can_be_repeated(
     tmp_path, monkeypatch, after
 ):
-    write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
+    former, new = {"summary": "1", "a": "1", "b": "1"}, {"summary": "2", "a": "2", "c": "2"}
+    write(tmp_path, former)
     (tmp_path / "mine").write_text("mine")
-    moves, original = iter(range(100)), os.replace
-
-    def replace(source, target):
-        if next(moves) >= after:
-            raise KeyboardInterrupt
-        original(source, target)
-
-    monkeypatch.setattr("data_tools.io.output_folder.os.replace", replace)
-    monkeypatch.setattr("data_tools.io.files.os.replace", replace)
-    with pytest.raises(KeyboardInterrupt):
-        write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
+    interrupt_after(monkeypatch, after)
+    with pytest.raises(Interrupted):
+        write(tmp_path, new)
     found = contents(tmp_path)
     assert found["mine"] == "mine"
     assert found.get("summary") != "2" or found["a"] == found["c"] == "2"  # it comes last
     monkeypatch.undo()
     with OutputFolder.open(tmp_path, writer="other"):
-        whole = (
-            {"summary": "2", "a": "2", "c": "2"} if after else {"summary": "1", "a": "1", "b": "1"}
-        )
+        whole = new if after else former
         assert contents(tmp_path) == whole | {"mine": "mine"}, (
             "whoever comes next finishes what had begun"
         )
+    assert is_tidy(tmp_path)
     write(tmp_path, {"summary": "3", "a": "3"})
     assert contents(tmp_path) == {"summary": "3", "a": "3", "mine": "mine"}
+
+
+def test_no_change_goes_uncounted(tmp_path, monkeypatch):
+    write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
+    interrupt_after(monkeypatch, NUM_CHANGES)
+    write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
 
 
 @pytest.mark.parametrize("change", ["staged", "in place", "foreign"])
 def test_what_is_not_whole_any_more_is_not_finished(tmp_path, monkeypatch, change):
     write(tmp_path, {"summary": "1", "a": "1"})
-    moves, original = iter(range(100)), os.replace
-
-    def replace(source, target):
-        if next(moves) >= 2:
-            raise KeyboardInterrupt
-        original(source, target)
-
-    monkeypatch.setattr("data_tools.io.output_folder.os.replace", replace)
-    monkeypatch.setattr("data_tools.io.files.os.replace", replace)
-    with pytest.raises(KeyboardInterrupt):
+    interrupt_after(monkeypatch, 5)  # the summary is away, and a is new
+    with pytest.raises(Interrupted):
         write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
     monkeypatch.undo()
+    assert contents(tmp_path) == {"a": "2"}
     changed = {"staged": f"{BOOKS}/staging/c", "in place": "a", "foreign": "c"}[change]
     (tmp_path / changed).write_text("changed")
     with OutputFolder.open(tmp_path, writer="other"):
         pass
     assert "summary" not in contents(tmp_path)
     assert contents(tmp_path).get("c") == ("changed" if change == "foreign" else None)
-    assert not (tmp_path / BOOKS / "staging").exists()
+    assert is_tidy(tmp_path)
+
+
+def in_the_window(monkeypatch, change):
+    """Change the folder once between the check of what lies there and the first move."""
+    original, calls = OutputFolder._move, []
+
+    def move(self, *given):
+        if not calls:
+            calls.append(change())
+        original(self, *given)
+
+    monkeypatch.setattr(OutputFolder, "_move", move)
+
+
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("name", ["report.html", "meshes/a.ply", "summary", "meshes/new.ply"])
+def test_what_is_changed_after_the_check_is_kept(tmp_path, monkeypatch, caplog, name, links):
+    def refuse(*given, **how):
+        raise PermissionError
+
+    files = ["summary", "report.html", "meshes/a.ply"]
+    write(tmp_path, dict.fromkeys(files, "1"))
+    place = tmp_path / name
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
+    in_the_window(monkeypatch, lambda: place.write_text("mine"))
+    write(tmp_path, dict.fromkeys([*files, "meshes/new.ply"], "2"))
+    kept = place.with_name(f"{place.stem}-changed{place.suffix}")
+    assert contents(tmp_path) == dict.fromkeys([*files, "meshes/new.ply"], "2") | {
+        kept.relative_to(tmp_path).as_posix(): "mine"
+    }
+    assert f"{place}: was changed while results were written" in caplog.text
+    assert kept.name in caplog.text
+    assert is_tidy(tmp_path)
+    write(tmp_path, dict.fromkeys(files, "3"))
+    assert kept.read_text() == "mine"
+
+
+@pytest.mark.parametrize("kind", ["link", "folder"])
+def test_a_link_or_folder_that_takes_the_place_of_a_file_is_kept(tmp_path, monkeypatch, kind):
+    out, mine = tmp_path / "out", tmp_path / "mine"
+    write(out, {"summary": "1", "report": "1"})
+    mine.write_text("mine")
+
+    def change():
+        (out / "report").unlink()
+        if kind == "link":
+            (out / "report").symlink_to(mine)
+        else:
+            (out / "report").mkdir()
+            (out / "report" / "deep").write_text("mine")
+
+    in_the_window(monkeypatch, change)
+    write(out, {"summary": "2", "report": "2"})
+    kept = out / "report-changed"
+    assert (out / "report").read_text() == "2"
+    assert (kept if kind == "link" else kept / "deep").read_text() == "mine"
+    assert kept.is_symlink() == (kind == "link")
+
+
+def test_a_changed_file_that_is_no_longer_written_stays_where_it_is(tmp_path, monkeypatch, caplog):
+    write(tmp_path, {"summary": "1", "old/report": "1"})
+    original = os.rename
+
+    def rename(source, target):  # later than any check by path
+        if Path(source).name == "report":
+            Path(source).write_text("mine")
+        original(source, target)
+
+    monkeypatch.setattr(os, "rename", rename)
+    write(tmp_path, {"summary": "2"})
+    assert contents(tmp_path) == {"summary": "2", "old/report": "mine"}
+    assert not caplog.text
+
+
+def test_a_file_that_appears_where_one_was_moved_away_is_kept(tmp_path, monkeypatch):
+    write(tmp_path, {"summary": "1", "report": "1"})
+    original, texts = os.rename, iter(["first", "second"])
+
+    def rename(source, target):
+        original(source, target)
+        if Path(source).name == "report" and (text := next(texts, None)):
+            Path(source).write_text(text)
+
+    monkeypatch.setattr(os, "rename", rename)
+    write(tmp_path, {"summary": "2", "report": "2"})
+    assert contents(tmp_path) == {
+        "summary": "2",
+        "report": "2",
+        "report-changed": "first",
+        "report-changed2": "second",
+    }
+
+
+@pytest.mark.parametrize("after", range(2, NUM_CHANGES + 3))
+def test_a_changed_file_outlives_an_interruption_at_any_moment(tmp_path, monkeypatch, after):
+    write(tmp_path, {"summary": "1", "a": "1", "b": "1"})
+    in_the_window(monkeypatch, lambda: (tmp_path / "a").write_text("mine"))
+    interrupt_after(monkeypatch, after)
+    try:
+        write(tmp_path, {"summary": "2", "a": "2", "c": "2"})
+    except Interrupted:
+        monkeypatch.undo()
+        with OutputFolder.open(tmp_path, writer="other"):
+            pass
+    assert "mine" in contents(tmp_path).values()
+    assert is_tidy(tmp_path)
+
+
+def test_what_is_set_aside_does_not_leave_the_folder(tmp_path):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    write(out, {"summary": "1"})
+    elsewhere.mkdir()
+    (out / BOOKS / "former").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="leads out of"):
+        write(out, {"summary": "2"})
+    assert contents(tmp_path) == {"out/summary": "1"}
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path):

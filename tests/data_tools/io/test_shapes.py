@@ -9,7 +9,7 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.listing import READERS, distinct_names, files_at, read_folder
+from data_tools.io.listing import READERS, distinct_names, files_at, hash_shape, read_folder
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
@@ -453,3 +453,27 @@ def test_many_vertices_that_are_not_finite_are_damage(tmp_path):
 def test_colours_behind_the_corners_of_off_faces_are_no_corners(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n3 2 0\n" + TRIANGLE + "3 0 1 2 255 0 0\n3 2 1 0\n")
     assert read_shape(tmp_path / "a.off", AS_STORED).faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.*"])
+def test_a_file_that_vanishes_is_the_machines_failure(tmp_path, name):
+    """And not one of its content, which would be remembered."""
+    (tmp_path / "a").mkdir()
+    for place in (tmp_path, tmp_path / "a"):
+        write_mesh(place / "a.ply", blob(np.random.default_rng(0), num_vertices=60))
+    path = tmp_path / name
+    digest = hash_shape(path)
+    assert read_shape(path, digest=digest).name == "a"
+    (tmp_path / "a.ply").unlink()
+    (tmp_path / "a" / "a.ply").unlink()
+    with pytest.raises(UnavailableError, match="has vanished since the run began; put it back"):
+        read_shape(path, digest=digest)
+    with pytest.raises(InputError, match=r"no such file|no files of its parts"):
+        read_shape(path)
+
+
+def test_a_shape_is_called_by_the_readable_name_of_its_file(tmp_path):
+    path = write_mesh(
+        tmp_path / "a\u202eylp.x.ply", blob(np.random.default_rng(0), num_vertices=60)
+    )
+    assert read_shape(path).name == r"a\u202eylp.x" == read_folder(tmp_path).names[0]

@@ -1,9 +1,20 @@
+import json
+from pathlib import Path
+
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.errors import UnavailableError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.io.source import DIGEST_LENGTH, hash_source, read_source
+from data_tools.io.source import (
+    DIGEST_LENGTH,
+    MAX_FILE_BYTES,
+    Room,
+    Source,
+    hash_source,
+    read_source,
+)
+from tests.memory import most_memory
 
 
 def test_files_are_hashed_by_content(tmp_path):
@@ -29,3 +40,34 @@ def test_a_shape_of_another_digest_is_refused(tmp_path, rng):
     assert read_shape(path, digest=digest).is_mesh
     with pytest.raises(UnavailableError, match="has changed"):
         read_shape(path, digest=digest[::-1])
+
+
+@pytest.mark.parametrize("size", [0, 664, 10**6, 10**9])
+def test_the_memory_of_a_file_grows_with_its_size_up_to_a_limit(size):
+    most = min(64 * 2**20 + 64 * size, MAX_FILE_BYTES)
+    Room("a.npz", size).take(most)
+    with pytest.raises(InputError, match=r"a\.npz: promises .* unpack it"):
+        Room("a.npz", size).take(most + 1, "unpack it")
+    room = Room("a.npz", size)
+    room.take(most - 1)
+    room.take(1)
+    with pytest.raises(InputError, match="save it without compression"):
+        room.take(1)
+
+
+def test_the_data_beside_a_file_count_as_the_file():
+    source = Source(Path("a.gltf"), b"{}", companions={"a": bytes(10**6)})
+    Room.of(source).take(2**26 + 64 * (10**6 + 2))
+    with pytest.raises(InputError):
+        Room.of(source).take(2**26 + 64 * (10**6 + 2) + 1)
+
+
+def test_data_under_several_names_are_read_once(tmp_path):
+    (tmp_path / "a.bin").write_bytes(bytes(2**20))
+    names = ["a.bin", "./a.bin", ".//a.bin", "%61.bin", *("./" * n + "a.bin" for n in range(2, 90))]
+    document = {"buffers": [{"uri": name, "byteLength": 2**20} for name in names]}
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with most_memory(3 * 2**20):
+        source = read_source(tmp_path / "a.gltf")
+    assert set(source.companions) == set(names)
+    assert {len(content) for content in source.companions.values()} == {2**20}

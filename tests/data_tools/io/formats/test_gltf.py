@@ -16,6 +16,7 @@ from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.listing import hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source, read_source
+from tests.memory import most_memory
 
 MESH = blob(np.random.default_rng(3), num_vertices=60)
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -156,6 +157,20 @@ def test_nodes_move_what_is_below_them_and_mirrors_turn_faces_round(tmp_path):
     )
 
 
+def test_the_node_of_a_skinned_mesh_does_not_move_it_but_what_is_below_it():
+    scene = Scene()
+    mesh = scene.mesh(scene.plain())
+    below = scene.node(root=False, mesh=mesh)
+    skinned = scene.node(root=False, mesh=mesh, skin=0, scale=[1, 5, 1], children=[below])
+    scene.node(children=[skinned], rotation=QUARTER, translation=[1, 0, 0])
+    scene.document["skins"] = [{"joints": [scene.node()]}]
+    found = scene.read()
+    np.testing.assert_allclose(found.vertices[:60], MESH.vertices, atol=1e-6)
+    moved = MESH.vertices * [1, 5, 1] @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]).T
+    np.testing.assert_allclose(found.vertices[60:] - [1, 0, 0], moved, atol=1e-5)
+    assert found.notes == not_kept(["the pose of its skeleton"])
+
+
 def normals(raw):
     corners = raw.vertices[raw.faces]
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -224,6 +239,35 @@ def test_sparse_accessors_replace_some_rows(has_base):
     np.testing.assert_allclose(scene.read().vertices, expected, atol=1e-6)
     accessor["sparse"]["count"] = 10**12
     with pytest.raises(InputError, match="go beyond the end"):
+        scene.read()
+
+
+def test_a_sparse_accessor_cannot_promise_more_than_its_file():
+    scene = Scene()
+    primitive = scene.plain()
+    accessor = scene.document["accessors"][primitive["attributes"]["POSITION"]]
+    del accessor["bufferView"]
+    accessor["sparse"] = {
+        "count": 1,
+        "indices": {
+            "bufferView": scene.view(np.zeros(1, dtype="<u2")),
+            "componentType": 5123,
+        },
+        "values": {"bufferView": scene.view(np.ones((1, 3), dtype="<f4"))},
+    }
+    scene.node(mesh=scene.mesh(primitive))
+    accessor["count"] = 1000
+    assert len(scene.read().vertices) == 1000
+    accessor["count"] = 10_000_000
+    with most_memory(2**20), pytest.raises(InputError, match="all accessors in full"):
+        scene.read()
+
+
+def test_meshes_without_indices_cannot_ask_for_any_memory():
+    scene = Scene()
+    many = scene.accessor(np.zeros((30_000, 3), dtype="<f4"))
+    scene.node(mesh=scene.mesh(*[{"attributes": {"POSITION": many}}] * 1000))
+    with most_memory(300 * 2**20), pytest.raises(InputError, match="fewer copies"):
         scene.read()
 
 
@@ -367,7 +411,7 @@ def test_files_that_end_early_or_are_of_old_versions_are_refused(scene):
     ("change", "reason"),
     [
         (lambda d: d["accessors"][0].update(count=10**6), "go beyond the end"),
-        (lambda d: d["accessors"][0].update(count=10**18), "larger than the file"),
+        (lambda d: d["accessors"][0].update(count=10**18), "go beyond the end"),
         (lambda d: d["accessors"][0].update(byteOffset=4), "go beyond the end"),
         (lambda d: d["bufferViews"][0].update(byteOffset=10**6), "go beyond the end"),
         (lambda d: d["accessors"][0].update(type="SCALAR"), "in a wrong place"),
@@ -399,5 +443,5 @@ def test_instances_cannot_ask_for_any_memory():
     mesh = scene.mesh({"attributes": {"POSITION": many}, "mode": 0})
     for _ in range(1000):
         scene.node(mesh=mesh)
-    with pytest.raises(InputError, match="too many copies"):
+    with pytest.raises(InputError, match="fewer copies of its meshes"):
         scene.read()

@@ -13,6 +13,7 @@ from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
 from data_tools.notes import Note
+from tests.memory import most_memory
 
 POINTS = np.random.default_rng(4).normal(size=(50, 3))
 
@@ -131,6 +132,17 @@ def test_points_that_a_camera_did_not_see_are_left_out_and_numbers_stay_those_of
     np.testing.assert_array_equal(shape.source_indices, kept)
     np.testing.assert_array_equal(shape.vertices, gaps[kept])
     assert len(shape.file_vertices) == 50
+
+
+def test_packed_points_cannot_ask_for_any_memory(monkeypatch):
+    monkeypatch.setattr("data_tools.io.source._FREE_BYTES", 0)
+    num = 10**6
+    packed = b"\x00\x00" + b"\xe0\xff\x00" * (12 * num // 264 + 1)  # 264 bytes as the one before
+    content = header(num=num, data="binary_compressed") + struct.pack("<II", len(packed), 12 * num)
+    with most_memory(10**6), pytest.raises(InputError, match="save it as binary"):
+        read(content + packed)
+    monkeypatch.undo()
+    assert not read(content + packed).vertices.any()
 
 
 @pytest.mark.parametrize(
