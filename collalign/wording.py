@@ -19,6 +19,7 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "bytes-ignored": "ignored {num} bytes after the last triangle",
     "coarse-steps": "coordinates come in steps of {step:.3g}, {share:.1%} of its size: finer detail was lost",
     "components-kept": lambda of: _components_kept(**of.values),
+    "count-off": "its first line promises {said} points, but {found} follow, and all were read",
     "decimated": "computed on a copy with {after} of {before} triangles",
     "degenerate-dropped": "dropped {num} triangles without area",
     "duplicates-merged": "merged {num} duplicate vertices",
@@ -161,6 +162,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
     "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "
     "the surface.",
+    "landmarks-beside": "Landmarks beside the shapes are not aligned: {files}. To carry them to all shapes, use "
+    "`collalign transfer OUT --landmarks FILE`.",
     "landmarks-close": "{shapes}: its landmarks are close together, and {times:.4g} times as large they lie on the "
     "surface. Check their unit.",
     "landmarks-converted": "{shapes}: landmarks converted from {declared} to {system}, the system of the surface.",
@@ -184,6 +187,7 @@ TOOL_TEXTS: dict[str, _Text] = {
     ),
     "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
     "{shapes}.",
+    "no-landmarks": "{shapes}: left out markups whose points are no landmarks: {kinds}.",
     "not-shapes": lambda of: (
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
         f"{_joined(of.values['files'])}."
@@ -193,6 +197,10 @@ TOOL_TEXTS: dict[str, _Text] = {
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."
     ),
+    "rescaled": "{shapes} was rescaled by a factor of {scale:.4g}: two shapes are matched up to size. If sizes "
+    "matter, as on worn or broken surfaces, use --partial, which keeps them.",
+    "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
+    "--include.",
     "too-few-points": "Left out by a run, with fewer than {num} points: {shapes}.",
 }
 _TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}

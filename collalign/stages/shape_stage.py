@@ -17,7 +17,7 @@ from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
-from data_tools.io.listing import FolderListing, hash_shape
+from data_tools.io.listing import TABLES, FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
@@ -194,6 +194,8 @@ def wanted_shapes(
         "sampling": options.sampling,
         "embedding": options.embedding,
     }
+    keyed = vars(cleaning).copy()
+    del keyed["columns"]  # which change nothing of files that are no tables
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
             digest = hash_shape(file)
@@ -204,8 +206,11 @@ def wanted_shapes(
             continue
         # The reader depends on the suffix as well as on the content.
         given = [points[name].digest for points in (own, extra) if name in points]
+        suffix, columns = file.suffix.lower(), cleaning.columns
+        if suffix in TABLES or (suffix == ".*" and columns):
+            given += ["columns", columns]
         wanted[name] = Wanted(
-            key=SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given),
+            key=SAMPLING.key(settings | {"cleaning": keyed, "suffix": suffix}, digest, *given),
             label=file.name,
             arguments=settings
             | {"file": file.absolute(), "name": name, "digest": digest}
