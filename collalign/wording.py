@@ -146,7 +146,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "finding the other side ({error:.2g} radii). All specimens share this error. Do not report the asymmetry unless "
     "landmarks show it too.",
     "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
-    "specimens are reflected. The table of specimens has the centroid sizes.",
+    "specimens are reflected. Tables of specimens have centroid sizes. For coordinates of the files, use "
+    "--space raw.",
     "coordinates-procrustes": "Coordinates: superimposed at unit centroid size. {num_reflected} of {total} specimens "
     "are reflected. The table of specimens has the centroid sizes.",
     "coordinates-raw": "Coordinates: those of the files.",
@@ -154,6 +155,12 @@ TOOL_TEXTS: dict[str, _Text] = {
     "side and are not reflected, which statistics would find as shape. For statistics, do not use --space raw.",
     "coordinates-unscaled": "Coordinates: the common frame, in the unit of each file. {num_reflected} of {total} "
     "specimens are reflected; centroid sizes are kept. For the coordinates of the files, use --space raw.",
+    "directions-itk": "Each .tfm takes points of the common frame to the file's own, the direction in which images "
+    "are resampled. Its inverse takes points of the file to the common frame. 3D Slicer applies the inverse to a "
+    "mesh. In SimpleITK, GetInverse() gives it.",
+    "directions-shapeworks": "alignment_1 takes points of the file to the common frame. Its inverse takes them back.",
+    "directions-tables": "T11 to T34 are rows of a matrix that takes points of the file to the common frame. Its "
+    "inverse takes them back.",
     "groups-of-one": lambda of: (
         f"{of.values['column']}: groups of one specimen are not tested: {_with(of, of.values['groups'])}. Correct "
         "the names of their groups, or leave them out."

@@ -231,7 +231,9 @@ def _commented(line: str, width: int) -> tuple[str, ...]:
     said, _, named = line.partition("=")
     is_said = said.strip().lower() == "columns"
     words = re.split(r"[\s,;]+", _without_brackets(named if is_said else line).strip(" \t,;"))
-    is_named = len(words) == width and {*"xyz"} <= {word.lower() for word in words}
+    is_named = (
+        len(words) == width and ":" not in line and {*"xyz"} <= {word.lower() for word in words}
+    )
     return tuple(words) if is_said or is_named else ()
 
 

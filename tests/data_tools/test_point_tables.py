@@ -85,6 +85,18 @@ def test_cells_without_a_number_are_missing(cell):
     assert unheaded.labels == ("b", "a")
 
 
+def test_other_signs_that_end_lines_stay_in_cells():
+    text = "label,x,y,z\na\u2028b,1,2,3\n\u2029c\x85d,4,5,6\n"
+    assert read_point_table(text, "a.csv").labels == ("a\u2028b", "c\x85d")
+
+
+@pytest.mark.parametrize("text", ["1,1,2,3\n2,4,5,6\n", "1,2,3,1\n4,5,6,2\n"])
+def test_a_column_that_counts_the_rows_numbers_landmarks(text):
+    found = read_point_table(text, "a.csv")
+    assert found.labels == ("1", "2")
+    np.testing.assert_array_equal(found.points, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_a_column_of_specimens_says_whose_each_landmark_is():
     text = "specimen,label,x,y,z\nA,p,1,2,3\nB,p,4,5,6\nA,q,7,8,9\n"
     found = read_point_table(text, "a.csv")
@@ -108,6 +120,9 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
         ),
         ("label,x,y,x,z\nF-1,1,2,3,4\n", "its heading does not say"),
         ("1,2,3,4,5,6,7\n2,3,4,5,6,7,9\n", "no heading, and 7 columns of numbers"),
+        ("17,2,3,4\n18,3,4,5\n", "can be read as label, x, y, z, or as x, y, z, label"),
+        ("F-1,2,b,3,4\nF-2,3,c,4,5\n", "3 columns of numbers; it is not clear"),
+        ("id,a,b,c,d\n17,2,3,4,5\n", "its heading does not say"),
         ("label,x,y,z\nF-1,1,2\n", "F-1 has 2 coordinates"),
         ("F-1,1,2,3\nF-2,1,2\n", "row 2 has 3 cells, most have 4|row 1 has 4 cells, most have 3"),
         ("label,x,y,z\nF-1,1,two,3\n", "'two' of landmark F-1 is no number"),

@@ -136,8 +136,8 @@ def _write_coloured(path: Path, shape: Shape, colours: FloatArray, **values: Flo
     return write_ply(path, shape.vertices, shape.faces, **dict(channels), **values)
 
 
-#: Sizes that differ by less are equal: copies of one surface in other triangles are matched within as much.
-SAME_SIZE_TOL = 0.005
+#: Rescaling by less is not said. Copies of five generated surfaces in other triangles were rescaled by up to 1.6 %.
+SAME_SIZE_TOL = 0.001
 #: The command whose files these are, in the manifest of an output folder.
 WRITER = "match"
 
@@ -261,9 +261,8 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
 
 
 def _say_rescaled(found: RigidMatch | PartialMatch, name: str) -> None:
-    """Say how much the source is larger after the transform, where that is not by rounding alone."""
+    """Say by how much the transform makes the source larger or smaller, if it does."""
     scale = float(scales_of(found.transform))
-    add_to_summary(scale=scale)
     if abs(scale - 1.0) > SAME_SIZE_TOL:
         say(f"Note: {note_text(Note('rescaled', (name,), {'scale': scale}))}")
 

@@ -4,7 +4,13 @@ import io
 import numpy as np
 import pytest
 
-from data_tools.io.text_tables import csv_text, parse_table, plain_cell
+from data_tools.io.text_tables import (
+    axis_columns,
+    csv_text,
+    parse_table,
+    plain_cell,
+    read_table,
+)
 
 
 def test_regular_tables():
@@ -51,6 +57,10 @@ NAMES = [
     'a"b',
     "two\nlines",
     "",
+    "\uff1d1+1",
+    "'\uff20a",
+    "left\u2028right",
+    "a\x85b",
     "-1.5",
 ]
 
@@ -63,7 +73,9 @@ def test_no_text_begins_like_a_formula_and_numbers_stay_numbers():
     rows = read(csv_text([["name", "x"], *([name, -1.5] for name in NAMES)]))
     assert rows[1:] == [[rows[at + 1][0], "-1.5"] for at in range(len(NAMES))]
     assert not [
-        cell for cell, _ in rows[1:] if cell[:1] in ("=", "+", "-", "@", "\t") and cell != "-1.5"
+        cell
+        for cell, _ in rows[1:]
+        if cell[:1] in {*"=+-@\t\uff1d\uff0b\uff0d\uff20"} and cell != "-1.5"
     ]
     assert rows[-1][0] == "-1.5"
 
@@ -76,3 +88,42 @@ def test_names_come_back_as_they_were():
 
 def test_unknown_numbers_are_empty():
     assert csv_text([[float("nan"), 0.1, 3]]) == ",0.1,3\n"
+
+
+@pytest.mark.parametrize("sign", ["\u2028", "\u2029", "\x85", "\v", "\f"])
+def test_signs_that_end_lines_for_some_are_in_quotes(sign):
+    assert csv_text([["a", 1.5], [f"b{sign}c", 2.5]]) == f'a,1.5\n"b{sign}c",2.5\n'
+    assert read_table(f"name,x,y,z\nb{sign}c,1,2,3\n", "a").rows() == [[f"b{sign}c", "1", "2", "3"]]
+
+
+@pytest.mark.parametrize(
+    ("text", "heading", "separator", "first"),
+    [
+        ("x y z\n1 2 3\n", ("x", "y", "z"), None, ["1", "2", "3"]),
+        ("# x y z class\n1 2 3 4\n", ("x", "y", "z", "class"), None, ["1", "2", "3", "4"]),
+        ("# points: x, y, z\n1 2 3 4\n", (), None, ["1", "2", "3", "4"]),
+        ("# x y z\n1 2 3 4\n", (), None, ["1", "2", "3", "4"]),
+        ("# columns = x,y,z\n1,2,3,4\n", ("x", "y", "z"), ",", ["1", "2", "3", "4"]),
+        ("2\nx;y;z\n1,5;2;3\n4;5;6\n", ("x", "y", "z"), ";", ["1,5", "2", "3"]),
+        ("a 1,2,3\nb 4,5,6\n", (), ",", ["a 1", "2", "3"]),
+        ('a,1,2,3,"\nb,4,5,6,c\n', (), ",", ["a", "1", "2", "3", '"']),
+    ],
+)
+def test_rows_and_headings(text, heading, separator, first):
+    """A comment names columns if it has a word for each; a quote that does not end swallows no row."""
+    table = read_table(text, "a")
+    assert (table.heading, table.separator, table.rows()[0]) == (heading, separator, first)
+
+
+def test_axes_of_headings():
+    for heading, want in {
+        "class,x,y,z": ((1, 2, 3), None),
+        "Z [mm],pos_y,Points:0,x_size": ((2, 1, 0), None),
+        "label,r,a,s": ((1, 2, 3), "RAS"),
+        "a,b,c": ((0, 1, 2), None),
+        "a,b,c,d": (None, None),
+        "x,y,z,vx,vy,vz": ((0, 1, 2), None),
+        "x,y,z,x": ((0, 3, 1, 2), None),
+        "p_x,p_y,p_z,q_x,q_y,q_z": (None, None),
+    }.items():
+        assert axis_columns(heading.split(",")) == want
