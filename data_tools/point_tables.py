@@ -69,8 +69,8 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
     Columns are those of :func:`data_tools.io.text_tables.read_table`, found by the names in a heading: ``x, y, z``,
     or ``r, a, s`` and ``l, p, s`` of 3D Slicer; ``label``, ``landmark`` or ``name``. Without a heading they are the
     only three columns of numbers, side by side, with a label before or after them: a text, or a number that counts
-    the rows from 0 or 1. A row may also hold all landmarks of a specimen, in columns such as ``nose_x, nose_y, nose_z`` or
-    ``X1, Y1, Z1``. Decimals are marked by points, or by commas where these separate no columns.
+    the rows from 0 or 1. A row may also hold all landmarks of a specimen, in columns such as ``nose_x, nose_y,
+    nose_z`` or ``X1, Y1, Z1``. Decimals are marked by points, or by commas where these separate no columns.
 
     Parameters
     ----------
