@@ -78,7 +78,7 @@ def read_pts(source: Source, columns: str = "") -> RawShape:
     starts = [at for at, line in enumerate(lines) if line.strip().isdecimal()]
     bounds = [*starts, len(lines)] if starts[:1] == [0] else [0, len(lines)]
     scans = [
-        read_points_table("\n".join(lines[start:stop]), name, columns, is_pts=True)
+        read_points_table("\n".join(lines[start:stop]), name, columns, is_pts=bool(starts))
         for start, stop in pairwise(bounds)
     ]
     notes = dict.fromkeys(note for scan in scans for note in scan.notes)
@@ -111,7 +111,7 @@ def read_points_table(text: str, name: str, columns: str = "", *, is_pts: bool =
     Which columns are x, y and z says the user, else a heading (:func:`data_tools.io.text_tables.read_table`). Without
     either they are the only three columns of numbers, or the first three of a documented format: x, y, z with an
     intensity, a colour of integers to 255 or a unit normal. What could also be a number, class or time before x, y, z
-    is refused, but in PTS files, whose format says that x, y, z come first.
+    is refused, but in PTS files with a count, whose format says that x, y, z come first.
 
     Numbers have decimal points, or decimal commas where these separate no columns and no number has a point.
 
@@ -269,6 +269,8 @@ def _before(values: FloatArray) -> str:
             return "time"
         if num == 1 and _is_intensity(values[:, :1]):
             return "intensity"
+        if num == 1 and _is_intensity(values[:, 1:3]):  # as y and z of its kind would not be
+            return "value"
     return ""
 
 
@@ -340,14 +342,24 @@ def _molecule(text: str, name: str) -> tuple[str, str] | None:
     if len(lines) < 3 or not (lines[0].strip().isdecimal() and len(lines[0].strip()) < 10):
         return None
     num, first = int(lines[0]), lines[2].split()
+    if num < 1 or len(first) < 4:
+        return None
     said = _PROPERTIES.search(lines[1])
-    is_headed = {*"xyz"} <= {*plain_words(lines[1].lower().split())}
-    if is_headed or num < 1 or len(first) < 4 or not (said or _ELEMENT.fullmatch(first[0])):
+    comment = lines[1].split()
+    is_row = {*"xyz"} <= {*map(str.lower, plain_words(comment))} or (
+        len(comment) == len(first)
+        and _ELEMENT.fullmatch(comment[0])
+        and all(map(is_decimal, comment[1:]))
+    )
+    is_atom = said or (all(map(is_decimal, first[1:4])) and _ELEMENT.fullmatch(first[0]))
+    if is_row or not is_atom:
         return None
     every = text.rstrip("\n").split("\n")
     rows, rest = every[2 : 2 + num], [line for line in every[2 + num :] if line.strip()]
     words = [row.split(maxsplit=1)[:1] for row in rows]
     if len(rows) < num or not (said or all(one and _ELEMENT.fullmatch(one[0]) for one in words)):
+        return None
+    if rest and not rest[0].strip().isdecimal():
         return None
     if rest:
         raise InputError(

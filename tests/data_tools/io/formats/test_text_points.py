@@ -7,7 +7,7 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.formats.raw_shape import not_kept
-from data_tools.io.formats.text_points import read_points_table, read_text_points
+from data_tools.io.formats.text_points import read_points_table, read_pts, read_text_points
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Source
 from data_tools.notes import Note
@@ -298,3 +298,59 @@ def test_a_heading_of_brackets_takes_no_time(heading):
     np.testing.assert_array_equal(
         read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt").vertices, [[1, 2, 3]]
     )
+
+
+def written_anyhow(rng):
+    """Return points, a table of them as somebody may write it, what a person calls its columns, if it has a count."""
+
+    def one_of(*choices):
+        return choices[int(rng.integers(len(choices)))]
+
+    points = np.round(rng.standard_normal((8, 3)) * one_of(1, 10, 1000), one_of(2, 3))
+    if rng.random() < 0.2:
+        points = np.round(100 * points)
+    extras = {
+        "": lambda at: [],
+        "class": lambda at: [int(rng.integers(1, 5))],
+        "time": lambda at: [round(0.04 * at, 3)],
+        "quality": lambda at: [round(float(rng.normal()), 3)],
+        "intensity": lambda at: [round(float(rng.random()), 3)],
+        "r,g,b": lambda at: rng.integers(0, 256, 3).tolist(),
+        "nx,ny,nz": lambda at: [0, 0.6, -0.8],
+        "label": lambda at: [f"p{at}"],
+    }
+    before, after = (one_of("", *extras) if rng.random() < share else "" for share in (0.5, 0.6))
+    rows = [
+        [*extras[before](at), *point, *extras[after](at)]
+        for at, point in enumerate(points.tolist())
+    ]
+    names = [*filter(None, before.split(",")), "x", "y", "z", *filter(None, after.split(","))]
+    sign = one_of(",", ";", "\t", " ", "  ", ", ", " ; ")
+    comma = "," not in sign and rng.random() < 0.3
+    lines = [sign.join(str(x).replace(".", "," if comma else ".") for x in row) for row in rows]
+    kind = one_of("none", "none", "first", "units", "comment")
+    heading = sign.join(f"{name} [mm]" if kind == "units" else name for name in names)
+    head = {"none": [], "comment": [f"# {heading}"]}.get(kind, [heading])
+    count = one_of(None, None, None, len(lines), len(lines) - 1)
+    head = [*head, str(count)] if count and kind in ("none", "comment") else head
+    head += [""] * (count is not None and rng.random() < 0.3)
+    text = one_of("\n", "\r\n", "\r").join([*one_of([], ["# by hand"]), *head, *lines, ""])
+    return points, text.encode(one_of("utf-8", "utf-8-sig", "utf-16")), ",".join(names), bool(count)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_no_way_to_write_a_table_is_misread(seed):
+    """What is read is right, whoever writes it how; what is refused is read where its columns are named."""
+    points, content, columns, has_count = written_anyhow(np.random.default_rng(seed))
+    for named in ("", columns):
+        for reader in (read_text_points, read_pts):
+            if reader is read_pts and has_count:  # its format says what comes first
+                continue
+            try:
+                found = reader(Source(Path("a.txt"), content), named)
+            except InputError as error:
+                reason = str(error)
+                if named and "commas" not in reason:
+                    raise
+            else:
+                np.testing.assert_array_equal(found.vertices, points, err_msg=repr(content))
