@@ -34,7 +34,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _LAYOUTS = {4: ["i"], 6: ["rgb", "nnn"], 7: ["irgb", "rgbi"], 9: ["rgbnnn", "nnnrgb"]}
 _CALLED = {"i": "intensity", "rgb": "red, green, blue", "nnn": "nx, ny, nz"}
 #: An element by its symbol, perhaps with a number, or by its atomic number.
-_ELEMENT = re.compile(r"[A-Za-z]{1,3}\d*|\d{1,2}|1[01]\d")
+_ELEMENT = re.compile(r"[A-Za-z]{1,3}\d*|[1-9]\d?|1[01]\d")
 _PROPERTIES = re.compile(r"\bProperties=\"?((?:\w+:\w:\d+:)*pos:R:3(?::\w+:\w:\d+)*)")
 #: How far the length of a normal may be from 1, as files of few decimals have it.
 _NORMAL_TOL = 0.02
@@ -349,7 +349,7 @@ def _molecule(text: str, name: str) -> tuple[str, str] | None:
     is_row = {*"xyz"} <= {*map(str.lower, plain_words(comment))} or (
         len(comment) == len(first)
         and _ELEMENT.fullmatch(comment[0])
-        and all(map(is_decimal, comment[1:]))
+        and all(map(is_decimal, comment[1:4]))
     )
     is_atom = said or (all(map(is_decimal, first[1:4])) and _ELEMENT.fullmatch(first[0]))
     if is_row or not is_atom:
