@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
+from data_tools.io.files import any_text
 from data_tools.point_tables import number, read_point_table
+from tests.data_tools.io.formats.test_text_points import written_anyhow
 
 POINTS = [[1.5, -2.25, 3.0], [0.5, 0.25, -0.125], [10.0, 20.5, 30.25]]
 LABELS = ("F-1", "F-2", "F-3")
@@ -137,3 +139,13 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
 def test_what_is_not_clear_is_refused_by_name(text, reason):
     with pytest.raises(InputError, match=rf"^a\.csv: .*({reason})"):
         read_point_table(text, "a.csv")
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_no_way_to_write_a_table_is_misread(seed):
+    points, content, _, _ = written_anyhow(np.random.default_rng(seed))
+    try:
+        found = read_point_table(any_text(content), "a.csv")
+    except InputError:
+        return
+    np.testing.assert_array_equal(found.points, points, err_msg=repr(content))
