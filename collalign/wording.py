@@ -159,8 +159,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "are resampled. Its inverse takes points of the file to the common frame. 3D Slicer applies the inverse to a "
     "mesh. In SimpleITK, GetInverse() gives it.",
     "directions-shapeworks": "alignment_1 takes points of the file to the common frame. Its inverse takes them back.",
-    "directions-tables": "T11 to T34 are rows of a matrix that takes points of the file to the common frame. Its "
-    "inverse takes them back.",
+    "directions-tables": "T11 to T34 of the table of shapes are rows of a matrix. It takes points of the file to the "
+    "common frame, and its inverse takes them back.",
     "groups-of-one": lambda of: (
         f"{of.values['column']}: groups of one specimen are not tested: {_with(of, of.values['groups'])}. Correct "
         "the names of their groups, or leave them out."

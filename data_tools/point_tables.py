@@ -86,6 +86,10 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
         If it is not clear which columns hold what, or a row does not hold three numbers there.
     """
     table = read_table(text, name)
+    for note in table.notes:
+        raise InputError(
+            f"{name}: announces {note.values['said']} landmarks and holds {note.values['found']}; is it truncated?"
+        )
     rows, heading = table.rows(), [*table.heading]
     if not rows:
         raise InputError(f"{name}: holds no landmarks{', only a heading' if heading else ''}")

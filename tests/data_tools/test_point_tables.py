@@ -129,6 +129,7 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
         ("F-1,1,2,3\nF-2,1,2\n", "row 2 has 3 cells, most have 4|row 1 has 4 cells, most have 3"),
         ("label,x,y,z\nF-1,1,two,3\n", "'two' of landmark F-1 is no number"),
         ("label,x,y,z\n", "only a heading"),
+        ("2\n1 2 3\n4 5 6\n7 8 9\n", "announces 2 landmarks and holds 3"),
         ("# nothing\n", "holds no landmarks"),
         (
             "name,landmark,x,y,z,radius,status\na,p,1,2,3,1,carried over\n",

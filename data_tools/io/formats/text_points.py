@@ -311,17 +311,12 @@ def _with_decimal_points(lines: list[str], separator: str | None) -> list[str]:
 
 def _refuse_split_decimals(table: TextTable, name: str) -> None:
     """Refuse whole numbers between commas in six columns or more, half of which may be the decimals of the others."""
-    if table.separator != ",":
+    width = table.lines[0].count(",") + 1
+    if table.separator != "," or width < 6 or width % 2:
         return
     rows = [[cell.strip() for cell in line.split(",")] for line in table.lines]
-    width = len(rows[0])
-    if (
-        width < 6
-        or width % 2
-        or not all(re.fullmatch(r"[+-]?\d+", one) for row in rows for one in row)
-    ):
-        return
-    if not any(cell[0] in "+-" for row in rows for cell in row[1::2]):
+    is_whole = all(re.fullmatch(r"[+-]?\d+", one) for row in rows for one in row)
+    if is_whole and not any(cell[0] in "+-" for row in rows for cell in row[1::2]):
         raise InputError(
             f"{name}: commas seem to mark both columns and decimals. Save it with semicolons between columns or with "
             "decimal points. If each number is a column of its own, name them with --columns"
