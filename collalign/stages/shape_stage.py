@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -20,7 +21,7 @@ from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import TABLES, FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
-from data_tools.notes import Note
+from data_tools.notes import Note, listed
 from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.outliers import odd_ratios
@@ -78,10 +79,16 @@ def prepare_shapes(
         shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said))
     )
     if len(shapes.names) < 2:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
-        raise CollectionError(
-            f"{len(shapes.names)} readable shapes, at least two are needed to align a collection{reasons}"
+        reasons = [f"{item.file}: {item.reason}" for item in shapes.excluded]
+        tables = [name for name in listing.skipped_names if Path(name).suffix.lower() in TABLES]
+        if tables:
+            reasons.append(
+                f"{listed(tables)}: tables beside meshes; to align them too, use --include"
+            )
+        found = (
+            f"{len(shapes.names)} readable shapes, at least two are needed to align a collection"
         )
+        raise CollectionError("; ".join([found, *reasons]))
     return shapes
 
 

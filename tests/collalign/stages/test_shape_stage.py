@@ -19,6 +19,7 @@ from collalign.stages.shape_stage import (
     prepare_shapes,
 )
 from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import CollectionError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
@@ -69,6 +70,16 @@ def test_columns_change_the_keys_of_tables_alone(folder):
         for columns in ("x,y,z", "z,y,x")
     )
     np.testing.assert_array_equal(first, second[:, ::-1])
+
+
+def test_too_few_shapes_beside_tables_say_how_to_take_these(folder):
+    for name in ("s1", "s2"):
+        (folder / f"{name}.ply").unlink()
+        np.savetxt(folder / f"{name}.csv", np.random.default_rng(0).random((30, 3)), delimiter=",")
+    with pytest.raises(
+        CollectionError, match=r"1 readable shapes.* collection; s1\.csv, s2\.csv: tables beside"
+    ):
+        prepare(folder)
 
 
 def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(folder, monkeypatch):
