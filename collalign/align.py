@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from importlib.metadata import version
 from types import MappingProxyType
@@ -51,6 +51,7 @@ from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
+from data_tools.landmark_tables import notes_beside
 from data_tools.notes import Note
 from data_tools.poses import each_moved_by
 from data_tools.surface.extra import ExtraSurface
@@ -73,6 +74,7 @@ def align_collection(
     kept: Mapping[str, ArrayLike] | None = None,
     recursive: bool = False,
     parts: bool = False,
+    include: Sequence[str] = (),
     progress: ProgressFactory | bool = True,
     **keywords: Unpack[CollectionKeywords],
 ) -> Collection:
@@ -98,6 +100,9 @@ def align_collection(
     parts : bool
         Whether the files of a folder in a folder, and files called ``A.part.ply``, are parts of one specimen that
         move as one: cranium and mandible, the bones of a pelvis.
+    include : sequence of str
+        Patterns of names (``"*.csv"``) of the tables that are shapes although they lie beside meshes. Others there
+        are landmarks, measurements or labels, and left out by name.
     progress : bool or callable
         A bar per stage in terminals and notebooks; False is silent; a callable makes another display.
     **keywords
@@ -140,7 +145,7 @@ def align_collection(
     }
     wanted = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
-    listing = list_shapes(shapes, recursive=recursive, parts=parts)
+    listing = list_shapes(shapes, recursive=recursive, parts=parts, include=include)
     with Session.open(wanted, how, progress_display(progress)) as session:
         return align_listing(
             session, listing, fixed=fixed or {}, kept=kept or {}, own=Own(**of_kind[Own])
@@ -178,7 +183,8 @@ def align_listing(
         {composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept)
     )
     with steps.timed(session, times_s, "shapes"):
-        given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))
+        files = dict(zip(listing.names, listing.files, strict=True))
+        given = own_points(own, files, session.options.cleaning)
         session = with_marks(with_own_samples(session, given), own)
 
     def posed_with(session: AlignSession) -> tuple[Run, Matched, Posed]:
@@ -210,7 +216,7 @@ def align_listing(
         matched, notes=(*own_notes(own, given, run.constraints, posed.rotations), *matched.notes)
     )
     times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
-    found = _collected(run, matched, posed, listing.skipped_names)
+    found = _collected(run, matched, posed, listing)
     return replace(found, own=own.kinds)
 
 
@@ -226,7 +232,7 @@ def matched_samples(
     return prepare_shapes(session, listing, extra=extra)
 
 
-def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...]) -> Collection:
+def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing) -> Collection:
     """Return the result of a run: the one place where a collection is made."""
     shapes, solution, wanted = run.shapes, posed.solution, run.session.options
     samples, positions = shapes.samples, common_positions(shapes.samples, posed.transforms)
@@ -257,6 +263,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             *posed.notes,
             *_unknown_confidence(solution.confidence, wanted.synchronization),
             *(one.note for one in copies),
+            *notes_beside(listing),
         ),
         copies=copies,
         incomplete=posed.incomplete,
@@ -270,7 +277,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
             | {name: version(name) for name in _LIBRARIES},
             num_reused=session.num_reused("shapes", shapes.keys)
             + num_reused_pairs(session, shapes, posed.pairs),
-            skipped=skipped,
+            skipped=listing.skipped_names,
             command=COMMAND.get(),
             date=now(),
         ),

@@ -33,6 +33,7 @@ class BatchJob:
         What ``collalign align`` takes: folders, files, patterns, ``@FILE``.
     out : Path
     recursive, parts : bool
+    include : tuple of str
     options : AlignOptions
     """
 
@@ -40,6 +41,7 @@ class BatchJob:
     out: Path
     recursive: bool
     parts: bool
+    include: tuple[str, ...]
     options: AlignOptions
 
 
@@ -47,8 +49,9 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     """Read a batch file.
 
     It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
-    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true`` or
-    ``parts = true`` and, where they differ, ``[jobs.options]``. Paths are relative to the file.
+    ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true``,
+    ``parts = true`` or ``include = ["*.csv"]`` and, where they differ, ``[jobs.options]``. Paths are relative to the
+    file.
 
     Raises
     ------
@@ -88,7 +91,9 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
     """
     is_auto = job.options.group == "auto"
     options = replace(job.options, group="SO") if is_auto else job.options
-    listing = list_shapes(job.folders, recursive=job.recursive, parts=job.parts)
+    listing = list_shapes(
+        job.folders, recursive=job.recursive, parts=job.parts, include=job.include
+    )
     trial = try_shapes(listing, options, run)
     shapes, pairs = _workload(listing, replace(job, options=options), run)
     asks_sides = is_auto and pairs[1] > pairs[0] // 2
@@ -121,10 +126,10 @@ def _workload(
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
     name = f"{path}: job {number}"
-    known = {"folder", "out", "recursive", "parts", "options"}
+    known = {"folder", "out", "recursive", "parts", "include", "options"}
     if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= known:
         raise InputError(
-            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts' and 'options'"
+            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts', 'include' and 'options'"
         )
     places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
     if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
@@ -134,6 +139,9 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     how = {key: entry.get(key, False) for key in ("recursive", "parts")}
     if not all(isinstance(value, bool) for value in how.values()):
         raise InputError(f"{name}: 'recursive' and 'parts' must be true or false")
+    include = entry.get("include", [])
+    if not isinstance(include, list) or not all(isinstance(one, str) for one in include):
+        raise InputError(f"{name}: 'include' must be a list of patterns in quotes")
     special = entry.get("options", {})
     if not isinstance(special, dict):
         raise InputError(f"{name}: [jobs.options] must be a table")
@@ -145,7 +153,13 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
         Path(f"@{path.parent / place[1:]}") if place.startswith("@") else path.parent / place
         for place in places
     )
-    return BatchJob(folders=folders, out=path.parent / entry["out"], options=options, **how)
+    return BatchJob(
+        folders=folders,
+        out=path.parent / entry["out"],
+        include=tuple(include),
+        options=options,
+        **how,
+    )
 
 
 def _merged(general: Mapping[str, Any], special: Mapping[str, Any]) -> dict[str, Any]:

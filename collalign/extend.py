@@ -13,6 +13,7 @@ from collalign.align import align_listing
 from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session
+from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.products.pair import FormerPairs
@@ -34,6 +35,8 @@ def add_to_collection(
     run: RunOptions | Mapping[str, Any] | None = None,
     recursive: bool = False,
     parts: bool = False,
+    include: Sequence[str] = (),
+    columns: str = "",
     progress: ProgressFactory | bool = True,
 ) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
@@ -51,8 +54,10 @@ def add_to_collection(
         must be new.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
-    recursive, parts, progress
+    recursive, parts, include, progress
         As in :func:`collalign.align_collection`.
+    columns : str, optional
+        As in :class:`CleaningOptions`, where the result was made without.
 
     Returns
     -------
@@ -64,7 +69,8 @@ def add_to_collection(
     Raises
     ------
     InputError
-        If the folder holds no result, an old file has vanished or a name is taken.
+        If the folder holds no result, an old file has vanished or a name is taken; or if the result was made with
+        other ``columns``.
 
     Examples
     --------
@@ -81,8 +87,9 @@ def add_to_collection(
     """
     former = load(result)
     files = former.source_files()
+    options = _with_columns(former.options, columns)
     new, known = _without_known(
-        list_shapes(shapes, recursive=recursive, parts=parts), former.names, files
+        list_shapes(shapes, recursive=recursive, parts=parts, include=include), former.names, files
     )
     if not new.files:
         return replace(former, run=replace(former.run, known=known))
@@ -98,7 +105,7 @@ def add_to_collection(
         [sorted((pair.target, pair.source)) for pair in former.pairs], dtype=np.int64
     ).reshape(-1, 2)
     with Session.open(
-        former.options, as_options("run", run, RunOptions), progress_display(progress)
+        options, as_options("run", run, RunOptions), progress_display(progress)
     ) as session:
         aligned = align_listing(
             session,
@@ -121,6 +128,19 @@ def add_to_collection(
         excluded=(*left_out, *aligned.excluded),
         run=replace(aligned.run, known=known),
     )
+
+
+def _with_columns(options: AlignOptions, columns: str) -> AlignOptions:
+    """Return the options of a result with the columns of the tables that come to it."""
+    known = options.cleaning.columns
+    if not columns or columns == known:
+        return options
+    if known:
+        raise InputError(
+            f"columns: the result was made with {known!r}, and its tables are read again. Give new tables the same "
+            "columns, or headings"
+        )
+    return replace(options, cleaning=replace(options.cleaning, columns=columns))
 
 
 def _without_known(

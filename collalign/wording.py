@@ -19,6 +19,7 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "bytes-ignored": "ignored {num} bytes after the last triangle",
     "coarse-steps": "coordinates come in steps of {step:.3g}, {share:.1%} of its size: finer detail was lost",
     "components-kept": lambda of: _components_kept(**of.values),
+    "count-off": "its first line promises {said} points, but {found} follow, and all were read",
     "decimated": "computed on a copy with {after} of {before} triangles",
     "degenerate-dropped": "dropped {num} triangles without area",
     "duplicates-merged": "merged {num} duplicate vertices",
@@ -145,7 +146,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "finding the other side ({error:.2g} radii). All specimens share this error. Do not report the asymmetry unless "
     "landmarks show it too.",
     "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
-    "specimens are reflected. The table of specimens has the centroid sizes.",
+    "specimens are reflected. Tables of specimens have centroid sizes. For coordinates of the files, use "
+    "--space raw.",
     "coordinates-procrustes": "Coordinates: superimposed at unit centroid size. {num_reflected} of {total} specimens "
     "are reflected. The table of specimens has the centroid sizes.",
     "coordinates-raw": "Coordinates: those of the files.",
@@ -153,6 +155,12 @@ TOOL_TEXTS: dict[str, _Text] = {
     "side and are not reflected, which statistics would find as shape. For statistics, do not use --space raw.",
     "coordinates-unscaled": "Coordinates: the common frame, in the unit of each file. {num_reflected} of {total} "
     "specimens are reflected; centroid sizes are kept. For the coordinates of the files, use --space raw.",
+    "directions-itk": "Each .tfm takes points of the common frame to the file's own, the direction in which images "
+    "are resampled. Its inverse takes points of the file to the common frame. 3D Slicer applies the inverse to a "
+    "mesh. In SimpleITK, GetInverse() gives it.",
+    "directions-shapeworks": "alignment_1 takes points of the file to the common frame. Its inverse takes them back.",
+    "directions-tables": "T11 to T34 of the table of shapes are rows of a matrix. It takes points of the file to the "
+    "common frame, and its inverse takes them back.",
     "groups-of-one": lambda of: (
         f"{of.values['column']}: groups of one specimen are not tested: {_with(of, of.values['groups'])}. Correct "
         "the names of their groups, or leave them out."
@@ -161,6 +169,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
     "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "
     "the surface.",
+    "landmarks-beside": "Landmarks beside the shapes are not aligned: {files}. To carry them to all shapes, use "
+    "`collalign transfer OUT --landmarks FILE`.",
     "landmarks-close": "{shapes}: its landmarks are close together, and {times:.4g} times as large they lie on the "
     "surface. Check their unit.",
     "landmarks-converted": "{shapes}: landmarks converted from {declared} to {system}, the system of the surface.",
@@ -184,6 +194,7 @@ TOOL_TEXTS: dict[str, _Text] = {
     ),
     "model-leaves-out": "The model {model} leaves out {num_shapes} shapes without a value, or alone in their group: "
     "{shapes}.",
+    "no-landmarks": "{shapes}: left out markups whose points are no landmarks: {kinds}.",
     "not-shapes": lambda of: (
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
         f"{_joined(of.values['files'])}."
@@ -193,6 +204,10 @@ TOOL_TEXTS: dict[str, _Text] = {
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."
     ),
+    "rescaled": "{shapes} was rescaled by a factor of {scale:.4g}: two shapes are matched up to size. If sizes "
+    "matter, as on worn or broken surfaces, use --partial, which keeps them.",
+    "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
+    "--include.",
     "too-few-points": "Left out by a run, with fewer than {num} points: {shapes}.",
 }
 _TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}

@@ -65,12 +65,15 @@ class Landmarks:
         Curves and patches in addition to the landmarks.
     system : {"LPS", "RAS"} or None
         What the file declares the coordinates of ``points`` to be.
+    left_out : tuple of str
+        The kinds of the file's other markups, whose points are no landmarks: Plane, ROI, Line, Angle.
     """
 
     labels: tuple[str, ...]
     points: FloatArray
     semilandmarks: tuple[Semilandmarks, ...] = ()
     system: CoordinateSystem | None = None
+    left_out: tuple[str, ...] = ()
 
 
 def read_landmarks(path: Path | str) -> Landmarks:
@@ -78,7 +81,8 @@ def read_landmarks(path: Path | str) -> Landmarks:
 
     ``.mrk.json``, ``.json`` and ``.fcsv`` (3D Slicer; coordinates as they stand, with the system that the file
     declares; markups of the type Curve or ClosedCurve become curves, which are called as their points are, without
-    the number), ``.csv``, ``.tsv``, ``.txt`` (see :func:`data_tools.point_tables.read_point_table`),
+    the number; those of other types than Fiducial, such as Plane and ROI, are named and left out), ``.csv``,
+    ``.tsv``, ``.txt`` (see :func:`data_tools.point_tables.read_point_table`),
     ``.pts`` (Landmark Editor and others: a row for each landmark, its name and x, y, z, below a version and a number
     of rows), ``.pp`` (picked in MeshLab), ``.landmarkAscii`` (Amira and Avizo, in text). Positions that are
     undefined, empty or no numbers become NaN. Texts may be UTF-8, UTF-16 or Windows-1252.
@@ -171,7 +175,11 @@ def _read_slicer_json(path: Path) -> Landmarks:
     labels: list[str] = []
     curves: list[Semilandmarks] = []
     systems: set[CoordinateSystem | None] = set()
+    left_out: list[str] = []
     for at, markup in enumerate(content["markups"], start=1):
+        if markup.get("type", "Fiducial") not in ("Fiducial", *_CURVES):
+            left_out.append(str(markup["type"]))
+            continue
         controls = markup.get("controlPoints", [])
         system = landmark_system(path, markup.get("coordinateSystem"))
         own = [
@@ -191,7 +199,14 @@ def _read_slicer_json(path: Path) -> Landmarks:
         raise InputError(
             f"{path}: its lists of points have different coordinate systems; export them anew in one"
         )
-    found = replace(_landmarks(path, labels, points), semilandmarks=tuple(curves))
+    if left_out and not (labels or curves):
+        raise InputError(
+            f"{path}: holds no landmarks, only markups of other types ({', '.join(left_out)}). If their points are "
+            "landmarks, copy them to a list of points in 3D Slicer"
+        )
+    found = replace(
+        _landmarks(path, labels, points), semilandmarks=tuple(curves), left_out=tuple(left_out)
+    )
     return replace(found, system=systems.pop() if systems else None)
 
 
@@ -243,10 +258,12 @@ def _read_csv(path: Path) -> Landmarks:
 
 def _read_pts(path: Path) -> Landmarks:
     """Read rows of landmarks below lines that say a version and how many there are; braces around them count not."""
-    lines = [line.strip() for line in read_any_text(path).splitlines() if line.strip(" \t{}")]
+    lines = [line.strip() for line in read_any_text(path).split("\n") if line.strip(" \t{}")]
     lines = [line for line in lines if not line.lower().startswith("version")]
     said = re.fullmatch(r"(?i)(?:n_points\s*:\s*)?(\d+)", lines[0]) if lines else None
-    found = _of_table(path, "\n".join(lines[1:] if said else lines))
+    lines = lines[1:] if said else lines
+    columns = _PTS_COLUMNS if lines and len(lines[0].split()) == len(_PTS_COLUMNS) else ()
+    found = _of_table(path, "\n".join(lines), columns)
     if said and int(said[1]) != len(found.labels):
         raise InputError(
             f"{path}: announces {said[1]} landmarks and holds {len(found.labels)}; is it truncated?"
@@ -277,7 +294,7 @@ def _read_amira(path: Path) -> Landmarks:
         )
     rows = [
         list(map(number, line.split()))
-        for line in blocks[blocks.index(places[0]) + 1].splitlines()
+        for line in blocks[blocks.index(places[0]) + 1].split("\n")
         if line.split()
     ]
     return _landmarks(path, list(map(str, range(len(rows)))), rows)
@@ -308,6 +325,7 @@ _FCSV_COLUMNS = (
     "id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatedNodeID",
     "positionStatus",
 )  # fmt: skip
+_PTS_COLUMNS = ("label", "x", "y", "z")
 #: Reader of each suffix.
 READERS: dict[str, Callable[[Path], Landmarks]] = {
     ".mrk.json": _read_slicer_json,

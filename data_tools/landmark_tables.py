@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import numpy as np
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.files import existing_file, read_any_text
+from data_tools.io.formats.text_points import is_table_of_specimens
+from data_tools.io.listing import TABLES, FolderListing
 from data_tools.landmark_files import READERS as OF_ONE_SHAPE
 from data_tools.landmark_files import (
     Landmarks,
@@ -20,7 +23,11 @@ from data_tools.landmark_files import (
     read_landmarks,
     specimen_of,
 )
+from data_tools.notes import Note
 from data_tools.point_tables import number, read_point_table
+
+#: Landmarks of a shape, and bytes of a file, above which a table beside meshes is taken for something else.
+MOST_LANDMARKS, MOST_BYTES = 1000, 2**20
 
 
 def read_specimens(path: Path | str) -> dict[str, Landmarks]:
@@ -62,6 +69,35 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     return dict(zip(names, [marks for _, marks in found], strict=True))
 
 
+def notes_beside(listing: FolderListing) -> tuple[Note, ...]:
+    """Return notes on the landmarks and other tables that lie beside the shapes of a collection, and are none.
+
+    Parameters
+    ----------
+    listing : FolderListing
+    """
+    landmarks, tables = list[str](), list[str]()
+    for path, name in zip(listing.skipped, listing.skipped_names, strict=True):
+        if _holds_landmarks(path):
+            landmarks.append(name)
+        elif path.suffix.lower() in TABLES and not is_table_of_specimens(path):
+            tables.append(name)
+    notes = (
+        Note("landmarks-beside", values={"num": len(landmarks), "files": tuple(landmarks)}),
+        Note("tables-beside", values={"num": len(tables), "files": tuple(tables)}),
+    )
+    return tuple(note for note in notes if note.values["num"])
+
+
+def _holds_landmarks(path: Path) -> bool:
+    """Return whether a file can be read as landmarks, and is none of many more points."""
+    with suppress(InputError, OSError):
+        if path.is_file() and path.stat().st_size <= MOST_BYTES:
+            found = read_specimens(path)
+            return all(len(one.labels) <= MOST_LANDMARKS for one in found.values())
+    return False
+
+
 def _read_table(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     """Read a table of one specimen, or of several where a column says whose landmark each is."""
     every = read_point_table(text, str(path))
@@ -85,7 +121,7 @@ def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:
 
 def _tps_specimen(block: str) -> tuple[str, Landmarks]:
     """Read one specimen: ``LM3=`` and its points, then curves, scale and names."""
-    lines = [line.strip() for line in block.splitlines() if line.strip()]
+    lines = [line.strip() for line in block.split("\n") if line.strip()]
     sets, said = list[FloatArray](), dict[str, str]()
     for at, line in enumerate(lines):
         key, sign, value = (word.strip() for word in line.partition("="))
@@ -115,7 +151,7 @@ def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     """Read ``1 nL p 1 CODE DIM=3``, names of the rows and of the columns where an L says so, and the matrix."""
     header, *lines = [
         line
-        for line in text.splitlines()
+        for line in text.split("\n")
         if line.strip() and not line.lstrip().startswith(('"', "'"))
     ]
     kind, rows, columns, has_code, *rest = header.split()
@@ -148,10 +184,8 @@ def _read_morphologika(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     num, size, dim = (int(sections[key]) for key in ("individuals", "landmarks", "dimensions"))
     if dim != 3:
         raise ValueError(dim)
-    names = [line.strip() for line in sections.get("names", "").splitlines() if line.strip()]
-    rows = [
-        line for line in sections["rawpoints"].splitlines() if not line.lstrip().startswith("'")
-    ]
+    names = [line.strip() for line in sections.get("names", "").split("\n") if line.strip()]
+    rows = [line for line in sections["rawpoints"].split("\n") if not line.lstrip().startswith("'")]
     every = _specimens(" ".join(rows).split(), num, size)
     return [
         (name, _landmarks(points)) for name, points in zip(names or [""] * num, every, strict=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypedDict
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, TypedDict
+
+from cyclopts import Parameter
 
 from data_tools.checks import check_count, check_kinds, check_number
+from data_tools.errors import OptionsError
 
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
@@ -20,7 +23,7 @@ MIN_POINTS = 4
 
 @dataclass(frozen=True, kw_only=True)
 class CleaningOptions:
-    """What is repaired when a file is read; every change is noted in ``Shape.notes``.
+    """How a file is read, and what is repaired then; every change is noted in ``Shape.notes``.
 
     Parameters
     ----------
@@ -32,13 +35,31 @@ class CleaningOptions:
         everything, as objects need that are assembled of parts, and matches the surface around all of them. auto
         keeps the largest, but where most shapes lose more than a twentieth of their area, two shapes are matched by
         all components, and a collection is if the largest ones leave poses in doubt and all components leave less.
+    columns : str
+        Names of the columns of text tables, in their order and separated by commas, among them x, y and z:
+        class,x,y,z. Further columns need no name. It is needed where a table has no heading and columns that are not
+        those of a documented format.
     """
 
     merge_vertices: bool = True
     components: Components = "auto"
+    columns: Annotated[str, Parameter(alias="--columns")] = ""
 
     def __post_init__(self) -> None:
         check_kinds(self)
+        if not isinstance(self.columns, str):
+            raise OptionsError(f"columns: expected text, got {self.columns!r}")
+        named = [word.strip().lower() for word in self.columns.split(",")]
+        if self.columns and any(named.count(axis) != 1 for axis in "xyz"):
+            raise OptionsError(
+                f"columns: expected names separated by commas, with x, y and z once each, such as class,x,y,z; got "
+                f"{self.columns!r}"
+            )
+
+    @property
+    def as_stored(self) -> CleaningOptions:
+        """Options under which files are read as stored: vertex indices are those of the file."""
+        return replace(self, merge_vertices=False, components="all")
 
 
 class CleaningKeywords(TypedDict, total=False):
@@ -46,10 +67,11 @@ class CleaningKeywords(TypedDict, total=False):
 
     merge_vertices: bool
     components: Components
+    columns: str
 
 
 #: Files are read as stored: vertex indices are those of the file.
-AS_STORED = CleaningOptions(merge_vertices=False, components="all")
+AS_STORED = CleaningOptions().as_stored
 
 
 @dataclass(frozen=True, kw_only=True)

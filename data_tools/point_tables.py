@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -12,26 +11,24 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, read_only
 from data_tools.errors import InputError
-from data_tools.io.text_tables import SEPARATOR_LINE, is_number, plain_cell
-
-#: What tables write where there is no landmark.
-_MISSING = re.compile(
-    r"(?i)[+-]?(nan(\(\w*\))?|1\.#\w+|#?n/?a|#(num|value)!|null|none|missing|undefined|[-.?])?"
+from data_tools.io.text_tables import (
+    LABELS,
+    MISSING,
+    axis_columns,
+    is_number,
+    plain_words,
+    read_table,
 )
-#: Headings of the column that names a landmark, and of the one that names its specimen; the first of them counts.
-_LABEL = ("label", "landmark", "name", "point", "id", "no", "nr", "number", "index", "")
+
+#: Headings of the column that names the specimen of a landmark.
 _SPECIMEN = ("specimen", "shape", "file", "filename")
-#: Words and units around the letter of an axis.
-_WORDS = r"(?:pos(?:ition)?|points?|coords?|coordinates?|koordinate|landmark|axis|mm|cm|m|um|µm|in)"
-_AXIS = re.compile(rf"(?:{_WORDS}[ _.:-]*)*([xyz])(?:[ _.:-]*{_WORDS})*")
 #: A column of one coordinate of one landmark: nose_x, 1.X (geomorph), X1 (MorphoJ).
 _COORDINATE = re.compile(
     r"(?i)(?P<label>.*[^ _.:-])(?:(?<=\d)|[ _.:-]{1,3})(?P<axis>[xyz])|(?P<first>[xyz])[ _.:-]?(?P<number>\d+)"
 )
 #: Of 3D Slicer: what a column of a table or a file says of a control point that is placed.
 _DEFINED = {"defined": ("", "1", "true"), "positionstatus": ("", "2", "defined")}
-_SYSTEM = re.compile(r"(?im)^#[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,;\s]*)")
-_COLUMNS = re.compile(r"(?im)^#[ \t]*columns[ \t]*=[ \t]*(.*?)[,;\s]*$")
+_SYSTEM = re.compile(r"(?im)^[ \t]*CoordinateSystem[ \t]*=[ \t]*([^,;\s]*)")
 
 
 class PointTable(NamedTuple):
@@ -69,11 +66,11 @@ class _Columns(NamedTuple):
 def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> PointTable:
     """Read a table of landmarks.
 
-    Columns are separated by semicolons, tabs, commas or blanks, in this order of preference, and found by the names
-    in a heading: ``x, y, z``, or ``r, a, s`` and ``l, p, s`` of 3D Slicer; ``label``, ``landmark`` or ``name``.
-    Without a heading they are three numbers, with a label before or after them. A row may also hold all landmarks of
-    a specimen, in columns such as ``nose_x, nose_y, nose_z`` or ``X1, Y1, Z1``. Decimals are marked by points, or by
-    commas where these separate no columns.
+    Columns are those of :func:`data_tools.io.text_tables.read_table`, found by the names in a heading: ``x, y, z``,
+    or ``r, a, s`` and ``l, p, s`` of 3D Slicer; ``label``, ``landmark`` or ``name``. Without a heading they are the
+    only three columns of numbers, side by side, with a label before or after them: a text, or a number that counts
+    the rows from 0 or 1. A row may also hold all landmarks of a specimen, in columns such as ``nose_x, nose_y,
+    nose_z`` or ``X1, Y1, Z1``. Decimals are marked by points, or by commas where these separate no columns.
 
     Parameters
     ----------
@@ -88,25 +85,20 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
     InputError
         If it is not clear which columns hold what, or a row does not hold three numbers there.
     """
-    text = SEPARATOR_LINE.sub("", text)
-    lines = [line for line in text.splitlines() if line.strip(" \t,;") and not line.startswith("#")]
-    if not lines:
-        raise InputError(f"{name}: holds no landmarks")
-    try:
-        rows = [[plain_cell(cell.strip()) for cell in row] for row in _split(lines)]
-    except csv.Error as error:
-        raise InputError(f"{name}: cannot be read as a table ({error})") from None
-    commented = _COLUMNS.search(text)
-    heading: list[str] = re.split(r"\s*[,;\t]\s*", commented[1]) if commented else list(columns)
+    table = read_table(text, name)
+    for note in table.notes:
+        raise InputError(
+            f"{name}: announces {note.values['said']} landmarks and holds {note.values['found']}; is it truncated?"
+        )
+    rows, heading = table.rows(), [*table.heading]
+    if not rows:
+        raise InputError(f"{name}: holds no landmarks{', only a heading' if heading else ''}")
     heading += columns[len(heading) :]
-    if _is_heading(rows[0]):
-        heading, rows = rows[0], rows[1:]
-        if not rows:
-            raise InputError(f"{name}: holds no landmarks, only a heading")
+    if heading and not columns:
         rows, heading = _as_wide_as_heading(heading, rows, name)
     if landmarks := _in_columns(heading):
         return _of_wide(heading, rows, landmarks, name)
-    found = _by_heading(heading, name) if heading else _by_content(rows, name)
+    found = _by_heading(heading, rows, name) if heading else _by_content(rows, name)
     specimens = [_cell(row, found.specimen) for row in rows]
     labels = [
         _cell(row, found.label) or str(at)
@@ -116,7 +108,7 @@ def read_point_table(text: str, name: str, *, columns: Sequence[str] = ()) -> Po
         [_place(row, found, label, name) for row, label in zip(rows, labels, strict=True)]
     )
     points[np.isnan(points).any(axis=1)] = np.nan
-    declared = _SYSTEM.search(text)
+    declared = _SYSTEM.search(table.comments)
     return PointTable(
         labels=tuple(labels),
         points=read_only(points.reshape(-1, 3)),
@@ -133,31 +125,12 @@ def number(cell: str) -> float:
     ValueError
         If it is something else.
     """
-    if _MISSING.fullmatch(cell):
+    if MISSING.fullmatch(cell):
         return float("nan")
     word = cell if "." in cell else cell.replace(",", ".")
     if not is_number(word):
         raise ValueError(cell)
     return float(word)
-
-
-def _split(lines: list[str]) -> list[list[str]]:
-    """Return the cells of every line."""
-    for sign in (";", "\t"):
-        if sum(sign in line for line in lines) * 2 > len(lines):
-            return [*csv.reader(lines, delimiter=sign, skipinitialspace=True)]
-    words = [[cell.strip('"') for cell in line.split()] for line in lines]
-    by_blanks = sum(sum(map(_is_number, row)) >= 3 for row in words) * 2 > len(words)
-    if by_blanks or not any("," in line for line in lines):
-        return words
-    return [*csv.reader(lines, skipinitialspace=True)]
-
-
-def _is_heading(row: list[str]) -> bool:
-    """Return whether a first row names columns: at least three words and no number, or the numbers 0, 1, 2."""
-    if row[1:] in (["0", "1", "2"], ["1", "2", "3"]) and row[0].lower() in _LABEL:
-        return True
-    return sum(not _MISSING.fullmatch(cell) for cell in row) >= 3 and not any(map(_is_number, row))
 
 
 def _as_wide_as_heading(
@@ -177,8 +150,8 @@ def _as_wide_as_heading(
 
 def _in_columns(heading: list[str]) -> dict[str, tuple[int, int, int]]:
     """Return where the coordinates of each landmark are; empty where columns are not those of several landmarks."""
-    words = _words(heading)
-    if _axes([word.lower() for word in words])[0] is not None:
+    words = plain_words(heading)
+    if len(words) > 3 and axis_columns(words)[0] is not None:
         return {}
     places: dict[str, dict[str, int]] = {}
     for at, word in enumerate(words):
@@ -197,9 +170,11 @@ def _of_wide(
     """Return the table of rows that hold all landmarks of a specimen each."""
     taken = {at for axes in landmarks.values() for at in axes}
     others = {
-        word.lower(): at for at, word in reversed([*enumerate(_words(heading))]) if at not in taken
+        word.lower(): at
+        for at, word in reversed([*enumerate(plain_words(heading))])
+        if at not in taken
     }
-    specimen = next((others[word] for word in (*_SPECIMEN, *_LABEL) if word in others), None)
+    specimen = next((others[word] for word in (*_SPECIMEN, *LABELS) if word in others), None)
     if specimen is None and len(rows) > 1:
         raise InputError(f"{name}: no column says which specimen each row is; call one 'specimen'")
     places = [
@@ -219,21 +194,17 @@ def _of_wide(
     )
 
 
-def _words(heading: list[str]) -> list[str]:
-    """Return the cells of a heading without units."""
-    return [re.sub(r"[(\[{].*?[)\]}]", "", cell).strip(" _#.:") for cell in heading]
-
-
-def _by_heading(heading: list[str], name: str) -> _Columns:
-    words = [word.lower() for word in _words(heading)]
+def _by_heading(heading: list[str], rows: list[list[str]], name: str) -> _Columns:
+    words = [word.lower() for word in plain_words(heading)]
     if {"radius", "status"} <= {*words}:
         raise InputError(
             f"{name}: these landmarks were carried over, not placed by a person. Give the original files, or "
             "templates.csv, which landmarks.html saves"
         )
-    axes, system = _axes(words)
-    if axes is None and len(words) in (3, 4):
-        axes = tuple(range(len(words) - 3, len(words)))
+    axes, system = axis_columns(words)
+    if axes is None and len(words) == 4:
+        has_labels = words[0] in LABELS or not all(_is_number_or_missing(row[0]) for row in rows)
+        axes = (1, 2, 3) if has_labels else None
     if axes is None or len(axes) != 3:
         raise InputError(
             f"{name}: its heading does not say which columns are the coordinates ({', '.join(heading)}). "
@@ -241,7 +212,7 @@ def _by_heading(heading: list[str], name: str) -> _Columns:
         )
     others = {word: at for at, word in reversed([*enumerate(words)]) if at not in axes}
     before = (at for at in range(min(axes)) if words[at] not in _SPECIMEN)
-    label = next((others[word] for word in _LABEL if word in others), next(before, None))
+    label = next((others[word] for word in LABELS if word in others), next(before, None))
     specimen = next(
         (others[word] for word in _SPECIMEN if word in others and others[word] != label), None
     )
@@ -256,17 +227,6 @@ def _by_heading(heading: list[str], name: str) -> _Columns:
         _DEFINED.get(state, ()),
         system,
     )
-
-
-def _axes(words: list[str]) -> tuple[tuple[int, ...] | None, str | None]:
-    """Return the columns of the three axes, more than three where it is not clear, and the system they declare."""
-    letters = [found[1] if (found := _AXIS.fullmatch(word)) else word for word in words]
-    for axes, system in (("xyz", None), ("ras", "RAS"), ("lps", "LPS")):
-        if {*axes} <= {*letters}:
-            return tuple(
-                at for axis in axes for at, letter in enumerate(letters) if letter == axis
-            ), system
-    return None, None
 
 
 def _by_content(rows: list[list[str]], name: str) -> _Columns:
@@ -284,15 +244,17 @@ def _by_content(rows: list[list[str]], name: str) -> _Columns:
         if any(cells) and not all(map(_is_number_or_missing, cells))
     ]
     places = [at for at, cells in enumerate(columns) if any(cells) and at not in texts]
-    if len(places) == 4 and width == 4:
-        label = 3 if _counts(columns[3]) and not _counts(columns[0]) else 0
-        texts, places = [label], [at for at in places if at != label]
-    elif len(places) != 3 and width in (
-        3,
-        4,
-    ):  # a landmark that is missing on all rows, or what is no number
+    if len(places) == width == 4:
+        is_first, is_last = _counts(columns[0]), _counts(columns[3])
+        if is_first == is_last:
+            raise InputError(
+                f"{name}: has no heading, and 4 columns of numbers, which can be read as label, x, y, z, or as x, y, "
+                "z, label. Add a heading"
+            )
+        texts, places = ([0], [1, 2, 3]) if is_first else ([3], [0, 1, 2])
+    elif width == 3 or (width == 4 and texts[:1] == [0]):  # what is no number is named below
         texts, places = [0] * (width == 4), [*range(width - 3, width)]
-    if len(places) != 3:
+    if len(places) != 3 or places[2] - places[0] != 2:
         raise InputError(
             f"{name}: has no heading, and {len(places)} columns of numbers; it is not clear which are x, y and z. "
             "Add a heading"
@@ -328,10 +290,6 @@ def _cell(row: list[str], at: int | None) -> str:
     return row[at] if at is not None and at < len(row) else ""
 
 
-def _is_number(cell: str) -> bool:
-    return bool(cell) and _is_number_or_missing(cell) and not _MISSING.fullmatch(cell)
-
-
 def _is_number_or_missing(cell: str) -> bool:
     try:
         number(cell)
@@ -341,6 +299,8 @@ def _is_number_or_missing(cell: str) -> bool:
 
 
 def _counts(cells: list[str]) -> bool:
-    """Return whether a column counts the rows."""
-    numbers = np.array([number(cell) for cell in cells])
-    return bool((np.diff(numbers) == 1).all())
+    """Return whether a column counts the rows from 0 or 1."""
+    return [number(cell) for cell in cells] in (
+        [*range(len(cells))],
+        [*range(1, len(cells) + 1)],
+    )

@@ -104,9 +104,8 @@ def read_labels(path: Path | str) -> Labels:
         ) from error
     try:
         dialect = _dialect(text)
-        rows = [
-            [plain_cell(cell) for cell in row] for row in csv.reader(text.splitlines(), dialect)
-        ]
+        lines = text.rstrip("\n").split("\n")
+        rows = [[plain_cell(cell) for cell in row] for row in csv.reader(lines, dialect)]
     except csv.Error as error:
         raise InputError(f"{source}: cannot be read as a table ({error})") from None
     if len(rows) < 2 or len(rows[0]) < 2:

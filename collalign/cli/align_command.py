@@ -18,7 +18,7 @@ from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
-from collalign.console.help import Excluded, Flag
+from collalign.console.help import Excluded, Flag, Included
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
 from collalign.engine.local_jobs import lasting_workers
@@ -93,6 +93,7 @@ class Given:
     parts: Flag = False
     corrections: Annotated[list[Path] | None, Parameter(negative=())] = None
     exclude: Excluded = ()
+    include: Included = ()
 
     labels: Path | None = None
     marks: Path | None = None
@@ -128,13 +129,16 @@ def align(
         Leave out shapes of the result in --out that are not named any more, such as those of `collalign add`.
     """
     every, inputs = _listed(
-        folder if folder[1:] else folder[0], recursive=given.recursive, parts=given.parts
+        folder if folder[1:] else folder[0],
+        recursive=given.recursive,
+        parts=given.parts,
+        include=given.include,
     )
     listing = every.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own, listing.names)
     inputs |= of_own
     if given.marks is not None:
-        own, of_marks = read_marks(own, given.marks, listing)
+        own, of_marks = read_marks(own, given.marks, listing, options.cleaning)
         inputs |= of_marks
     if out is not None:
         refuse_overlap(out, inputs)
@@ -165,6 +169,8 @@ def add(
     *,
     recursive: Flag = False,
     parts: Flag = False,
+    include: Included = (),
+    columns: str = "",
     labels: Path | None = None,
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
@@ -177,19 +183,21 @@ def add(
         Folder that ``collalign align`` wrote; it is brought up to date.
     folder
         The new shapes, as in ``collalign align``. Files that the result has already are skipped, by content.
-    recursive, parts
+    recursive, parts, include
         As in ``collalign align``.
+    columns
+        Names of the columns of new text tables, as in ``collalign align``, where the result was made without.
     labels
         CSV file with one row per shape, old and new, for the report.
     report
         Write report.html.
     """
-    listing, inputs = _listed(folder, recursive=recursive, parts=parts)
+    listing, inputs = _listed(folder, recursive=recursive, parts=parts, include=include)
     folders = OutputFolder.open(result, writer=WRITER, inputs=inputs)
     with resumable(run, result) as run, folders as output, lasting_workers():
         former = load(result)
         table = _labels(labels, (*former.names, *listing.names))
-        collection = collalign.add_to_collection(former, listing, run=run)
+        collection = collalign.add_to_collection(former, listing, columns=columns, run=run)
         _say_known(collection)
         if collection.fresh is None:
             say("There is nothing new to add; the result stays as it is.")
@@ -252,10 +260,10 @@ def demo(
 
 
 def _listed(
-    given: Path | list[Path], *, recursive: bool, parts: bool
+    given: Path | list[Path], *, recursive: bool, parts: bool, include: Sequence[str] = ()
 ) -> tuple[FolderListing, set[Path]]:
     """Return the shapes that places hold, and all that results must lie apart from."""
-    listing = list_shapes(given, recursive=recursive, parts=parts)
+    listing = list_shapes(given, recursive=recursive, parts=parts, include=include)
     places = given if isinstance(given, list) else [given]
     return listing, {
         *(Path(str(place).removeprefix("@")) for place in places),

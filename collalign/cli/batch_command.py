@@ -47,7 +47,7 @@ def batch(
                     code = align(
                         [*job.folders],
                         out=job.out,
-                        given=Given(recursive=job.recursive, parts=job.parts),
+                        given=Given(recursive=job.recursive, parts=job.parts, include=job.include),
                         options=job.options,
                         run=run,
                     )

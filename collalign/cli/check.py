@@ -23,6 +23,7 @@ from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin
+from data_tools.landmark_tables import notes_beside
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 
@@ -119,7 +120,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         notes.append(Note("too-few-points", tuple(few), {"num": num}))
     signatures = [one.signature for one in read]
     copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])
-    notes += [one.note for one in copies]
+    notes += [*(one.note for one in copies), *notes_beside(listing)]
     skipped = listing.skipped_names
     others = (
         [Note("not-shapes", values={"num": len(skipped), "files": tuple(skipped)})]

@@ -21,6 +21,7 @@ from data_tools.io.archives import load_array
 from data_tools.io.files import open_regular, read_text, readable_name
 from data_tools.io.listing import FolderListing
 from data_tools.io.source import MAX_FILE_BYTES
+from data_tools.options import CleaningOptions
 
 _KEYS = {"pairs", "samples", "invariants", "invariants_weight"}
 
@@ -77,7 +78,9 @@ def read_own(path: Path, names: Iterable[str]) -> tuple[Own, set[Path]]:
     return own, {path, *([] if folder is None else [folder])}
 
 
-def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[Path]]:
+def read_marks(
+    own: Own, path: Path, listing: FolderListing, cleaning: CleaningOptions
+) -> tuple[Own, set[Path]]:
     """Return ``own`` with the landmarks of a file, and the file.
 
     Parameters
@@ -86,6 +89,8 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
     path : Path
         As :func:`collalign.landmarks.templates.read_templates` takes it.
     listing : FolderListing
+    cleaning : CleaningOptions
+        How its files are read.
 
     Raises
     ------
@@ -93,7 +98,7 @@ def read_marks(own: Own, path: Path, listing: FolderListing) -> tuple[Own, set[P
         If it cannot be read, belongs to no shape, or its landmarks do not lie on that shape.
     """
     files = dict(zip(listing.names, listing.files, strict=True))
-    placed, notes, _ = place_templates(read_templates([path], listing.names), files, ())
+    placed, notes, _ = place_templates(read_templates([path], listing.names), files, (), cleaning)
     for note in notes:
         warn(note_text(note))
     marks = {

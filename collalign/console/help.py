@@ -18,6 +18,15 @@ Excluded = Annotated[
     tuple[str, ...],
     Parameter(consume_multiple=True, negative=(), help="Names of shapes that are left out."),
 ]
+#: Tables that a command takes as shapes.
+Included = Annotated[
+    tuple[str, ...],
+    Parameter(
+        consume_multiple=True,
+        negative=(),
+        help="Patterns of names ('*.csv') of tables that are shapes although they lie beside meshes.",
+    ),
+]
 
 #: The flag that asks for all options.
 HELP_ALL = "--help-all"

@@ -59,7 +59,10 @@ class _Surface:
 
 
 def place_templates(
-    given: Mapping[str, Landmarks], files: Mapping[str, Origin], meshes: Meshes
+    given: Mapping[str, Landmarks],
+    files: Mapping[str, Origin],
+    meshes: Meshes,
+    cleaning: CleaningOptions = CleaningOptions(),  # noqa: B008
 ) -> tuple[dict[str, Landmarks], tuple[Note, ...], CoordinateSystem]:
     """Bring landmarks into the coordinate systems of their templates and check that they lie on these.
 
@@ -74,6 +77,8 @@ def place_templates(
         Of the templates.
     meshes : sequence of (name, vertices, faces)
         All specimens, perhaps coarsely: whose landmarks might they be?
+    cleaning : CleaningOptions
+        How the files are read; all components are kept.
 
     Returns
     -------
@@ -92,13 +97,16 @@ def place_templates(
         If landmarks do not lie on their template, with the remedy where one is found.
     """
     placed, notes, systems = {}, list[Note](), set()
+    cleaning = replace(cleaning, components="all")
     for name, marks in given.items():
-        surface = _Surface(read_shape(files[name], CleaningOptions(components="all"), name=name))
+        surface = _Surface(read_shape(files[name], cleaning, name=name))
         declared = declared_system(files[name])
         system = declared or _system_on(marks, surface)
         placed[name], codes = _without(name, _in_system(marks, system), surface, _is_code)
         systems |= {system} if system and not declared else set()
         notes += _conversions(name, marks, system)
+        if marks.left_out:
+            notes.append(Note("no-landmarks", (name,), {"kinds": marks.left_out}))
         notes += [Note("landmark-codes", (name,), {"labels": codes})] if codes else []
         if len(points := _known(one.points for one in _sets(placed[name]))):
             notes += _check(name, points, surface, meshes)

@@ -67,6 +67,9 @@ def shape_words(collection: CollectionData) -> tuple[list[str], list[str]]:
     folder, parts = files[0].parent, any(parts_of(file) for file in files)
     places = [folder] if {file.parent for file in files} == {folder} else [*files]
     listing = list_shapes(folder if places == [folder] else places, parts=parts)
+    if not {*files} <= {*listing.files}:  # tables beside meshes, say, which were included
+        places = [*files]
+        listing = list_shapes(places, parts=parts)
     listed = dict(zip(listing.names, listing.files, strict=True))
     if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
         raise InputError(

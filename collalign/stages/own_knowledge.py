@@ -32,12 +32,14 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
-from data_tools.options import AS_STORED, MIN_POINTS
+from data_tools.options import MIN_POINTS, CleaningOptions
 from data_tools.poses import AGREE_DEG, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg, rotation_angles
 
 
-def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
+def own_points(
+    own: Own, files: Mapping[str, Origin], cleaning: CleaningOptions
+) -> dict[str, OwnPoints]:
     """Return what is given of each shape, checked; nothing where all is left to the pipeline.
 
     Parameters
@@ -45,6 +47,8 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
     own : Own
     files : mapping of str to Path or Source
         The collection's shapes by name.
+    cleaning : CleaningOptions
+        How they are read.
 
     Raises
     ------
@@ -55,7 +59,7 @@ def own_points(own: Own, files: Mapping[str, Origin]) -> dict[str, OwnPoints]:
         check_known(argument, {name for pair in getattr(own, argument) for name in pair}, files)
     if callable(own.invariants):
         values = {
-            name: own.invariants(read_shape(file, AS_STORED, name=name))
+            name: own.invariants(read_shape(file, cleaning.as_stored, name=name))
             for name, file in files.items()
         }
     else:
@@ -181,7 +185,9 @@ def given_constraints(
         for pair, given in sorted(own.candidates.items())
     ]
     vertices = cache(
-        lambda name: read_shape(shapes.files[at[name]], AS_STORED, name=name).file_vertices
+        lambda name: (
+            read_shape(shapes.files[at[name]], options.cleaning.as_stored, name=name).file_vertices
+        )
     )
     for both, rows in sorted(own.correspondences.items()):
         if at.keys() >= {*both}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -17,10 +18,10 @@ from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
-from data_tools.io.listing import FolderListing, hash_shape
+from data_tools.io.listing import TABLES, FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source, location
-from data_tools.notes import Note
+from data_tools.notes import Note, listed
 from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.outliers import odd_ratios
@@ -78,10 +79,16 @@ def prepare_shapes(
         shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said))
     )
     if len(shapes.names) < 2:
-        reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
-        raise CollectionError(
-            f"{len(shapes.names)} readable shapes, at least two are needed to align a collection{reasons}"
+        reasons = [f"{item.file}: {item.reason}" for item in shapes.excluded]
+        tables = [name for name in listing.skipped_names if Path(name).suffix.lower() in TABLES]
+        if tables:
+            reasons.append(
+                f"{listed(tables)}: tables beside meshes; to align them too, use --include"
+            )
+        found = (
+            f"{len(shapes.names)} readable shapes, at least two are needed to align a collection"
         )
+        raise CollectionError("; ".join([found, *reasons]))
     return shapes
 
 
@@ -194,6 +201,8 @@ def wanted_shapes(
         "sampling": options.sampling,
         "embedding": options.embedding,
     }
+    keyed = vars(cleaning).copy()
+    del keyed["columns"]  # which change nothing of files that are no tables
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
             digest = hash_shape(file)
@@ -204,8 +213,11 @@ def wanted_shapes(
             continue
         # The reader depends on the suffix as well as on the content.
         given = [points[name].digest for points in (own, extra) if name in points]
+        suffix, columns = file.suffix.lower(), cleaning.columns
+        if suffix in TABLES or (suffix == ".*" and columns):
+            given += ["columns", columns]
         wanted[name] = Wanted(
-            key=SAMPLING.key(settings | {"suffix": file.suffix.lower()}, digest, *given),
+            key=SAMPLING.key(settings | {"cleaning": keyed, "suffix": suffix}, digest, *given),
             label=file.name,
             arguments=settings
             | {"file": file.absolute(), "name": name, "digest": digest}

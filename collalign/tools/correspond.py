@@ -33,7 +33,7 @@ from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line, 
 from data_tools.checks import as_options
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollectionError, InputError
-from data_tools.options import AS_STORED, SamplingOptions
+from data_tools.options import SamplingOptions
 from data_tools.poses import fitting_similarity, moved_by
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
@@ -314,7 +314,7 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
 
 def stored_shape(file: PosedFile) -> Shape:
     """Read a file with all its vertices, anywhere those that are of no use, and put it into the common frame."""
-    shape = file.read(AS_STORED)
+    shape = file.read(file.cleaning.as_stored)
     vertices = np.nan_to_num(shape.file_vertices)
     return Shape.from_arrays(
         vertices, shape.file_indices[shape.faces], name=shape.name

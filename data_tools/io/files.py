@@ -5,11 +5,13 @@ from __future__ import annotations
 import codecs
 import errno
 import hashlib
+import io
 import os
 import re
 import secrets
 import shutil
 import stat
+import sys
 import tomllib
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
@@ -177,6 +179,13 @@ def any_text(content: bytes) -> str:
         with suppress(UnicodeDecodeError):
             return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     raise AssertionError  # Latin-1 decodes everything
+
+
+def beginning_of(path: Path) -> str:
+    """Return the first characters of a file in any encoding, none if it is unreadable."""
+    with suppress(InputError), open_regular(path, sys.maxsize) as stream:
+        return any_text(stream.read(io.DEFAULT_BUFFER_SIZE))
+    return ""
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

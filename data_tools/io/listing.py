@@ -4,31 +4,54 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from glob import glob, has_magic
 from pathlib import Path
+from typing import Protocol
 
 from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
-from data_tools.io.files import composed, natural_key, read_text, readable_name, readable_stem
+from data_tools.io.files import (
+    beginning_of,
+    composed,
+    natural_key,
+    read_text,
+    readable_name,
+    readable_stem,
+)
 from data_tools.io.formats.gltf import read_gltf
 from data_tools.io.formats.obj_off_stl import read_obj, read_off, read_stl
 from data_tools.io.formats.pcd import read_pcd
 from data_tools.io.formats.ply import read_ply
 from data_tools.io.formats.raw_shape import RawShape
-from data_tools.io.formats.vtk_legacy import read_vtk
-from data_tools.io.formats.vtp import read_vtp
-from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
-from data_tools.io.text_tables import (
+from data_tools.io.formats.text_points import (
     is_landmark_pts,
     is_table_of_specimens,
     read_pts,
     read_text_points,
 )
+from data_tools.io.formats.vtk_legacy import read_vtk
+from data_tools.io.formats.vtp import read_vtp
+from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
 
+
+class TableReader(Protocol):
+    """Reads points of a text, perhaps with what the user says of its columns."""
+
+    def __call__(self, source: Source, columns: str = "") -> RawShape:
+        """Return the points."""
+
+
+#: Readers of tables, which may hold anything, by suffix.
+TABLES: dict[str, TableReader] = {
+    ".pts": read_pts,
+    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv"), read_text_points),
+}
 #: Reader of each suffix: the one list of what is read, which messages and documents repeat.
 READERS: dict[str, Callable[[Source], RawShape]] = {
     ".ply": read_ply,
@@ -39,8 +62,7 @@ READERS: dict[str, Callable[[Source], RawShape]] = {
     ".vtk": read_vtk,
     ".vtp": read_vtp,
     ".pcd": read_pcd,
-    ".pts": read_pts,
-    **dict.fromkeys((".xyz", ".asc", ".txt", ".csv"), read_text_points),
+    **TABLES,
     ".npz": read_npz,
 }
 
@@ -83,14 +105,21 @@ class FolderListing:
         return replace(kept, skipped=self.skipped)
 
 
-def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing:
+def read_folder(
+    folder: Path | str, *, recursive: bool = False, include: Sequence[str] = ()
+) -> FolderListing:
     """List the shape files of a folder in natural order, without reading them.
+
+    Tables beside meshes are no shapes: landmarks, measurements or labels of these. A folder of tables alone is one of
+    point clouds.
 
     Parameters
     ----------
     folder : path
     recursive : bool
         Its folders as well, at any depth; hidden ones and links to folders stay out.
+    include : sequence of str
+        Patterns of names of tables that are shapes all the same (``*.csv``).
 
     Raises
     ------
@@ -107,7 +136,7 @@ def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing
                 "`collalign match`"
             )
         entries = _entries(folder, recursive=recursive)
-        files = tuple(path for path in entries if _is_shape(path))
+        files = _shapes_among(entries, include)
         if not files:
             raise InputError(f"{folder}: holds no shape file; {_elsewhere(folder)}")
     except OSError as error:
@@ -120,7 +149,7 @@ def read_folder(folder: Path | str, *, recursive: bool = False) -> FolderListing
 
 
 def files_at(
-    place: Path | str, *, recursive: bool = False
+    place: Path | str, *, recursive: bool = False, include: Sequence[str] = ()
 ) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Return the shape files of a place, and what else is there.
 
@@ -129,7 +158,7 @@ def files_at(
     place : path
         A file; a folder; a pattern such as ``left/*.ply`` or ``**/*.stl``; or ``@FILE`` of such places, one a line,
         relative to that file (empty lines and those that begin with ``#`` count for nothing).
-    recursive : bool
+    recursive, include
         Of folders, as in :func:`read_folder`.
 
     Raises
@@ -139,17 +168,17 @@ def files_at(
     """
     place, text = Path(place), str(place)
     if text.startswith("@"):
-        return _files_of_list(Path(text[1:]), recursive=recursive)
+        return _files_of_list(Path(text[1:]), recursive=recursive, include=include)
     try:
         if place.is_dir():
-            listing = read_folder(place, recursive=recursive)
+            listing = read_folder(place, recursive=recursive, include=include)
             return tuple(path for path in listing.files if isinstance(path, Path)), listing.skipped
         if not place.exists() and has_magic(text):
             found = [Path(match) for match in glob(text, recursive=True)]
             found = sorted(
                 (path for path in found if path.is_file()), key=lambda path: natural_key(str(path))
             )
-            files = tuple(path for path in found if _is_shape(path))
+            files = _shapes_among(found, include)
             if not files:
                 raise InputError(f"{place}: no shape file matches")
             return files, tuple(path for path in found if path not in files)
@@ -162,7 +191,9 @@ def files_at(
     return (place,), ()
 
 
-def _files_of_list(path: Path, *, recursive: bool) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def _files_of_list(
+    path: Path, *, recursive: bool, include: Sequence[str]
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Return what the places of a list hold."""
     try:
         lines = read_text(path, "utf-8-sig").splitlines()
@@ -173,7 +204,8 @@ def _files_of_list(path: Path, *, recursive: bool) -> tuple[tuple[Path, ...], tu
         if not line.strip() or line.startswith("#"):
             continue
         try:
-            found, rest = files_at(path.absolute().parent / line.strip(), recursive=recursive)
+            at = path.absolute().parent / line.strip()
+            found, rest = files_at(at, recursive=recursive, include=include)
         except InputError as error:
             raise InputError(f"{path}, line {number}: {error}") from None
         files += found
@@ -294,7 +326,8 @@ def parts_of(origin: Origin | str) -> dict[str, Path]:
     named = [(file.stem, file) for file in inside] + [
         (Path(file.stem).suffix[1:], file) for file in next_to_it
     ]
-    named = [(name, file) for name, file in named if _is_shape(file)]
+    shapes = _shapes_among([file for _, file in named], ())
+    named = [(name, file) for name, file in named if file in shapes]
     if not named or len(dict(named)) < len(named):
         raise InputError(
             f"{path}: {'two parts have the same name' if named else 'there are no files of its parts'}"
@@ -329,3 +362,37 @@ def _is_shape(path: Path) -> bool:
         return False
     is_table = reader is read_text_points and is_table_of_specimens(path)
     return not (is_table or is_landmark_pts(path))
+
+
+def _shapes_among(entries: Sequence[Path], include: Sequence[str]) -> tuple[Path, ...]:
+    """Return the shape files of entries, without the tables that lie beside meshes."""
+    files = [path for path in entries if _is_shape(path)]
+    has_tables = any(path.suffix.lower() in TABLES for path in files)
+    meshes = {path.stem.casefold() for path in files if has_tables and _is_mesh(path)}
+    return tuple(
+        path
+        for path in files
+        if any(fnmatch(path.name, pattern) for pattern in include) or not _is_beside(path, meshes)
+    )
+
+
+def _is_mesh(path: Path) -> bool:
+    """Return whether a file of a shape may have triangles: its format has them, and a PLY file's header says so."""
+    suffix = path.suffix.lower()
+    if suffix != ".ply":
+        return suffix not in TABLES and suffix != ".pcd"
+    header, end, _ = beginning_of(path).partition("end_header")
+    return not end or re.search(r"element\s+(face|tristrips)\s+0*[1-9]", header) is not None
+
+
+def _is_beside(path: Path, meshes: Collection[str]) -> bool:
+    """Return whether a file is a table that belongs to the meshes beside it, given their names.
+
+    Comma-separated values and plain text may hold anything, so they do. Formats of point clouds do where they are
+    called like a mesh, perhaps with more words behind.
+    """
+    suffix, stem = path.suffix.lower(), path.stem.casefold()
+    if suffix in (".csv", ".txt"):
+        return bool(meshes)
+    ends = [*(at for at, sign in enumerate(stem) if not sign.isalnum()), len(stem)]
+    return suffix in TABLES and any(stem[:end] in meshes for end in ends)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from glob import has_magic
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -25,7 +25,11 @@ _KNOWN = "a file, an array (n, 3), a pair (vertices, faces), or a mesh or point 
 
 
 def list_shapes(
-    shapes: ShapesLike, *, recursive: bool = False, parts: bool = False
+    shapes: ShapesLike,
+    *,
+    recursive: bool = False,
+    parts: bool = False,
+    include: Sequence[str] = (),
 ) -> FolderListing:
     """List the shapes of a collection, whatever form they come in; files are not read yet.
 
@@ -39,6 +43,8 @@ def list_shapes(
         Whether the folders in a folder count.
     parts : bool
         Whether the files of a folder in a folder, and ``A.part.ply``, are parts of one specimen that move as one.
+    include : sequence of str
+        Patterns of names of tables that are shapes, although they lie beside meshes in a folder.
 
     Raises
     ------
@@ -52,9 +58,9 @@ def list_shapes(
         if not parts and (
             Path(shapes).is_dir() or not (str(shapes).startswith("@") or has_magic(str(shapes)))
         ):
-            return read_folder(shapes, recursive=recursive)
+            return read_folder(shapes, recursive=recursive, include=include)
         shapes = [shapes]
-    named, skipped = _named(shapes, recursive=recursive, parts=parts)
+    named, skipped = _named(shapes, recursive=recursive, parts=parts, include=include)
     if not named:
         raise InputError("shapes: there are none")
     names = sorted(named, key=natural_key)
@@ -88,7 +94,7 @@ def as_origin(shape: ShapeLike, name: str) -> Origin:
 
 
 def _named(
-    shapes: Any, *, recursive: bool, parts: bool
+    shapes: Any, *, recursive: bool, parts: bool, include: Sequence[str]
 ) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
     """Return the shapes by name, and what places hold in addition to shapes."""
     if isinstance(shapes, Mapping):
@@ -113,7 +119,7 @@ def _named(
     files, skipped, named = dict[Path, None](), dict[Path, None](), list[tuple[str, ShapeLike]]()
     for number, shape in enumerate(given, start=1):
         if isinstance(shape, str | Path):
-            found, others = files_at(shape, recursive=recursive or parts)
+            found, others = files_at(shape, recursive=recursive or parts, include=include)
             files |= dict.fromkeys(
                 specimen_at(file, Path(shape)) if parts else file for file in found
             )

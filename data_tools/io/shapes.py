@@ -17,7 +17,7 @@ from data_tools.errors import CollalignError, InputError, UnavailableError
 from data_tools.io.files import readable_stem, write_atomic
 from data_tools.io.formats.obj_off_stl import STL_TRIANGLE
 from data_tools.io.formats.raw_shape import RawShape
-from data_tools.io.listing import READERS, joint_digest, parts_of
+from data_tools.io.listing import READERS, TABLES, joint_digest, parts_of
 from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
@@ -208,7 +208,8 @@ def shape_from_source(
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            raw = reader(source)
+            table = TABLES.get(source.suffix)
+            raw = table(source, cleaning.columns if cleaning else "") if table else reader(source)
     except InputError as error:
         raise InputError(f"{error}{_other_content(source)}") from None
     except (CollalignError, MemoryError):

@@ -68,8 +68,17 @@ def test_jobs_share_options_and_override_them(folder):
         batch_file(folder, "[[jobs]]\nfolder = ['a', '@b.txt']\nout = 'c'\nrecursive = true\n")
     )
     assert several.folders == (folder / "a", Path(f"@{folder / 'b.txt'}"))
-    assert (several.recursive, several.parts) == (True, False)
+    assert (several.recursive, several.parts, several.include) == (True, False, ())
     assert (second.recursive, second.parts) == (False, False)
+    (tables,) = read_batch(
+        batch_file(
+            folder,
+            "[[jobs]]\nfolder = 'a'\nout = 'c'\ninclude = ['*.csv']\n"
+            "[options.cleaning]\ncolumns = 'class,x,y,z'\n",
+        )
+    )
+    assert tables.include == ("*.csv",)
+    assert tables.options.cleaning.columns == "class,x,y,z"
     (whole,) = read_batch(batch_file(folder, "[[jobs]]\nfolder = 'a'\nout = 'c'\nparts = true\n"))
     for file in (folder / "chairs").glob("*.ply"):
         (folder / "a" / file.stem).mkdir(parents=True)
@@ -85,6 +94,7 @@ def test_jobs_share_options_and_override_them(folder):
         ("jobs = 3", InputError, "nothing to do"),
         ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nparts = 1", InputError, "true or false"),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\ninclude = '*.csv'", InputError, "list of patterns"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nextra = 1", InputError, "job 1"),
         (
             "[[jobs]]\nfolder = 'x'\nout = 'y'\n[[jobs]]\nfolder = 'z'\nout = 'y'",

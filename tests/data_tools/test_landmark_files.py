@@ -40,6 +40,7 @@ BASE = {"label": "base", "position": [1, 2, 3]}
         ("a.json", slicer(TIP, BASE), ("tip", "base")),
         ("a.pts", "Version 1.0\n2\nS000 0 0 0\nS001 1 2 3\n", ("S000", "S001")),
         ("a.PTS", "2\n0 0 0\n1 2 3\n", ("0", "1")),
+        ("c.pts", "2\n17 0 0 0\n4 1 2 3\n", ("17", "4")),
         ("b.pts", "version: 1\nn_points:  2\n{\n0 0 0\n1 2 3\n}\n", ("0", "1")),
         ("a.fcsv", FCSV, ("tip", "base")),
         ("a.csv", "label,x,y,z\ntip,0,0,0\nbase,1,2,3\n", ("tip", "base")),
@@ -59,6 +60,24 @@ def test_formats(tmp_path, name, content, labels):
     assert landmarks.labels == labels
     np.testing.assert_array_equal(landmarks.points, [[0, 0, 0], [1, 2, 3]])
     assert not landmarks.points.flags.writeable
+
+
+def test_points_of_planes_boxes_lines_and_angles_are_no_landmarks(tmp_path):
+    """3D Slicer writes all markups of a scene into one file where it is asked to."""
+    others = [
+        {"type": kind, "coordinateSystem": "RAS", "controlPoints": [TIP, BASE]}
+        for kind in ("Plane", "ROI", "Line", "Angle")
+    ]
+    untyped = {"controlPoints": [TIP, BASE]}
+    (tmp_path / "a.mrk.json").write_text(json.dumps({"markups": [*others, untyped]}))
+    found = read_landmarks(tmp_path / "a.mrk.json")
+    assert (found.labels, found.system) == (("tip", "base"), None)
+    assert found.left_out == ("Plane", "ROI", "Line", "Angle")
+    (tmp_path / "a.mrk.json").write_text(json.dumps({"markups": others}))
+    with pytest.raises(
+        InputError, match=r"only markups of other types \(Plane, ROI.*list of points"
+    ):
+        read_landmarks(tmp_path / "a.mrk.json")
 
 
 @pytest.mark.parametrize("declared", ["LPS", "RAS", "0", "1", "", "IJK"])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.landmark_tables import read_specimens
+from data_tools.io.listing import FolderListing
+from data_tools.landmark_tables import notes_beside, read_specimens
 from tests.memory import most_memory
 
 #: As tpsDig, NTSYSpc and morphologika have them; the second landmark of the second specimen is missing.
@@ -183,3 +184,25 @@ def test_other_files_are_refused_by_name(tmp_path, name, content, reason):
         pytest.raises(InputError, match=f"{name}: .*{reason}|{name}: {reason}"),
     ):
         read_specimens(tmp_path / name)
+
+
+def test_landmarks_beside_shapes_are_told_from_other_tables(tmp_path):
+    rows = "".join(f"{at},{at * at},1\n" for at in range(1001))
+    contents = {
+        "a.csv": "x,y,z\n0,0,0\n1,2,3\n",
+        "a.tps": TPS,
+        "cloud.csv": f"x,y,z\n{rows}",
+        "notes.md": "0,0,0\n",
+        "specimens.csv": "name,sex\na,f\n",
+        "unclear.txt": "1 2 3 4 5\n",
+    }
+    for name, text in contents.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "folder.csv").mkdir()
+    listing = FolderListing(files=(), names=(), skipped=tuple(sorted(tmp_path.iterdir())))
+    found = {note.code: note.values["files"] for note in notes_beside(listing)}
+    assert found == {
+        "landmarks-beside": ("a.csv", "a.tps"),
+        "tables-beside": ("cloud.csv", "folder.csv", "unclear.txt"),
+    }
+    assert notes_beside(FolderListing(files=(), names=())) == ()

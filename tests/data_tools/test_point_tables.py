@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
+from data_tools.io.files import any_text
 from data_tools.point_tables import number, read_point_table
+from tests.data_tools.io.formats.test_text_points import written_anyhow
 
 POINTS = [[1.5, -2.25, 3.0], [0.5, 0.25, -0.125], [10.0, 20.5, 30.25]]
 LABELS = ("F-1", "F-2", "F-3")
@@ -85,6 +87,18 @@ def test_cells_without_a_number_are_missing(cell):
     assert unheaded.labels == ("b", "a")
 
 
+def test_other_signs_that_end_lines_stay_in_cells():
+    text = "label,x,y,z\na\u2028b,1,2,3\n\u2029c\x85d,4,5,6\n"
+    assert read_point_table(text, "a.csv").labels == ("a\u2028b", "c\x85d")
+
+
+@pytest.mark.parametrize("text", ["1,1,2,3\n2,4,5,6\n", "1,2,3,1\n4,5,6,2\n"])
+def test_a_column_that_counts_the_rows_numbers_landmarks(text):
+    found = read_point_table(text, "a.csv")
+    assert found.labels == ("1", "2")
+    np.testing.assert_array_equal(found.points, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_a_column_of_specimens_says_whose_each_landmark_is():
     text = "specimen,label,x,y,z\nA,p,1,2,3\nB,p,4,5,6\nA,q,7,8,9\n"
     found = read_point_table(text, "a.csv")
@@ -108,10 +122,14 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
         ),
         ("label,x,y,x,z\nF-1,1,2,3,4\n", "its heading does not say"),
         ("1,2,3,4,5,6,7\n2,3,4,5,6,7,9\n", "no heading, and 7 columns of numbers"),
+        ("17,2,3,4\n18,3,4,5\n", "can be read as label, x, y, z, or as x, y, z, label"),
+        ("F-1,2,b,3,4\nF-2,3,c,4,5\n", "3 columns of numbers; it is not clear"),
+        ("id,a,b,c,d\n17,2,3,4,5\n", "its heading does not say"),
         ("label,x,y,z\nF-1,1,2\n", "F-1 has 2 coordinates"),
         ("F-1,1,2,3\nF-2,1,2\n", "row 2 has 3 cells, most have 4|row 1 has 4 cells, most have 3"),
         ("label,x,y,z\nF-1,1,two,3\n", "'two' of landmark F-1 is no number"),
         ("label,x,y,z\n", "only a heading"),
+        ("2\n1 2 3\n4 5 6\n7 8 9\n", "announces 2 landmarks and holds 3"),
         ("# nothing\n", "holds no landmarks"),
         (
             "name,landmark,x,y,z,radius,status\na,p,1,2,3,1,carried over\n",
@@ -122,3 +140,13 @@ def test_a_column_of_specimens_says_whose_each_landmark_is():
 def test_what_is_not_clear_is_refused_by_name(text, reason):
     with pytest.raises(InputError, match=rf"^a\.csv: .*({reason})"):
         read_point_table(text, "a.csv")
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_no_way_to_write_a_table_is_misread(seed):
+    points, content, _, _ = written_anyhow(np.random.default_rng(seed))
+    try:
+        found = read_point_table(any_text(content), "a.csv")
+    except InputError:
+        return
+    np.testing.assert_array_equal(found.points, points, err_msg=repr(content))

@@ -66,7 +66,11 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def collection(folder):
     return align_collection(
-        folder, options=OPTIONS, run=RunOptions(memory_limit_gib=4.0), progress=False
+        folder,
+        options=OPTIONS,
+        run=RunOptions(memory_limit_gib=4.0),
+        include=["nonsense.*"],
+        progress=False,
     )
 
 

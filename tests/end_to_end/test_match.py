@@ -40,7 +40,9 @@ def test_rigid_match_prints_and_writes_the_transform(files, tmp_path, capsys):
         record["transform"],
         rtol=1e-4,
     )
-    assert printed[5:] == [str(tmp_path / "out" / name) for name in ("match.json", "match.png")]
+    assert re.match(r"Note: b was rescaled by a factor of 0\.3\d+: .*--partial", printed[5])
+    assert record["scale"] == pytest.approx(1 / 3, rel=0.02)
+    assert printed[6:] == [str(tmp_path / "out" / name) for name in ("match.json", "match.png")]
     transform = np.array(record["candidates"][0]["transform"])
     assert rotation_angle_deg(transform[:3, :3] * 3.0, turn) < 2.0
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1 / 27, rel=0.05)

@@ -149,11 +149,11 @@ def test_poses_about_an_axis_are_said_to_be_in_doubt():
     assert "symmetric" in codes(found.notes)
 
 
-def bumpy(number, subdivisions):
+def bumpy(number, subdivisions, own=0.05):
     """Return surface ``number`` of a family without any symmetry: nine large bumps, and six small ones of its own."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
     radii = np.ones(len(sphere.vertices))
-    for seed, num, size in ((7, 9, 0.7), (1000 + number, 6, 0.05)):
+    for seed, num, size in ((7, 9, 0.7), (1000 + number, 6, own)):
         rng = np.random.default_rng(seed)
         places = rng.normal(size=(num, 3))
         places /= np.linalg.norm(places, axis=1, keepdims=True)

@@ -51,6 +51,21 @@ def shape_files(folder):
     (folder / "points.asc").write_text("\n".join(rows))
     (folder / "points.txt").write_text("\n".join(rows))
     (folder / "points.csv").write_text("x,y,z\n" + "\n".join(row.replace(" ", ",") for row in rows))
+    more = {
+        "atoms.xyz": f"{len(rows)}\n\n"
+        + "".join(f"{6 + at % 3} {row}\n" for at, row in enumerate(rows)),
+        "named.xyz": f"{len(rows)}\nProperties=species:S:1:pos:R:3\n"
+        + "".join(f"C {row}\n" for row in rows),
+        "headed.asc": f"//X Y Z R G B I\n{len(rows)}\n"
+        + "".join(f"{row} 1 2 3 .5\n" for row in rows),
+        "normals.txt": "".join(f"{row} 0 0.6 -0.8\n" for row in rows),
+        "german.csv": "Klasse;X [mm];Y [mm];Z [mm]\n"
+        + "".join(f"\uff1da;{row.replace(' ', ';').replace('.', ',')}\n" for row in rows),
+        "text.csv": "".join(f"{row.replace(' ', ',')},a\u2028b\n" for row in rows),
+        "colours.pts": "".join(f"{row} -7 1 2 3\n" for row in rows),
+    }
+    for name, text in more.items():
+        (folder / name).write_text(text, encoding="utf-8")
     ascii_ply = "ply\nformat ascii 1.0\n" + f"element vertex {len(points)}\n"
     ascii_ply += (
         "property float x\nproperty float y\nproperty float z\n"
@@ -174,6 +189,18 @@ def landmark_files():
         "slicer.fcsv": one.FCSV,
         "table.csv": "label;x;y;z\ntip;0,5;0;0\nbase;1;2;3\n",
         "editor.pts": "Version 1.0\n2\nS000 0 0 0\nS001 1 2 3\n",
+        "counted.csv": "1,0.5,0,0\n2,1,2,3\n3,4,5,7\n",
+        "export.csv": "label,r,a,s,defined\n\uff1dtip,0.5,0,0,1\nba\u2028se,1,2,3,0\n",
+        "wide.csv": "specimen,tip_x,tip_y,tip_z,X2,Y2,Z2\na,0.5,0,0,1,2,3\nb,1,2,3,4,5,7\n",
+        "text.txt": "# label x y z\ntip 0,5 0 0\nbase 1 2 3\n",
+        "scene.mrk.json": json.dumps(
+            {
+                "markups": [
+                    {"type": kind, "coordinateSystem": "LPS", "controlPoints": [one.TIP, one.BASE]}
+                    for kind in ("Plane", "Fiducial", "Curve")
+                ]
+            }
+        ),
         "picked.pp": one.PICKED,
         "amira.landmarkAscii": one.AMIRA,
     }

@@ -19,7 +19,6 @@ from data_tools.io.output_folder import output_path
 from data_tools.io.shapes import CoordinateSystem, declared_system, read_shape
 from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
 from data_tools.poses import each_moved_by
 from data_tools.surface.shape import Shape
 
@@ -128,7 +127,8 @@ class ExportRequest:
             If it is no longer there.
         """
         path = self.collection.file(at)
-        return read_shape(path, CleaningOptions(components="all"), name=self.collection.names[at])
+        cleaning = replace(self.collection.options.cleaning, merge_vertices=True, components="all")
+        return read_shape(path, cleaning, name=self.collection.names[at])
 
     def path(self, name: str) -> Path:
         """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""

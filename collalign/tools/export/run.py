@@ -49,6 +49,12 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
 
 #: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
 STATISTICS = ("morphologika", "tps", "csv", "parquet")
+#: From where to where the transforms of a format go.
+_DIRECTIONS = {
+    "itk": Note("directions-itk"),
+    "shapeworks": Note("directions-shapeworks"),
+    **dict.fromkeys(("csv", "parquet"), Note("directions-tables")),
+}
 
 
 @one_blas_thread()
@@ -169,7 +175,9 @@ def export_notes(
     include_doubtful: bool = False,
 ) -> tuple[Note, ...]:
     """Return what a reader of an export must know, the notes of the alignment included."""
-    notes = [coordinates_note(collection, space)] if format in STATISTICS else []
+    is_placed = format in (*STATISTICS, "slicer-json")
+    notes = [coordinates_note(collection, space)] if is_placed else []
+    notes += [_DIRECTIONS[format]] if format in _DIRECTIONS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
         return (*notes, *who.notes, *who.not_said_by(collection.notes))

@@ -22,7 +22,7 @@ from data_tools.io.shapes import read_alike
 from data_tools.io.source import location
 from data_tools.local_surface import PART_CELL
 from data_tools.notes import percent
-from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg
+from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import match_overlapping
@@ -116,6 +116,7 @@ class PartialMatch:
             "confidence": self.confidence,
             "mirror_chance": None if np.isnan(self.mirror_chance) else self.mirror_chance,
             "transform": self.transform.tolist(),
+            "scale": float(scales_of(self.transform)),
             "candidates": [
                 {
                     "transform": transform.tolist(),

@@ -19,7 +19,7 @@ from data_tools.io.files import readable_stem
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import Origin, location
 from data_tools.options import CleaningOptions
-from data_tools.poses import Similarity
+from data_tools.poses import Similarity, scales_of
 from data_tools.surface.cleaning import are_assembled
 from data_tools.threads import one_blas_thread
 from pairwise.dense import RefinedPose, ranked_on_dense
@@ -117,6 +117,7 @@ class RigidMatch:
             "mirror_score": None if np.isnan(self.mirror_score) else self.mirror_score,
             "lower_bound": None if np.isnan(result.lower_bound) else result.lower_bound,
             "transform": self.transform.tolist(),
+            "scale": float(scales_of(self.transform)),
             "candidates": [
                 self._candidate_record(candidate, refined)
                 for candidate, refined in zip_longest(result.candidates, self.refined)

@@ -201,7 +201,10 @@ def transfer_landmarks(
         (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
     )
     placed, notes, system = place_templates(
-        given, {name: collection.file(at) for name, at in rows.items()}, meshes
+        given,
+        {name: collection.file(at) for name, at in rows.items()},
+        meshes,
+        collection.options.cleaning,
     )
     transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)

@@ -12,6 +12,7 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import LPS_RAS, write_mesh
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
+from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
 from tests.notes import codes, only
 
@@ -50,6 +51,25 @@ def test_landmarks_on_their_template_stay_as_they_are(tmp_path, noise):
     found = placed(tmp_path, marks(points))
     np.testing.assert_array_equal(found[0]["a"].points, points)
     assert (found[1], found[2]) == ((), "LPS")
+
+
+def test_markups_that_are_no_landmarks_are_named(tmp_path):
+    given = replace(marks(POINTS), left_out=("Plane", "ROI"))
+    assert placed(tmp_path, given)[1] == (
+        Note("no-landmarks", ("a",), {"kinds": ("Plane", "ROI")}),
+    )
+
+
+def test_templates_are_read_with_the_columns_of_the_collection(tmp_path):
+    """So that landmarks of a cloud are checked against its points, not against its classes."""
+    rows = np.column_stack([np.ones(len(SHAPE.vertices)), SHAPE.vertices])
+    np.savetxt(tmp_path / "a.txt", rows)
+    files = {"a": tmp_path / "a.txt"}
+    cleaning = CleaningOptions(columns="class,x,y,z")
+    found, _, _ = place_templates({"a": marks(POINTS)}, files, (), cleaning)
+    np.testing.assert_array_equal(found["a"].points, POINTS)
+    with pytest.raises(InputError, match="Say which with --columns"):
+        place_templates({"a": marks(POINTS)}, files, ())
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,9 @@ from collalign.stages.shape_stage import (
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import CollectionError
 from data_tools.io.listing import read_folder
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
-from data_tools.options import EmbeddingOptions, SamplingOptions
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 
 OPTIONS = AlignOptions(sampling=SamplingOptions(num_points=12, num_dense_points=0))
 
@@ -55,6 +55,36 @@ def prepare(folder, store=None, aligning=OPTIONS, **run):
     options = RunOptions(**{"jobs": 1, "store": store or folder.parent / "store"} | run)  # type: ignore[arg-type]
     with Session.open(aligning, options) as session:
         return prepare_shapes(session, read_folder(folder))
+
+
+def test_columns_change_the_keys_of_tables_alone(folder):
+    """So that naming those of new tables computes nothing anew of meshes."""
+    np.savetxt(folder / "s3.xyz", np.random.default_rng(3).random((30, 3)))
+    listing = read_folder(folder)
+    keys = []
+    for columns in ("", "x,y,z", "z,y,x"):
+        named = replace(OPTIONS, cleaning=CleaningOptions(columns=columns))
+        keys.append(
+            {name: one.key for name, one in stage.wanted_shapes(listing, named, {})[0].items()}
+        )
+    for name in ("s0", "s1", "s2"):
+        assert len({of[name] for of in keys}) == 1
+    assert len({of["s3"] for of in keys}) == 3
+    first, second = (
+        read_shape(folder / "s3.xyz", CleaningOptions(columns=columns)).vertices
+        for columns in ("x,y,z", "z,y,x")
+    )
+    np.testing.assert_array_equal(first, second[:, ::-1])
+
+
+def test_too_few_shapes_beside_tables_say_how_to_take_these(folder):
+    for name in ("s1", "s2"):
+        (folder / f"{name}.ply").unlink()
+        np.savetxt(folder / f"{name}.csv", np.random.default_rng(0).random((30, 3)), delimiter=",")
+    with pytest.raises(
+        CollectionError, match=r"1 readable shapes.* collection; s1\.csv, s2\.csv: tables beside"
+    ):
+        prepare(folder)
 
 
 def test_a_file_that_is_edited_between_its_key_and_its_reading_poisons_nothing(folder, monkeypatch):

@@ -152,6 +152,22 @@ def test_slicer_json(view, tmp_path):
         np.testing.assert_array_equal(read_landmarks(path).points, points)
 
 
+@pytest.mark.parametrize(
+    ("format", "space", "code"),
+    [
+        ("itk", "aligned", "directions-itk"),
+        ("shapeworks", "aligned", "directions-shapeworks"),
+        ("csv", "unscaled", "directions-tables"),
+        ("slicer-json", "aligned", "coordinates-aligned"),
+        ("slicer-json", "raw", "coordinates-raw-sides"),
+    ],
+)
+def test_notes_say_where_transforms_and_landmarks_are(view, tmp_path, format, space, code):
+    export(view, format, tmp_path, space=space)
+    note = next(note for note in export_notes(view, format, space) if note.code == code)
+    assert note_text(note) in (tmp_path / f"notes-{format}.txt").read_text()
+
+
 def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
     for at, path in enumerate(export(view, "itk", tmp_path)):

@@ -14,7 +14,7 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.surface.shape import Shape
-from tests.data_tools.io.test_points import MALFORMED as POINTS
+from tests.data_tools.io.formats.test_text_points import MALFORMED as POINTS
 
 TRIANGLE = "0 0 0\n1 0 0\n0 1 0\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n{}end_header\n"

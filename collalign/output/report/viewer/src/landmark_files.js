@@ -2,11 +2,11 @@
 
 const SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#";
 
-// A cell of a table that no spreadsheet takes for a formula, as the toolkit's own tables have it.
+// A cell that no spreadsheet takes for a formula, in ASCII or full width, as the toolkit's own tables have it.
 function cell(value) {
   const text = String(value);
-  const plain = /^'*[=+\-@\t\r]/.test(text) && Number.isNaN(Number(text)) ? `'${text}` : text;
-  return /[",\n\r]/.test(plain) ? `"${plain.replaceAll('"', '""')}"` : plain;
+  const plain = /^'*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20]/.test(text) && Number.isNaN(Number(text)) ? `'${text}` : text;
+  return /[",\n\v\f\r\x1c-\x1e\x85\u2028\u2029]/.test(plain) ? `"${plain.replaceAll('"', '""')}"` : plain;
 }
 
 // `specimens`: { name, marks: [label, place] }.

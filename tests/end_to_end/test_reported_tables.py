@@ -1,0 +1,171 @@
+"""Tables as people reported them: beside meshes, with something before x, y and z, with a count that is off."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from collalign import RunOptions, add_to_collection, align_collection, load
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from tests.commands import run_command
+from tests.end_to_end.test_reported_inputs import bumpy
+from tests.finished_runs import angles_deg
+from tests.notes import codes
+
+RUN = RunOptions(jobs=1)
+FLAGS = ("--jobs", "1", "--no-report", "--sampling.num-points", "24")
+
+
+def written(path, rows, form="%.6f", sep=" ", head=""):
+    """Write rows of numbers below a heading and return the path."""
+    path.write_text(head + "".join(sep.join(form % x for x in row) + "\n" for row in rows))
+    return path
+
+
+def test_tables_of_landmarks_beside_meshes_are_named_and_change_no_pose(tmp_path):
+    rng = np.random.default_rng(0)
+    turns = [random_rotation(rng) for _ in range(8)]
+    for number, turn in enumerate(turns):
+        points, faces = bumpy(number, 3, own=0.15)
+        points = 10.0 * points @ turn.T
+        trimesh.Trimesh(points, faces, process=False).export(tmp_path / f"s{number}.ply")
+        written(tmp_path / f"s{number}_landmarks.csv", points[:18], sep=",", head="x,y,z\n")
+    found = align_collection(tmp_path, run=RUN, progress=False, group="SO")
+    assert found.names == tuple(f"s{number}" for number in range(8))
+    assert angles_deg(found.rotations @ turns).max() < 1.0
+    beside = next(note for note in found.notes if note.code == "landmarks-beside")
+    assert beside.values["files"] == tuple(f"s{number}_landmarks.csv" for number in range(8))
+    assert "fewer-points" not in codes(found.notes)
+
+
+def test_the_element_of_an_atom_is_no_coordinate(tmp_path):
+    rng = np.random.default_rng(5)
+    atoms, turns = rng.normal(size=(80, 3)) * [6.0, 4.0, 3.0], []
+    for number in range(6):
+        turns.append(random_rotation(rng))
+        points = (atoms + 0.1 * rng.normal(size=atoms.shape)) @ turns[-1].T
+        names, comment = (("C", "O"), "model 0") if number % 2 else (("6", "8"), "")
+        rows = [f"{names[at % 3 == 0]} {' '.join(map(str, p))}\n" for at, p in enumerate(points)]
+        (tmp_path / f"m{number}.xyz").write_text(f"80\n{comment}\n" + "".join(rows))
+        np.testing.assert_allclose(read_shape(tmp_path / f"m{number}.xyz").vertices, points)
+    found = align_collection(tmp_path, run=RUN, progress=False)
+    assert angles_deg(found.rotations @ turns).max() < 3.0
+
+
+@pytest.fixture(scope="module")
+def classified(tmp_path_factory):
+    """Clouds whose rows begin with a class, and the rotation of each."""
+    folder, rng, turns = tmp_path_factory.mktemp("classified"), np.random.default_rng(1), []
+    for number in range(4):
+        turns.append(random_rotation(rng))
+        points = bumpy(number, 2)[0] @ turns[-1].T
+        written(folder / f"c{number}.txt", np.c_[rng.integers(1, 4, len(points)), points], "%.7g")
+    return folder, np.array(turns)
+
+
+def test_a_class_before_the_coordinates_is_refused_until_somebody_names_it(classified, tmp_path):
+    folder, turns = classified
+    said = run_command("align", folder, "--check", *FLAGS[:3], ends=2).err
+    assert said.count("x, y, z, ..., or as number, x, y, z. Say which with --columns x,y,z or") == 4
+    columns = ("--columns", "class,x,y,z")
+    assert "4 of 4 files" in run_command("align", folder, "--check", *FLAGS[:3], *columns).out
+    some = [folder / f"c{number}.txt" for number in range(3)]
+    run_command("align", *some, "--out", tmp_path / "out", *FLAGS, *columns)
+    found = load(tmp_path / "out")
+    assert found.options.cleaning.columns == "class,x,y,z"
+    assert angles_deg(found.rotations @ turns[:3]).max() < 10.0
+    run_command("add", tmp_path / "out", folder, "--jobs", "1", "--no-report")
+    assert angles_deg(load(tmp_path / "out").rotations @ turns).max() < 10.0
+    run_command("match", *some[:2], ends=2)
+    printed = run_command("match", *some[:2], *columns).out.splitlines()
+    matched = np.array([line.split() for line in printed[1:4]], dtype=float)[:, :3]
+    assert rotation_angle_deg(matched / np.cbrt(np.linalg.det(matched)), turns[0] @ turns[1].T) < 10
+
+
+def test_columns_are_named_in_batches_and_for_new_tables_alone(classified, tmp_path):
+    folder, turns = classified
+    (tmp_path / "plain").mkdir()
+    for number in range(3):
+        points = np.loadtxt(folder / f"c{number}.txt")[:, 1:]
+        written(tmp_path / "plain" / f"p{number}.xyz", points)
+    (tmp_path / "batch.toml").write_text(
+        f"[options.sampling]\nnum_points = 24\n[[jobs]]\nfolder = {json.dumps(str(folder))}\nout = 'b'\n"
+        "[jobs.options.cleaning]\ncolumns = 'class,x,y,z'\n"
+    )
+    run_command("batch", tmp_path / "batch.toml", "--jobs", "1")
+    assert len(load(tmp_path / "b")) == 4
+    aligned = align_collection(
+        tmp_path / "plain", run=RUN, progress=False, sampling={"num_points": 24}
+    )
+    aligned.save(tmp_path / "o", report=False)
+    with pytest.raises(InputError, match="the result was made with 'class,x,y,z'"):
+        add_to_collection(
+            tmp_path / "b", [folder / "c3.txt"], columns="x,y,z,class", progress=False
+        )
+    more = tmp_path / "c9.csv"
+    headed = np.loadtxt(folder / "c3.txt")
+    written(more, headed[:, [1, 2, 3, 0]], sep=",", head="x,y,z,class\n")
+    found = add_to_collection(tmp_path / "o", [more], run=RUN, progress=False)
+    assert angles_deg(found.rotations @ turns[[3, 0, 1, 2]][[1, 2, 3, 0]]).max() < 10.0
+
+
+def test_pts_files_whose_count_is_off_are_read_or_truncated(tmp_path):
+    for number, off in enumerate((-1, 0, 0, 5)):
+        points = bumpy(number, 2)[0]
+        rows = np.c_[points, np.arange(len(points)) % 200, np.tile([10, 20, 30], (len(points), 1))]
+        written(tmp_path / f"p{number}.pts", rows, "%.7g", head=f"{len(points) + off}\n")
+    said = run_command("align", tmp_path, "--check", *FLAGS[:2], ends=3)
+    assert "p0: 162 points" in said.out
+    assert "promises 161 points, but 162 follow" in said.out
+    assert "p3.pts: its first line promises 167 points, 162 lines follow. It is trunc" in said.err
+
+
+def test_clouds_with_scalars_are_read_alike(tmp_path):
+    """PTS with intensity and colours, with and without a count, ASC and CSV with headings, beside clouds in PLY."""
+    rng = np.random.default_rng(0)
+    points = bumpy(0, 3)[0]
+    num = len(points)
+    more = np.c_[rng.integers(-2000, 2000, num), rng.integers(0, 255, (num, 3))]
+    written(tmp_path / "head7.pts", np.c_[points, more], "%.9g", head=f"{num}\n")
+    written(tmp_path / "nohead7.pts", np.c_[points, more], "%.9g")
+    written(tmp_path / "nohead4.pts", np.c_[points, rng.random(num)], "%.9g")
+    head = f"//X Y Z R G B Intensity C2M_signed_distances\n{num}\n"
+    written(
+        tmp_path / "cc.asc", np.c_[points, more[:, 1:], rng.random((num, 2))], "%.9g", head=head
+    )
+    semi = written(tmp_path / "semi.csv", np.c_[points, rng.random(num)], "%.9f", ";", "X;Y;Z;I\n")
+    semi.write_text(semi.read_text().replace(".", ","))
+    trimesh.PointCloud(points).export(tmp_path / "cloud.ply")
+    said = run_command("align", tmp_path, "--check", *FLAGS[:2]).out
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
+    assert said.count(f": {num} points, {size}") == 6
+
+
+def test_a_worn_surface_is_laid_on_what_is_left_of_it(tmp_path):
+    """The top is cut flat; what did not change lies where it was, at its own size, where ``match`` says otherwise."""
+    whole, faces = bumpy(3, 5)
+    worn, coarse = bumpy(3, 4)
+    top = whole[:, 2].max()
+    worn[:, 2] = np.minimum(worn[:, 2], top - 0.35)
+    turn = random_rotation(np.random.default_rng(1))
+    moved = 5.0 * worn @ turn.T + [3.0, -5.0, 2.0]
+    trimesh.Trimesh(5.0 * whole, faces, process=False).export(tmp_path / "t0.stl")
+    trimesh.Trimesh(moved, coarse, process=False).export(tmp_path / "t1.stl")
+    said = run_command("match", "--partial", tmp_path / "t0.stl", tmp_path / "t1.stl", "--json").out
+    assert json.loads(said)["scale"] == pytest.approx(1.0, abs=1e-6)
+    partial = np.array(json.loads(said)["transform"])
+    assert rotation_angle_deg(partial[:3, :3], turn.T) < 0.6
+    kept = worn[:, 2] < top - 0.6
+    off = moved[kept] @ partial[:3, :3].T + partial[:3, 3] - 5.0 * worn[kept]
+    shares = np.linalg.norm(off, axis=1) / np.linalg.norm(np.ptp(5.0 * whole, axis=0))
+    assert np.median(shares) < 0.003
+    assert shares.max() < 0.005
+    trimesh.Trimesh(1.25 * moved, coarse, process=False).export(tmp_path / "t2.stl")
+    said = run_command("match", tmp_path / "t0.stl", tmp_path / "t2.stl", "--json").out
+    scale = json.loads(said)["scale"]
+    assert scale == pytest.approx(0.8, abs=0.05)
+    said = run_command("match", tmp_path / "t0.stl", tmp_path / "t2.stl").out
+    assert f"t2 was rescaled by a factor of {scale:.4g}" in said
