@@ -158,7 +158,14 @@ TOOL_TEXTS: dict[str, _Text] = {
         "the names of their groups, or leave them out."
     ),
     "labels-missing": "{source}: there is no row for {shapes}.",
-    "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
+    "labels-taken-as": lambda of: (
+        f"{of.values['source']}: rows are matched to shapes whose names nearly agree: "
+        f"{_with(of, (f'row {row}' for row in _tuple(of, 'rows')))}. Check them."
+    ),
+    "labels-unknown": lambda of: (
+        f"{of.values['source']}: no shape is called "
+        f"{_paired_if(_tuple(of, 'rows'), _tuple(of, 'hints'))}. These rows are not used."
+    ),
     "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "
     "the surface.",
     "landmarks-close": "{shapes}: its landmarks are close together, and {times:.4g} times as large they lie on the "
@@ -281,6 +288,12 @@ def _counted(num: int, one: str, several: str) -> str:
 
 def _paired(names: Iterable[str], words: Iterable[str]) -> str:
     return listed([f"{name} ({word})" for name, word in zip(names, words, strict=True)])
+
+
+def _paired_if(names: Iterable[str], words: Iterable[str]) -> str:
+    """Return names, those with a word on them with the word."""
+    both = zip(names, words, strict=True)
+    return listed([f"{name} ({word})" if word else name for name, word in both])
 
 
 def _with(note: Note, words: Iterable[str]) -> str:

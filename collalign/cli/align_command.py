@@ -305,6 +305,7 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
     if path is None:
         return None
     table = read_labels(path)
+    table.check_fit(names)
     for note in table.mismatches(names):
         warn(note_text(note))
     return table

@@ -31,7 +31,6 @@ from collalign.output.moved_files import missing_files
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
-from data_tools.checks import check_known
 from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import FolderListing, read_folder
@@ -39,6 +38,7 @@ from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_tables import READABLE
+from data_tools.names import known_names
 from data_tools.notes import listed
 
 #: Pages that are shown, by the command that writes them.
@@ -136,9 +136,7 @@ class Workspace:
                 )
 
         def check_labels(staged: Path) -> None:
-            known = read_labels(staged).columns_for(names)
-            if not known and name != _LABELS_FILE:
-                raise InputError(f"{name}: none of its rows belongs to a shape")
+            read_labels(staged).check_fit(names)
 
         checks: dict[str, Callable[[Path], object]] = {
             _DECISIONS_FILE: lambda staged: fixed_by([read_corrections(staged)], names),
@@ -168,7 +166,7 @@ class Workspace:
         collection = self._load()
         names = {*collection.names, *_left_out(collection)}
         for key in ("exclude", "incomplete"):
-            check_known(key, request.get(key) or (), names)
+            known_names(key, request.get(key) or (), names)
         exclude = request.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
@@ -205,7 +203,7 @@ class Workspace:
         """Return the options of a first alignment."""
         names = read_folder(self._shapes).names
         for key in ("exclude", "incomplete"):
-            check_known(key, request.get(key) or (), names)
+            known_names(key, request.get(key) or (), names)
         kept = {key: request[key] for key in ("group", "scaling") if key in request}
         named = ",".join(
             sorted({*(request.get("incomplete") or ())} - {*(request.get("exclude") or ())})

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path
 
-from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
-from data_tools.io.files import composed, natural_key, read_text, readable_name
+from data_tools.io.files import natural_key, read_text, readable_name
 from data_tools.io.formats.gltf import read_gltf
 from data_tools.io.formats.obj_off_stl import read_obj, read_off, read_stl
 from data_tools.io.formats.pcd import read_pcd
@@ -28,6 +27,7 @@ from data_tools.io.text_tables import (
     read_pts,
     read_text_points,
 )
+from data_tools.names import known_names
 
 #: Reader of each suffix: the one list of what is read, which messages and documents repeat.
 READERS: dict[str, Callable[[Source], RawShape]] = {
@@ -76,10 +76,9 @@ class FolderListing:
         )
 
     def without(self, names: Sequence[str]) -> FolderListing:
-        """Return the listing without some shapes; an unknown name is an ``InputError``."""
-        names = [composed(name) for name in names]
-        check_known("exclude", names, self.names)
-        kept = self.some(at for at, name in enumerate(self.names) if name not in names)
+        """Return the listing without some shapes, see :func:`data_tools.names.known_names`."""
+        left_out = {*known_names("exclude", names, self.names).values()}
+        kept = self.some(at for at, name in enumerate(self.names) if name not in left_out)
         return replace(kept, skipped=self.skipped)
 
 

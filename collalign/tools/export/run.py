@@ -113,8 +113,8 @@ def export(
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
-    left_out = {collection.index(name) for name in exclude}
-    written = [at for at in range(len(collection)) if at not in left_out]
+    excluded = {name for name, reason in who.left_out if reason == "excluded"}
+    written = [at for at, name in enumerate(collection.names) if name not in excluded]
     try:
         with OutputFolder.open(
             folder, writer=f"export {format}", inputs=collection.inputs

@@ -25,9 +25,9 @@ from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.wording import note_text
-from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import composed
+from data_tools.errors import OptionsError
 from data_tools.landmark_tables import READABLE
+from data_tools.names import known_names
 
 #: Said below every classification.
 _DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
@@ -90,10 +90,10 @@ def variation(
             collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful
         )
     columns = None if labels is None else read_labels(labels).columns_for(collection.names)
-    individuals = None if individuals is None else composed(individuals)
-    if individuals is not None and individuals not in (columns or collection.labels):
-        raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
-    owners = None if individuals is None else (columns or collection.labels)[individuals]
+    columns = columns or collection.labels
+    asked = [] if individuals is None else [individuals]
+    named = known_names("--individuals", asked, columns, kind="column")
+    owners = None if individuals is None else columns[named[individuals]]
     to = result / DEFAULT_FOLDER if to is None else to
     with resumable(run, result) as run:
         found = write_surface_variation(

@@ -24,7 +24,7 @@ from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
-from collalign.tools.variation.shape_model import ShapeTestOptions
+from collalign.tools.variation.shape_model import ShapeTestOptions, settled_columns
 from collalign.tools.variation.shape_statistics import check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceVariation,
@@ -37,9 +37,9 @@ from collalign.tools.variation.surface_variation import (
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.files import composed
 from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmark_files import Landmarks
+from data_tools.names import by_known_names
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
@@ -127,6 +127,7 @@ def write_surface_variation(
         as_options("tests", tests, ShapeTestOptions),
     )
     labelled, dropped = _labelled(collection, labels)
+    test_options = settled_columns(test_options, labelled, collection.names)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
@@ -212,6 +213,7 @@ def _labelled(
     if isinstance(labels, Mapping):
         return labels, []
     table = read_labels(labels)
+    table.check_fit(collection.names)
     return table.columns_for(collection.names), table.mismatches(collection.names)
 
 
@@ -229,7 +231,7 @@ def _marked(
         if isinstance(landmarks, Mapping)
         else read_templates(landmarks, collection.names)
     )
-    given = {composed(name): marks for name, marks in given.items()}
+    given = by_known_names("landmarks", given, collection.names)
     transforms = {name: collection.transforms[collection.index(name)] for name in given}
     files = {name: collection.file(collection.index(name)) for name in given}
     surfaces = tuple(
