@@ -126,10 +126,10 @@ class _Index:
             defaultdict[_Key, list[str]](list),
         )
         for name, own in self._known.items():
-            self._by_key[_key(name)].append(own)
+            self._by_key[name_key(name)].append(own)
             folder, sign, last = name.rpartition("/")
             for part in (folder, last) if sign else ():
-                self._by_folder[_key(part)].append(own)
+                self._by_folder[name_key(part)].append(own)
 
     def exact(self, name: str) -> str | None:
         """Return the known name that a name is, perhaps as the path of a file."""
@@ -139,12 +139,12 @@ class _Index:
         """Return all known names with which a name nearly agrees."""
         forms = [*_forms(name)]
         for form in forms:
-            if (key := _key(form)) and key in self._by_key:
+            if (key := name_key(form)) and key in self._by_key:
                 return self._by_key[key]
         *_, folder, _ = "", *forms[min(1, len(forms) - 1)].split("/")
         if folder:
-            return self._by_key.get(_key(folder), [])
-        return next((found for form in forms if (found := self._by_folder.get(_key(form)))), [])
+            return self._by_key.get(name_key(folder), [])
+        return next((found for form in forms if (found := self._by_folder.get(name_key(form)))), [])
 
 
 def _forms(name: str) -> Iterator[str]:
@@ -159,7 +159,7 @@ def _forms(name: str) -> Iterator[str]:
         yield _ENDING.sub("", tail)
 
 
-def _key(name: str) -> _Key:
+def name_key(name: str) -> tuple[str, ...]:
     """Return what names that nearly agree have in common: words and numbers in their order."""
     text = unicodedata.normalize("NFKC", name).casefold().strip()
     text = whole[1] if (whole := _WHOLE.fullmatch(text)) else text

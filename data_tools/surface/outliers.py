@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -226,3 +227,106 @@ def _behind_a_gap(ratios: Mapping[str, float]) -> set[str]:
             if low / _SLACK <= smallest and largest <= high * _SLACK:
                 return set(few)
     return set()
+
+
+class ApartTuning(NamedTuple):
+    """Numbers by which sizes that are two or three times those of the others are found.
+
+    Chosen on 300 draws each of 6 to 60 generated sizes: lognormal with deviations from .03 to .6, uniform and
+    loguniform over ranges from 1.5 to 20, two sexes, two species, adults with juveniles, growth curves. One of twice
+    its size is named in 96 % of draws of 15 or more with a deviation of .08, in 50 % of those of .15; one of half its
+    size in 77 % and 33 %. Without one, a shape is named in under 3 % of draws of one continuous range, in up to
+    7 % of growth curves, and in up to 28 % of those with few juveniles among adults, or few of another species: sizes
+    alone cannot tell these.
+    """
+
+    least: float = 1.6
+    """Larger shapes are named from this times the median of the others."""
+    gap: float = 0.75
+    """The gap to the others is at least this part of their range of log sizes."""
+    p: float = 0.01
+    """Student's t of the nearest to the gap against the others, times the number of shapes."""
+    largest_share: float = 1 / 8
+    """More shapes are of another kind; one may always be named."""
+    near: float = 1.1
+    """Smaller shapes may be young. They are named only so near to the factor of a usual mistake."""
+    covariate: float = 5.0
+    """Beside a covariate, so many deviations (by the median) off the line of sizes."""
+    correlation: float = 0.8
+    """Sizes follow a covariate from this rank correlation."""
+
+
+APART = ApartTuning()
+#: Factors between 1.6 and the units that mistakes lead to: a diameter for a radius, inches for centimetres.
+MISTAKEN_FACTORS = (2.0, 2.54)
+_LEAST_DEVIATION = 0.02
+
+
+def apart_ratios(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Return by what factor shapes differ from the others, of those that are about two or three times their size.
+
+    Shapes of :func:`odd_ratios` neither count nor are named.
+
+    Parameters
+    ----------
+    sizes : mapping of str to float
+        A length of each shape in the unit of its file.
+    """
+    odd = odd_ratios(sizes)
+    names = sorted(name for name, size in sizes.items() if size > 0 and name not in odd)
+    logs, found = np.log([sizes[name] for name in names]), dict[str, float]()
+    for sign in (1, -1):
+        order = np.argsort(sign * logs, kind="stable")
+        for num in range(max(1, int(APART.largest_share * len(names))), 0, -1):
+            others, apart = sign * logs[order[:-num]], sign * logs[order[-num:]]
+            if len(others) >= _FEWEST_OTHERS and _are_apart(apart, others, sign):
+                ratios = np.exp(sign * (apart - np.median(others)))
+                found |= {names[at]: float(r) for at, r in zip(order[-num:], ratios, strict=True)}
+                break
+    return found
+
+
+def _are_apart(apart: FloatArray, others: FloatArray, sign: int) -> bool:
+    """Return whether the largest of sorted log sizes, or of their negatives, are apart from the others."""
+    beyond, num = apart - np.median(others), len(others)
+    usual = np.abs(beyond[:, None] - np.log(MISTAKEN_FACTORS)).min(axis=1) <= np.log(APART.near)
+    likely = usual.all() if sign < 0 else beyond[0] >= np.log(APART.least)
+    if not likely or apart[0] - others[-1] < APART.gap * (others[-1] - others[0]):
+        return False
+    deviation = max(float(others.std(ddof=1)), _LEAST_DEVIATION) * np.sqrt(1.0 + 1.0 / num)
+    tail = stats.t.sf((apart[0] - others.mean()) / deviation, num - 1)
+    return bool((num + len(apart)) * tail < APART.p)
+
+
+def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, float] | None:
+    """Return by what factor sizes differ from those that a covariate predicts, of those that differ by far.
+
+    The line is that of Theil (1950) and Sen (1968), through the logarithms of sizes and the covariate or its
+    logarithms, whichever is nearer.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (N,)
+    covariate : ndarray, shape (N,)
+        NaN where unknown.
+
+    Returns
+    -------
+    dict of int to float, or None
+        By position; None where sizes do not follow the covariate.
+    """
+    known = np.flatnonzero(np.isfinite(covariate) & (sizes > 0))
+    values, logs = covariate[known], np.log(sizes[known])
+    if len(known) <= _FEWEST_OTHERS or np.ptp(values) == 0 or np.ptp(logs) == 0:
+        return None
+    if abs(stats.spearmanr(values, logs).statistic) < APART.correlation:
+        return None
+    fits = []
+    for along in (values, np.log(values)) if values.min() > 0 else (values,):
+        slope = stats.theilslopes(logs, along).slope
+        rest = logs - slope * along
+        fits.append(rest - np.median(rest))
+    rest = min(fits, key=lambda one: float(np.median(np.abs(one))))
+    deviation = max(float(stats.median_abs_deviation(rest, scale="normal")), _LEAST_DEVIATION)
+    limit = max(float(np.log(APART.least)), APART.covariate * deviation)
+    return {int(known[at]): float(np.exp(rest[at])) for at in np.flatnonzero(np.abs(rest) > limit)}

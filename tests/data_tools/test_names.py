@@ -64,10 +64,10 @@ def test_near_names_are_told_and_unknown_ones_refused_with_the_nearest(caplog):
         assert by_known_names("fixed", {"B-1": 3, "a": 4}, ["a", "b01"]) == {"b01": 3, "a": 4}
     assert caplog.messages == ["fixed: 'B-1' is taken as 'b01'"]
     with pytest.raises(
-        InputError, match="^exclude: no shape is called '1'; did you mean '01' or '001'"
+        InputError, match=r"^exclude: no shape is called '1'; did you mean '01' or '001'\?"
     ):
         known_names("exclude", ["1"], ["01", "001", "2"])
-    with pytest.raises(InputError, match="^factors: no column is called 'q'; there are sex, age$"):
+    with pytest.raises(InputError, match=r"^factors: no column is called 'q'; there are sex, age$"):
         known_names("factors", ["q"], ["sex", "age"], kind="column")
     assert nearest_names("femur", ["femur_17", "femur_70", "ulna"]).count("femur_") == 2
     assert nearest_names("q", []) == ""

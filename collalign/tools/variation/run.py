@@ -9,7 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from collalign.analysis.label_checks import as_numbers
 from collalign.analysis.label_table import read_labels
+from collalign.analysis.left_out import HEADING, compare_left_out
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
@@ -17,8 +19,9 @@ from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
+from collalign.output.label_notes import with_label_notes
 from collalign.output.loading import load
-from collalign.output.members import statistics_members
+from collalign.output.members import Members, statistics_members
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
@@ -34,6 +37,7 @@ from collalign.tools.variation.surface_variation import (
     surface_symmetry,
     surface_variation,
 )
+from collalign.wording import note_records
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
@@ -128,12 +132,14 @@ def write_surface_variation(
     )
     labelled, dropped = _labelled(collection, labels)
     test_options = settled_columns(test_options, labelled, collection.names)
+    collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
+    compared, differences = _left_out(collection, who, labelled, test_options)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
     check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
@@ -148,6 +154,8 @@ def write_surface_variation(
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
     tested = shape_tests(found, columns, test_options)
+    if compared:
+        tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
     marked, notes = _marked(collection, dense, found.mean, landmarks)
     before = [
         note for note in who.not_said_by(collection.notes) if note.code != "copies"
@@ -155,6 +163,7 @@ def write_surface_variation(
     said = [
         *posture,
         *who.notes,
+        *differences,
         *(one.note for one in who.copies),
         *tested.notes,
         *dropped,
@@ -199,6 +208,7 @@ def write_surface_variation(
             "labels": list(columns),
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),
+            "notes": note_records(found.notes),
         },
     )
     return found
@@ -215,6 +225,33 @@ def _labelled(
     table = read_labels(labels)
     table.check_fit(collection.names)
     return table.columns_for(collection.names), table.mismatches(collection.names)
+
+
+def _left_out(
+    collection: Collection,
+    who: Members,
+    columns: Mapping[str, Sequence[str]],
+    options: ShapeTestOptions,
+) -> tuple[list[list[object]], list[Note]]:
+    """Compare the shapes that count with the others; return the table, and notes on bias and how to lessen it."""
+    counted = np.isin(np.arange(len(collection)), who.chosen)
+    rows, notes = compare_left_out(
+        counted,
+        collection.centroid_sizes,
+        {column: as_numbers(columns[column]) for column in options.numbers},
+        {column: columns[column] for column in options.factors},
+    )
+    doubtful = tuple(name for name, reason in who.left_out if reason == "doubtful")
+    if notes and doubtful:
+        confidences = collection.confidence[[collection.index(name) for name in doubtful]]
+        wrong = round(float((1.0 - np.nan_to_num(confidences)).sum()))
+        numbers = {
+            "counted": len(who.chosen),
+            "num": len(who.chosen) + len(doubtful),
+            "wrong": wrong,
+        }
+        notes.append(Note("left-out-doubtful", doubtful, numbers))
+    return rows, notes
 
 
 def _marked(

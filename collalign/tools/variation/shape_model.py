@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shlex
 from collections.abc import Collection, Mapping, Sequence
@@ -10,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collalign.analysis.label_checks import as_numbers, wrong_cells
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, SEQUENTIAL, SUMS_OF_SQUARES
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.checks import check_choice, check_count
@@ -19,8 +19,6 @@ from data_tools.notes import Note, listed
 
 #: What a model calls the logarithm of centroid size, and tables.
 SIZE_TERM, SIZE = "size", "log(centroid size)"
-#: A column of at least so many known cells is numbers where at most this share of them, or one, is none.
-FEWEST_CELLS, FEW_WRONG = 4, 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,13 +136,12 @@ def settled_columns(
         for argument, asked in (("factors", options.factors), ("numbers", options.numbers))
     )
     for column, values in columns.items():
-        known = {shape: value for shape, value in zip(shapes, values, strict=True) if value}
-        wrong = {shape: cell for shape, cell in known.items() if not math.isfinite(_number(cell))}
-        are_few = len(known) >= FEWEST_CELLS and len(wrong) <= max(1, FEW_WRONG * len(known))
-        if column in factors or not known or (wrong and column not in numbers and not are_few):
+        wrong = wrong_cells(values, shapes, declared=column in numbers)
+        if column in factors or wrong is None:
             factors.add(column)
             continue
         if wrong:
+            right = sum(map(bool, values)) - len(wrong)
             cells = listed([f"{shape} has {cell!r}, not a number" for shape, cell in wrong.items()])
             advice = (
                 ""
@@ -152,7 +149,7 @@ def settled_columns(
                 else f", or use --factors {shlex.quote(column)} if it names groups"
             )
             raise InputError(
-                f"{column}: {cells}. {len(known) - len(wrong)} other cells are numbers. Correct the table, leaving "
+                f"{column}: {cells}. {right} other cells are numbers. Correct the table, leaving "
                 f"empty what is unknown{advice}"
             )
         numbers.add(column)
@@ -178,7 +175,7 @@ def read_column(
     """
     known = np.array([value != "" for value in values], dtype=bool)
     if not as_factor:
-        numbers = np.array([_number(value) for value in values])
+        numbers = as_numbers(values)
         return Column(name=name, values=tuple(values), numbers=numbers, tested=known, notes=())
     kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
     single = {*kinds[counts == 1].tolist()} - {""}
@@ -254,10 +251,3 @@ def missing_notes(model: str, names: Sequence[str], chosen: BoolArray) -> tuple[
     """Return the note on the shapes that a model leaves out, of which ``chosen`` (N,) has the others."""
     absent = tuple(name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts)
     return (Note("model-leaves-out", absent, {"model": model}),) if absent else ()
-
-
-def _number(value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        return math.nan

@@ -84,7 +84,7 @@ def test_missing_files_columns_and_names_are_refused(tmp_path):
     with pytest.raises(InputError, match="no column is called 'genus'; there are taxon"):
         labels.column("genus", ["a"])
     with pytest.raises(
-        InputError, match="none of its rows belongs to a shape. It names a, the shapes are b, c"
+        InputError, match=r"none of its rows belongs to a shape\. It names a, the shapes are b, c"
     ):
         labels.column("taxon", ["b", "c"])
     empty = read_labels(table(tmp_path, "name,taxon,sex\na,,f\n"))
@@ -122,7 +122,9 @@ def test_the_file_says_more_than_a_running_number(tmp_path):
 def test_folders_tell_shapes_of_one_name_apart(tmp_path):
     labels = read_labels(table(tmp_path, "file,sex\na/skull.ply,f\nb/skull.ply,m\n"))
     assert labels.column("sex", ["a/skull", "b/skull"]) == ("f", "m")
-    with pytest.raises(InputError, match="'skull' is listed twice, as 'a/skull.ply' and 'b/skull"):
+    with pytest.raises(
+        InputError, match=r"'skull' is listed twice, as 'a/skull\.ply' and 'b/skull"
+    ):
         labels.check_fit(["skull"])
 
 

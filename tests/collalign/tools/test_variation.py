@@ -230,7 +230,7 @@ def test_models_are_read_and_multiplied():
         ("size", "sex"),
         ("age",),
     )
-    sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"])
+    sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"], as_factor=True)
     sizes = np.arange(5.0)
     terms, chosen = model_terms([("size",), ("sex",), ("size", "sex")], {"sex": sex}, sizes)
     assert chosen.tolist() == [True] * 4 + [False]
