@@ -209,9 +209,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "left-out-differ": lambda of: _left_out_differ(**of.values),
     "left-out-doubtful": lambda of: (
         f"{_counted(len(of.shapes), 'shape is', 'shapes are')} left out only for a doubtful pose. With "
-        f"--include-doubtful {of.values['num']} shapes count instead of {of.values['counted']}. About "
-        f"{_counted(of.values['wrong'], 'of their poses is', 'of their poses are')} expected to be wrong. A wrong "
-        "pose counts as a difference of shape. Confirm or correct these poses in the report first."
+        f"--include-doubtful {of.values['num']} shapes count instead of {of.values['counted']}. Their poses are "
+        f"right with a chance of {percent(of.values['chance'])} on average. "
+        "A wrong pose counts as a difference of shape. Confirm or correct these poses in the report first."
     ),
     "groups-left-out": lambda of: (
         f"The shapes that count are not like all shapes in {of.values['column']}: "

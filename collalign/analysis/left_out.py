@@ -23,7 +23,7 @@ HEADING = (
     ),
     *("least_left_out", "median_left_out", "greatest_left_out", "P"),
 )
-#: Said where a test has this P or less, or the shapes that count span at most this share of the range of all.
+#: Said where a test has this P or less, or the shapes that count span less than this share of the range of all.
 SAID_P, SAID_SHARE = 0.05, 0.8
 
 
@@ -65,7 +65,7 @@ def compare_left_out(
         rows.append([column, "", len(kept), len(lost), *map(float, three), p])
         every = numbers[known]
         scale = np.log if every.min() > 0 else np.asarray
-        if p <= SAID_P or np.ptp(scale(kept)) <= SAID_SHARE * np.ptp(scale(every)):
+        if p <= SAID_P or np.ptp(scale(kept)) < SAID_SHARE * np.ptp(scale(every)):
             notes.append(
                 Note(
                     "left-out-differ",

@@ -23,6 +23,8 @@ from data_tools.notes import Note
 from data_tools.surface.outliers import APART, odd_for_covariate
 
 CollectionT = TypeVar("CollectionT", bound=CollectionData)
+#: How the codes of notes on labels begin.
+_BEGIN = "labels-"
 #: Others of a group that tell its size.
 _FEWEST_OF_GROUP = 2
 
@@ -67,6 +69,12 @@ def with_label_notes(
     explained = _explained(collection, factors, covariates)
     said = [one for note in collection.notes if (one := _without(note, explained)) is not None]
     return replace(collection, notes=tuple(dict.fromkeys([*said, *notes])))
+
+
+def without_label_notes(collection: CollectionT) -> CollectionT:
+    """Return a result without the notes on the labels that it was saved with."""
+    kept = (note for note in collection.notes if not note.code.startswith(_BEGIN))
+    return replace(collection, notes=tuple(kept))
 
 
 def _explained(

@@ -110,10 +110,7 @@ EXAMPLES = [
             "p": 0.04,
         },
     ),
-    *(
-        Note("left-out-doubtful", PAIR, {"num": 10, "counted": 8, "wrong": wrong})
-        for wrong in (1, 2)
-    ),
+    Note("left-out-doubtful", PAIR, {"num": 10, "counted": 8, "chance": 0.9}),
     Note(
         "groups-left-out",
         values={"column": "age", "groups": PAIR, "counted": (0, 1), "totals": (3, 4)},

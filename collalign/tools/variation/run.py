@@ -19,7 +19,7 @@ from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
-from collalign.output.label_notes import with_label_notes
+from collalign.output.label_notes import with_label_notes, without_label_notes
 from collalign.output.loading import load
 from collalign.output.members import Members, statistics_members
 from collalign.products.named_frame import NamedFrame
@@ -131,6 +131,8 @@ def write_surface_variation(
         as_options("tests", tests, ShapeTestOptions),
     )
     labelled, dropped = _labelled(collection, labels)
+    if labels is not None:
+        collection = without_label_notes(collection)
     test_options = settled_columns(test_options, labelled, collection.names)
     collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
@@ -244,11 +246,10 @@ def _left_out(
     doubtful = tuple(name for name, reason in who.left_out if reason == "doubtful")
     if notes and doubtful:
         confidences = collection.confidence[[collection.index(name) for name in doubtful]]
-        wrong = round(float((1.0 - np.nan_to_num(confidences)).sum()))
         numbers = {
             "counted": len(who.chosen),
             "num": len(who.chosen) + len(doubtful),
-            "wrong": wrong,
+            "chance": float(np.nan_to_num(confidences).mean()),
         }
         notes.append(Note("left-out-doubtful", doubtful, numbers))
     return rows, notes
