@@ -17,8 +17,10 @@ from collalign.analysis.label_checks import (
     typing_errors,
     wrong_cells,
 )
+from collalign.analysis.left_out import compare_left_out
 from collalign.output.collection_data import CollectionData
-from collalign.output.members import main_part
+from collalign.output.members import Members, main_part
+from data_tools.arrays import FloatArray
 from data_tools.notes import Note
 from data_tools.surface.outliers import APART, odd_for_covariate
 
@@ -46,15 +48,12 @@ def with_label_notes(
         Columns of numbers; by default those of which all cells are, but a few, which are named.
     """
     names, notes = collection.names, list[Note]()
-    wrong = {column: wrong_cells(values, names) for column, values in columns.items()}
+    covariates, factors = _by_kind(columns, names, numbers)
     if numbers is None:
-        numbers = [column for column, cells in wrong.items() if cells is not None]
-        for column in numbers:
-            if cells := wrong[column]:
+        for column in covariates:
+            if cells := wrong_cells(columns[column], names):
                 fields = {"column": column, "cells": tuple(cells.values())}
                 notes.append(Note("labels-not-numbers", tuple(cells), fields))
-    covariates = {column: as_numbers(columns[column]) for column in numbers}
-    factors = {column: values for column, values in columns.items() if column not in covariates}
     compared = np.isin(np.arange(len(collection)), main_part(collection))
     strangers = [
         one for note in collection.notes if note.code == "resembles-none" for one in note.shapes
@@ -71,6 +70,58 @@ def with_label_notes(
     return replace(collection, notes=tuple(dict.fromkeys([*said, *notes])))
 
 
+def compare_members(
+    collection: CollectionData,
+    who: Members,
+    columns: Mapping[str, Sequence[str]],
+    *,
+    numbers: Collection[str] | None = None,
+) -> tuple[list[list[object]], list[Note]]:
+    """Compare the shapes that count in statistics with the others, along size and labels.
+
+    Parameters
+    ----------
+    collection : CollectionData
+    who : Members
+    columns : mapping of str to sequence of str, length N
+    numbers : collection of str, optional
+        As in :func:`with_label_notes`.
+
+    Returns
+    -------
+    rows : list of list
+        See :func:`collalign.analysis.left_out.compare_left_out`.
+    notes : list of Note
+        On differences, and on what letting doubtful shapes count would change.
+    """
+    covariates, factors = _by_kind(columns, collection.names, numbers)
+    counted = np.isin(np.arange(len(collection)), who.chosen)
+    rows, notes = compare_left_out(counted, collection.centroid_sizes, covariates, factors)
+    doubtful = tuple(name for name, reason in who.left_out if reason == "doubtful")
+    if notes and doubtful:
+        confidences = collection.confidence[[collection.index(name) for name in doubtful]]
+        fields = {
+            "counted": len(who.chosen),
+            "num": len(who.chosen) + len(doubtful),
+            "chance": float(np.nan_to_num(confidences).mean()),
+        }
+        notes.append(Note("left-out-doubtful", doubtful, fields))
+    return rows, notes
+
+
+def _by_kind(
+    columns: Mapping[str, Sequence[str]], shapes: Sequence[str], numbers: Collection[str] | None
+) -> tuple[dict[str, FloatArray], dict[str, Sequence[str]]]:
+    """Return the columns of numbers, and those of groups."""
+    if numbers is None:
+        numbers = [
+            one for one, values in columns.items() if wrong_cells(values, shapes) is not None
+        ]
+    covariates = {column: as_numbers(columns[column]) for column in columns if column in numbers}
+    factors = {column: values for column, values in columns.items() if column not in covariates}
+    return covariates, factors
+
+
 def without_label_notes(collection: CollectionT) -> CollectionT:
     """Return a result without the notes on the labels that it was saved with."""
     kept = (note for note in collection.notes if not note.code.startswith(_BEGIN))
@@ -80,7 +131,7 @@ def without_label_notes(collection: CollectionT) -> CollectionT:
 def _explained(
     collection: CollectionData,
     factors: Mapping[str, Sequence[str]],
-    covariates: Mapping[str, np.ndarray],
+    covariates: Mapping[str, FloatArray],
 ) -> set[str]:
     """Return the shapes whose size is that of others with their labels."""
     sizes, names, found = collection.centroid_sizes, collection.names, set[str]()

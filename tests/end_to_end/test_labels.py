@@ -115,6 +115,7 @@ def test_what_is_left_out_is_compared_with_what_counts(result, tmp_path):
     assert age.values["range_counted"] == (9.0, 24.0)
     offer = only(found.notes, "left-out-doubtful")
     assert (offer.shapes, offer.values["num"]) == (NAMES[:3], 9)
+    assert only(found.notes, "labels-misspelt").values["groups"] == ("M",)
     assert "labels-taken-as" not in codes(found.notes), "that was another table"
     record = json.loads((tmp_path / "some" / "run-variation.json").read_text())["options"]
     assert {"left-out-differ", "labels-of-sides", "size-apart"} <= {

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.collection import Collection
+from collalign.output.label_notes import compare_members
 from collalign.output.loading import load
 from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.provenance import write_tool_record
@@ -172,7 +173,8 @@ def export_notes(
     notes = [coordinates_note(collection, space)] if format in STATISTICS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
-        return (*notes, *who.notes, *who.not_said_by(collection.notes))
+        _, differences = compare_members(collection, who, collection.labels)
+        return (*notes, *who.notes, *differences, *who.not_said_by(collection.notes))
     return (*notes, *collection.notes)
 
 

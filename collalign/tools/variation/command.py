@@ -14,6 +14,11 @@ from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
+from collalign.output.label_notes import (
+    compare_members,
+    with_label_notes,
+    without_label_notes,
+)
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.tools.variation.classification import (
@@ -133,7 +138,9 @@ def _classify(
         raise OptionsError("--classify takes a column of --labels; name the file")
     table = read_labels(labels)
     values = table.column(by, collection.names)
-    for note in table.mismatches(collection.names):
+    checked = with_label_notes(without_label_notes(collection), {by: values}, numbers=())
+    of_labels = (note for note in checked.notes if note not in collection.notes)
+    for note in (*table.mismatches(collection.names), *of_labels):
         warn(note_text(note))
     who = statistics_members(
         collection,
@@ -142,6 +149,7 @@ def _classify(
         include_incomplete=include_doubtful,
         one_part=False,
     )
+    _, differences = compare_members(collection, who, {by: values}, numbers=())
     clouds, chosen = posed_clouds(collection), who.chosen.tolist()
     found = classify_leave_one_out(
         surface_distances([clouds[at] for at in chosen], collection.part_numbers[chosen]),
@@ -149,5 +157,6 @@ def _classify(
         names=[collection.names[at] for at in chosen],
     )
     add_to_summary(**found.as_dict(), left_out=dict(who.left_out))
-    say("\n".join(filter(None, [found.table(), _DISTANCES, *map(note_text, who.notes)])))
+    notes = map(note_text, (*who.notes, *differences))
+    say("\n".join(filter(None, [found.table(), _DISTANCES, *notes])))
     return 0

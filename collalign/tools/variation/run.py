@@ -9,9 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from collalign.analysis.label_checks import as_numbers
 from collalign.analysis.label_table import read_labels
-from collalign.analysis.left_out import HEADING, compare_left_out
+from collalign.analysis.left_out import HEADING
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
@@ -19,9 +18,13 @@ from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
-from collalign.output.label_notes import with_label_notes, without_label_notes
+from collalign.output.label_notes import (
+    compare_members,
+    with_label_notes,
+    without_label_notes,
+)
 from collalign.output.loading import load
-from collalign.output.members import Members, statistics_members
+from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
@@ -141,7 +144,7 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    compared, differences = _left_out(collection, who, labelled, test_options)
+    compared, differences = compare_members(collection, who, labelled, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
     check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
@@ -227,32 +230,6 @@ def _labelled(
     table = read_labels(labels)
     table.check_fit(collection.names)
     return table.columns_for(collection.names), table.mismatches(collection.names)
-
-
-def _left_out(
-    collection: Collection,
-    who: Members,
-    columns: Mapping[str, Sequence[str]],
-    options: ShapeTestOptions,
-) -> tuple[list[list[object]], list[Note]]:
-    """Compare the shapes that count with the others; return the table, and notes on bias and how to lessen it."""
-    counted = np.isin(np.arange(len(collection)), who.chosen)
-    rows, notes = compare_left_out(
-        counted,
-        collection.centroid_sizes,
-        {column: as_numbers(columns[column]) for column in options.numbers},
-        {column: columns[column] for column in options.factors},
-    )
-    doubtful = tuple(name for name, reason in who.left_out if reason == "doubtful")
-    if notes and doubtful:
-        confidences = collection.confidence[[collection.index(name) for name in doubtful]]
-        numbers = {
-            "counted": len(who.chosen),
-            "num": len(who.chosen) + len(doubtful),
-            "chance": float(np.nan_to_num(confidences).mean()),
-        }
-        notes.append(Note("left-out-doubtful", doubtful, numbers))
-    return rows, notes
 
 
 def _marked(
