@@ -11,7 +11,7 @@ import numpy as np
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.copies import Copies
 from data_tools.names import name_key
-from data_tools.notes import Note
+from data_tools.notes import Note, Value
 from data_tools.surface.outliers import odd_for_covariate
 
 Columns = Mapping[str, Sequence[str]]
@@ -71,7 +71,7 @@ def typing_errors(columns: Columns, shapes: Sequence[str]) -> list[Note]:
         found = _misspelt(counts) if 2 * len(counts) <= counts.total() else {}
         of = [(shape, value) for shape, value in zip(shapes, values, strict=True) if value in found]
         if of:
-            fields = {
+            fields: dict[str, Value] = {
                 "column": column,
                 "groups": tuple(value for _, value in of),
                 "similar": tuple(found[value] for _, value in of),
@@ -107,13 +107,12 @@ def side_contradictions(
             continue
         both_labelled = 0 < (is_left & known).sum() < known.sum()
         if both_labelled and not reflected[known].any():
-            numbers = {"column": column, "num_left": int((is_left & known).sum())}
-            notes.append(
-                Note("labels-of-sides-unseen", values={**numbers, "total": int(known.sum())})
-            )
+            num_left, total = int((is_left & known).sum()), int(known.sum())
+            unseen: dict[str, Value] = {"column": column, "num_left": num_left, "total": total}
+            notes.append(Note("labels-of-sides-unseen", values=unseen))
             continue
-        at = np.flatnonzero(known & ~agree)
-        fields = {
+        at = np.flatnonzero(known & ~agree).tolist()
+        fields: dict[str, Value] = {
             "column": column,
             "labels": tuple(values[i] for i in at),
             "num_agree": int(agree.sum()),
@@ -138,7 +137,7 @@ def copy_contradictions(
             if len({*labels.values()}) > 1 and not (
                 one.kind == "mirrored" and sides <= LEFT | RIGHT
             ):
-                fields = {"column": column, "labels": tuple(labels.values())}
+                fields: dict[str, Value] = {"column": column, "labels": tuple(labels.values())}
                 notes.append(Note("labels-of-copies", tuple(labels), fields))
     return notes
 
@@ -179,7 +178,7 @@ def size_contradictions(
     for column, numbers in columns.items():
         odd = odd_for_covariate(sizes, numbers)
         if odd:
-            fields = {"column": column, "times": tuple(odd.values())}
+            fields: dict[str, Value] = {"column": column, "times": tuple(odd.values())}
             notes.append(Note("labels-of-size", tuple(shapes[at] for at in odd), fields))
     return notes
 

@@ -12,7 +12,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import read_any_text
 from data_tools.io.text_tables import plain_cell
 from data_tools.names import known_names, match_names, nearest_names, nearly
-from data_tools.notes import Note, listed
+from data_tools.notes import Note, Value, listed
 
 #: Values that mean "not known", compared without regard to case.
 UNKNOWN = frozenset({"", "na", "n/a", "nan", "none", "unknown", "?"})
@@ -88,7 +88,7 @@ class Labels:
         bare = sorted({*names} - {*found})
         notes = []
         if near:
-            values = {"source": self.source, "rows": tuple(near)}
+            values: dict[str, Value] = {"source": self.source, "rows": tuple(near)}
             notes.append(Note("labels-taken-as", tuple(near.values()), values))
         if strange:
             hints = tuple(nearest_names(row, names).removeprefix("; ") for row in strange)

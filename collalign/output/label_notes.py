@@ -21,7 +21,7 @@ from collalign.analysis.left_out import compare_left_out
 from collalign.output.collection_data import CollectionData
 from collalign.output.members import Members, main_part
 from data_tools.arrays import FloatArray
-from data_tools.notes import Note
+from data_tools.notes import Note, Value
 from data_tools.surface.outliers import APART, odd_for_covariate
 
 CollectionT = TypeVar("CollectionT", bound=CollectionData)
@@ -52,7 +52,7 @@ def with_label_notes(
     if numbers is None:
         for column in covariates:
             if cells := wrong_cells(columns[column], names):
-                fields = {"column": column, "cells": tuple(cells.values())}
+                fields: dict[str, Value] = {"column": column, "cells": tuple(cells.values())}
                 notes.append(Note("labels-not-numbers", tuple(cells), fields))
     compared = np.isin(np.arange(len(collection)), main_part(collection))
     strangers = [
@@ -100,12 +100,12 @@ def compare_members(
     doubtful = tuple(name for name, reason in who.left_out if reason == "doubtful")
     if notes and doubtful:
         confidences = collection.confidence[[collection.index(name) for name in doubtful]]
-        fields = {
+        chances: dict[str, Value] = {
             "counted": len(who.chosen),
             "num": len(who.chosen) + len(doubtful),
             "chance": float(np.nan_to_num(confidences).mean()),
         }
-        notes.append(Note("left-out-doubtful", doubtful, fields))
+        notes.append(Note("left-out-doubtful", doubtful, chances))
     return rows, notes
 
 
@@ -154,9 +154,6 @@ def _without(note: Note, explained: set[str]) -> Note | None:
     times = note.values.get("times")
     if note.code != "size-apart" or not isinstance(times, tuple):
         return note
-    kept = [pair for pair in zip(note.shapes, times, strict=True) if pair[0] not in explained]
-    if not kept:
-        return None
-    return Note(
-        note.code, tuple(name for name, _ in kept), {"times": tuple(one for _, one in kept)}
-    )
+    sizes = dict(zip(note.shapes, map(float, times), strict=True))
+    kept = {name: one for name, one in sizes.items() if name not in explained}
+    return Note(note.code, tuple(kept), {"times": tuple(kept.values())}) if kept else None

@@ -94,8 +94,9 @@ def variation(
         return _classify(
             collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful
         )
-    columns = None if labels is None else read_labels(labels).columns_for(collection.names)
-    columns = columns or collection.labels
+    columns = collection.labels
+    if labels is not None:
+        columns = read_labels(labels).columns_for(collection.names)
     asked = [] if individuals is None else [individuals]
     named = known_names("--individuals", asked, columns, kind="column")
     owners = None if individuals is None else columns[named[individuals]]
