@@ -65,8 +65,8 @@ def with_label_notes(
         *copy_contradictions(columns, names, collection.copies),
         *stranger_labels(factors, names, strangers),
     ]
-    explained = _explained(collection, factors, covariates)
-    said = [one for note in collection.notes if (one := _without(note, explained)) is not None]
+    kept = (_without_explained(one, collection, factors, covariates) for one in collection.notes)
+    said = [note for note in kept if note is not None]
     return replace(collection, notes=tuple(dict.fromkeys([*said, *notes])))
 
 
@@ -128,32 +128,57 @@ def without_label_notes(collection: CollectionT) -> CollectionT:
     return replace(collection, notes=tuple(kept))
 
 
-def _explained(
+def _without_explained(
+    note: Note,
     collection: CollectionData,
     factors: Mapping[str, Sequence[str]],
     covariates: Mapping[str, FloatArray],
-) -> set[str]:
-    """Return the shapes whose size is that of others with their labels."""
-    sizes, names, found = collection.centroid_sizes, collection.names, set[str]()
-    for numbers in covariates.values():
-        odd = odd_for_covariate(sizes, numbers)
-        if odd is not None:
-            found |= {names[at] for at in np.flatnonzero(np.isfinite(numbers)) if at not in odd}
-    for values in factors.values():
-        groups = np.array(values)
-        for at in np.flatnonzero(groups != ""):
-            others = sizes[(groups == groups[at]) & (np.arange(len(names)) != at)]
-            times = sizes[at] / np.median(others) if len(others) >= _FEWEST_OF_GROUP else 0.0
-            if 1 / APART.least < times < APART.least:
-                found.add(names[at])
-    return found
-
-
-def _without(note: Note, explained: set[str]) -> Note | None:
-    """Return a note on sizes without the shapes whose size is explained; None where none is left."""
+) -> Note | None:
+    """Return a note on sizes without the shapes whose size labels explain; None where none is left."""
     times = note.values.get("times")
     if note.code != "size-apart" or not isinstance(times, tuple):
         return note
-    sizes = dict(zip(note.shapes, map(float, times), strict=True))
-    kept = {name: one for name, one in sizes.items() if name not in explained}
+    apart = {
+        collection.index(name): float(one)
+        for name, one in zip(note.shapes, times, strict=True)
+        if name in collection
+    }
+    explained = {
+        *(
+            at
+            for numbers in covariates.values()
+            for at in _by_covariate(collection, numbers, apart)
+        ),
+        *(at for values in factors.values() for at in _by_group(collection, values, apart)),
+    }
+    kept = {collection.names[at]: one for at, one in apart.items() if at not in explained}
     return Note(note.code, tuple(kept), {"times": tuple(kept.values())}) if kept else None
+
+
+def _by_covariate(
+    collection: CollectionData, numbers: FloatArray, apart: Mapping[int, float]
+) -> list[int]:
+    """Return the shapes whose size is like that of others with nearly the same number.
+
+    Where sizes do not follow the numbers otherwise, those that are smaller than all others in both, or larger.
+    """
+    known = [at for at in apart if np.isfinite(numbers[at])]
+    odd = odd_for_covariate(collection.centroid_sizes, numbers)
+    if odd is not None:
+        return [at for at in known if at not in odd]
+    others = np.delete(numbers, [*apart])
+    low, high = np.nanmin(others, initial=np.inf), np.nanmax(others, initial=-np.inf)
+    return [at for at in known if (numbers[at] > high if apart[at] > 1 else numbers[at] < low)]
+
+
+def _by_group(
+    collection: CollectionData, values: Sequence[str], apart: Mapping[int, float]
+) -> list[int]:
+    """Return the shapes whose size is like that of others of their group."""
+    sizes, groups, found = collection.centroid_sizes, np.array(values), []
+    for at in apart:
+        others = sizes[(groups == groups[at]) & (np.arange(len(sizes)) != at)]
+        if values[at] and len(others) >= _FEWEST_OF_GROUP:
+            ratio = sizes[at] / np.median(others)
+            found += [at] if 1 / APART.least < ratio < APART.least else []
+    return found

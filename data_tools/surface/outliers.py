@@ -233,11 +233,16 @@ class ApartTuning(NamedTuple):
     """Numbers by which sizes that are two or three times those of the others are found.
 
     Chosen on 300 draws each of 6 to 60 generated sizes: lognormal with deviations from .03 to .6, uniform and
-    loguniform over ranges from 1.5 to 20, two sexes, two species, adults with juveniles, growth curves. One of twice
-    its size is named in 96 % of draws of 15 or more with a deviation of .08, in 50 % of those of .15; one of half its
-    size in 77 % and 33 %. Without one, a shape is named in under 3 % of draws of one continuous range, in up to
-    7 % of growth curves, and in up to 28 % of those with few juveniles among adults, or few of another species: sizes
-    alone cannot tell these.
+    loguniform over ranges from 1.5 to 20, two sexes, two species, adults with juveniles, growth curves. Of 15 or more
+    sizes with a deviation of .08, one of twice its size is named in 98 % of draws, one of half its size in 77 %; with
+    a deviation of .15 in 40 and 30 %. Of draws without one, a shape is named in at most 2 % of those of one range,
+    7 % of growth curves, and 28 % of those with few juveniles or few of another species: sizes alone cannot
+    tell these. Held out were gamma, Laplace and normal sizes, three species (5 % at most), Gompertz growth (8 %) and
+    classes of age (29 %). In no folder of skulls, feet, teeth, turtles, lowpoly guns or seats is a shape named.
+
+    Beside a covariate, numbers were chosen on 200 draws of four curves of growth. With a deviation of .05 a shape is
+    named in at most 1 % of draws without one of twice its size. That one is named in 80 to 98 % of draws of 60,
+    in 55 to 94 % of 24 and in 28 to 74 % of 12. With a deviation of .15 these are 9 %, and 4 to 67 % of 24 or 60.
     """
 
     least: float = 1.6
@@ -250,8 +255,10 @@ class ApartTuning(NamedTuple):
     """More shapes are of another kind; one may always be named."""
     near: float = 1.1
     """Smaller shapes may be young. They are named only so near to the factor of a usual mistake."""
-    covariate: float = 5.0
-    """Beside a covariate, so many deviations (by the median) off the line of sizes."""
+    num_beside: int = 2
+    """Beside a covariate, sizes are compared with the median of so many with a little more of it, or less."""
+    deviations: float = 4.0
+    """They differ by so many deviations (by the median) of sizes from those on both sides."""
     correlation: float = 0.8
     """Sizes follow a covariate from this rank correlation."""
 
@@ -299,10 +306,11 @@ def _are_apart(apart: FloatArray, others: FloatArray, sign: int) -> bool:
 
 
 def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, float] | None:
-    """Return by what factor sizes differ from those that a covariate predicts, of those that differ by far.
+    """Return by what factor sizes differ from those of nearly the same covariate, of those that differ by far.
 
-    The line is that of Theil (1950) and Sen (1968), through the logarithms of sizes and the covariate or its
-    logarithms, whichever is nearer.
+    Where sizes grow with a covariate, in whatever way, no shape is larger than those with somewhat more of it, or
+    smaller than those with somewhat less. By how much it differs is told by these, or by a line through log sizes and
+    the covariate or its logarithm (Theil 1950, Sen 1968), whichever fits best.
 
     Parameters
     ----------
@@ -319,14 +327,26 @@ def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, flo
     values, logs = covariate[known], np.log(sizes[known])
     if len(known) <= _FEWEST_OTHERS or np.ptp(values) == 0 or np.ptp(logs) == 0:
         return None
-    if abs(stats.spearmanr(values, logs).statistic) < APART.correlation:
+    correlation = stats.spearmanr(values, logs).statistic
+    if abs(correlation) < APART.correlation:
         return None
-    fits = []
+    above, rest = np.full((2, len(known)), -np.inf), np.empty(len(known))
+    for at, value in enumerate(values):
+        away, beside = np.sign(correlation) * (values - value), list[IntArray]()
+        for side, sign in enumerate((1, -1)):
+            others = np.flatnonzero((sign * away >= 0) & (np.arange(len(known)) != at))
+            far = np.abs(away[others])
+            near = others[far <= np.sort(far)[: APART.num_beside].max(initial=0.0)]
+            if len(near) >= APART.num_beside:
+                above[side, at] = sign * (logs[at] - np.median(logs[near]))
+            beside.append(near)
+        rest[at] = logs[at] - np.median(logs[np.concatenate(beside)])
+    fits = [rest]
     for along in (values, np.log(values)) if values.min() > 0 else (values,):
-        slope = stats.theilslopes(logs, along).slope
-        rest = logs - slope * along
-        fits.append(rest - np.median(rest))
+        off = logs - stats.theilslopes(logs, along).slope * along
+        fits.append(off - np.median(off))
     rest = min(fits, key=lambda one: float(np.median(np.abs(one))))
-    deviation = max(float(stats.median_abs_deviation(rest, scale="normal")), _LEAST_DEVIATION)
-    limit = max(float(np.log(APART.least)), APART.covariate * deviation)
-    return {int(known[at]): float(np.exp(rest[at])) for at in np.flatnonzero(np.abs(rest) > limit)}
+    deviation = float(stats.median_abs_deviation(rest, scale="normal"))
+    limit = max(float(np.log(APART.least)), APART.deviations * deviation)
+    odd = ((above[0] > 0) & (rest > limit)) | ((above[1] > 0) & (rest < -limit))
+    return {int(known[at]): float(np.exp(rest[at])) for at in np.flatnonzero(odd)}
