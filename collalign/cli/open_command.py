@@ -10,7 +10,7 @@ import shlex
 import sys
 import webbrowser
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -165,8 +165,7 @@ class Workspace:
             return ["align", str(self._shapes), f"--out={out}", *self._first_words(request)]
         collection = self._load()
         names = {*collection.names, *_left_out(collection)}
-        for key in ("exclude", "incomplete"):
-            known_names(key, request.get(key) or (), names)
+        request = _with_names(request, names)
         exclude = request.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
@@ -202,8 +201,7 @@ class Workspace:
     def _first_words(self, request: Mapping[str, Any]) -> list[str]:
         """Return the options of a first alignment."""
         names = read_folder(self._shapes).names
-        for key in ("exclude", "incomplete"):
-            known_names(key, request.get(key) or (), names)
+        request = _with_names(request, names)
         kept = {key: request[key] for key in ("group", "scaling") if key in request}
         named = ",".join(
             sorted({*(request.get("incomplete") or ())} - {*(request.get("exclude") or ())})
@@ -308,6 +306,12 @@ def _found(listing: FolderListing) -> str:
 def _folder_in(content: bytes) -> Path:
     """Return the folder that a page, or an earlier page, gave."""
     return Path(content.decode("utf-8", "surrogateescape").strip()).expanduser()
+
+
+def _with_names(request: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Return a request whose lists have names of shapes."""
+    lists = (key for key in ("exclude", "incomplete") if request.get(key))
+    return {**request, **{key: [*known_names(key, request[key], names).values()] for key in lists}}
 
 
 def _left_out(collection: Collection) -> list[str]:
