@@ -36,7 +36,7 @@ from collalign.stages.own_knowledge import (
     own_notes,
     own_points,
     with_known_names,
-    with_known_reference,
+    with_known_options,
     with_marks,
     with_own_samples,
 )
@@ -182,7 +182,7 @@ def align_listing(
     )
     own, session = (
         with_known_names(own, listing.names),
-        with_known_reference(session, listing.names),
+        with_known_options(session, listing.names),
     )
     with steps.timed(session, times_s, "shapes"):
         given = own_points(own, dict(zip(listing.names, listing.files, strict=True)))

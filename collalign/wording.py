@@ -177,7 +177,7 @@ TOOL_TEXTS: dict[str, _Text] = {
     ),
     "labels-of-sides": lambda of: _sides(of, **of.values),
     "labels-of-sides-unseen": "{column}: {num_left} of {total} shapes are labelled left, the others right, but no "
-    "shape was reflected. Sides were not told apart. Align again with --group O.",
+    "shape was reflected. If they were not mirrored before, sides were not told apart: align with --group O.",
     "labels-of-size": lambda of: (
         f"The size does not fit {of.values['column']}. It is {_sized(of)} of what the label lets expect. Check the "
         "label, and the unit or voxel size of the file."

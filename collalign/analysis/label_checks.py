@@ -188,7 +188,7 @@ def _number(value: str) -> float:
         number = float(value)
     except ValueError:
         return math.nan
-    return number if math.isfinite(number) else math.nan
+    return number if math.isfinite(number) and "_" not in value else math.nan
 
 
 def _misspelt(counts: Counter[str]) -> dict[str, str]:

@@ -76,7 +76,8 @@ def fixed_by(
         If a shape decided on is not in the collection, or none of the certain ones is; if two files decide about one
         shape, or one about an incomplete shape that ``incomplete`` says is complete.
     """
-    named = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
+    asked = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
+    named = match_names(asked, names).values()
     kept: dict[str, FloatArray] = {}
     decided: dict[str, FloatArray] = {}
     for one in (_called(one, names) for one in files):

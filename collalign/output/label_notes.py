@@ -139,8 +139,8 @@ def _without_explained(
     if note.code != "size-apart" or not isinstance(times, tuple):
         return note
     apart = {
-        collection.index(name): float(one)
-        for name, one in zip(note.shapes, times, strict=True)
+        collection.index(name): one
+        for name, one in zip(note.shapes, np.array(times, dtype=np.float64).tolist(), strict=True)
         if name in collection
     }
     explained = {
@@ -167,7 +167,8 @@ def _by_covariate(
     if odd is not None:
         return [at for at in known if at not in odd]
     others = np.delete(numbers, [*apart])
-    low, high = np.nanmin(others, initial=np.inf), np.nanmax(others, initial=-np.inf)
+    others = others[np.isfinite(others)]
+    low, high = others.min(initial=np.inf), others.max(initial=-np.inf)
     return [at for at in known if (numbers[at] > high if apart[at] > 1 else numbers[at] < low)]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from collalign.engine.job import table_of_values
 from collalign.engine.records import MAX_INDEX
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.named_frame import frame_origin, frame_rotation, without_names
 from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
@@ -122,18 +122,23 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
     return replace(session, options=replace(session.options, sampling=sampling))
 
 
-def with_known_reference(session: AlignSession, names: Sequence[str]) -> AlignSession:
-    """Return the session whose reference is called as one of the shapes is, where the two nearly agree.
+def with_known_options(session: AlignSession, names: Sequence[str]) -> AlignSession:
+    """Return the session whose reference and incomplete shapes are called like the shapes that nearly agree.
 
     Raises
     ------
     InputError
-        If there is no shape of the name.
+        If there is no shape of a name.
     """
     options = session.options
-    asked = [options.reference] if options.reference else []
-    found = known_names("reference", asked, names)
-    return replace(session, options=replace(options, reference=found.get(options.reference, "")))
+    if options.reference:
+        found = known_names("reference", [options.reference], names)
+        options = replace(options, reference=found[options.reference])
+    if options.incomplete not in (ALL, AUTO, NEVER):
+        asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
+        found = known_names("incomplete", asked, names)
+        options = replace(options, incomplete=",".join(found.values()))
+    return replace(session, options=options)
 
 
 def with_marks(session: AlignSession, own: Own) -> AlignSession:

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from collalign.engine.run_options import RunOptions
+from collalign.engine.session import Session
+from collalign.options import AlignOptions
 from collalign.products.own import Own
-from collalign.stages.own_knowledge import with_known_names
+from collalign.stages.own_knowledge import with_known_names, with_known_options
 from data_tools.errors import InputError
 
 NAMES = ("s01", "s02", "s03")
@@ -25,6 +28,19 @@ def test_what_is_given_is_called_like_the_shapes(caplog):
     assert "samples: 'S1' is taken as 's01'" in caplog.text
     own = Own(invariants=lambda shape: shape.vertices)
     assert with_known_names(own, NAMES).invariants is own.invariants
+
+
+def test_reference_and_incomplete_shapes_are_called_like_the_shapes():
+    for incomplete, found in ((" S1, s-2", "s01,s02"), ("auto", "auto"), ("never", "never")):
+        options = AlignOptions(reference="S_3", incomplete=incomplete)
+        with Session.open(options, RunOptions(jobs=1)) as session:
+            known = with_known_options(session, NAMES).options
+        assert (known.reference, known.incomplete) == ("s03", found)
+    with (
+        Session.open(AlignOptions(reference="x"), RunOptions(jobs=1)) as session,
+        pytest.raises(InputError, match="reference: no shape is called 'x'"),
+    ):
+        with_known_options(session, NAMES)
 
 
 @pytest.mark.parametrize("given", [{("s1", "s4"): 1.0}, {("s1", "x"): 1.0}])
