@@ -35,6 +35,8 @@ from collalign.stages.own_knowledge import (
     given_constraints,
     own_notes,
     own_points,
+    with_known_names,
+    with_known_options,
     with_marks,
     with_own_samples,
 )
@@ -47,11 +49,11 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options, suggested_option
 from data_tools.embedding.copies import find_copies
 from data_tools.errors import OptionsError
-from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import ShapesLike, list_shapes
 from data_tools.io.source import location
 from data_tools.landmark_tables import notes_beside
+from data_tools.names import by_known_names
 from data_tools.notes import Note
 from data_tools.poses import each_moved_by
 from data_tools.surface.extra import ExtraSurface
@@ -180,7 +182,12 @@ def align_listing(
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
     fixed, kept = (
-        {composed(name): pose for name, pose in poses.items()} for poses in (fixed, kept)
+        by_known_names(argument, poses, listing.names)
+        for argument, poses in (("fixed", fixed), ("kept", kept))
+    )
+    own, session = (
+        with_known_names(own, listing.names),
+        with_known_options(session, listing.names),
     )
     with steps.timed(session, times_s, "shapes"):
         files = dict(zip(listing.names, listing.files, strict=True))

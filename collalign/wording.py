@@ -80,10 +80,10 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "most-pairs-disagree": "Most pairs contradict the common poses: the shapes may be too different to be aligned. "
     "Try more points (--sampling.num-points 128), or leave out shapes of another kind.",
     "much-larger": lambda of: (
-        f"Much larger than the median shape: {_each(of, 'times', '{:.3g} times')}. The files may be in another unit."
+        f"Much larger than the median shape: {_sized(of)}. The files may be in another unit."
     ),
     "much-smaller": lambda of: (
-        f"Much smaller than the median shape: {_each(of, 'times', '{:.3g} times')}. The files may be in another unit."
+        f"Much smaller than the median shape: {_sized(of)}. The files may be in another unit."
     ),
     "no-confidence": "No confidence is known for any pose: the synchronization {method} does not estimate it.",
     "no-vertex-maps": "There are no maps of vertices: fewer than two meshes could be mapped to each other.",
@@ -104,6 +104,10 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "reflected-as-before": "Shapes may be reflected, as in the collection that they were added to.",
     "reflected-by-given-pose": "Shapes may be reflected, because a given pose reflects its shape.",
     "resembles-none": lambda of: _resembles_none(of, **of.values),
+    "size-apart": lambda of: (
+        f"Of another size than the others: {_sized(of)}. If they are not young or of another kind, check unit and "
+        "voxel size, and whether a diameter was taken for a radius."
+    ),
     "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
     "holds several kinds, use --clusters 0 to align each by itself.",
     "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful, and some of the "
@@ -166,7 +170,36 @@ TOOL_TEXTS: dict[str, _Text] = {
         "the names of their groups, or leave them out."
     ),
     "labels-missing": "{source}: there is no row for {shapes}.",
-    "labels-unknown": "{source}: no shape is called {rows}. The first column must hold the names of shapes.",
+    "labels-misspelt": lambda of: (
+        f"{of.values['column']}: "
+        f"{_with(of, (f'{a!r}, elsewhere {b!r}' for a, b in _both(of, 'groups', 'similar')))}. "
+        "If these are typing errors, correct them: they count as groups of their own."
+    ),
+    "labels-not-numbers": lambda of: (
+        f"{of.values['column']}: {_with(of, (f'{cell!r} is not a number' for cell in _tuple(of, 'cells')))}. "
+        "Correct these cells before statistics."
+    ),
+    "labels-of-copies": lambda of: (
+        f"{listed(of.shapes)} are one surface, but differ in {of.values['column']}: {_joined(of.values['labels'])}. "
+        "A file or a label is wrong."
+    ),
+    "labels-of-sides": lambda of: _sides(of, **of.values),
+    "labels-of-sides-unseen": "{column}: {num_left} of {total} shapes are labelled left, the others right, but no "
+    "shape was reflected. If they were not mirrored before, sides were not told apart: align with --group O.",
+    "labels-of-size": lambda of: (
+        f"The size does not fit {of.values['column']}. It is {_sized(of)} of what the label lets expect. Check the "
+        "label, and the unit or voxel size of the file."
+    ),
+    "labels-of-strangers": "{shapes} resembles no other shape, though others share its labels: {labels}. Check "
+    "whether it is what its labels say.",
+    "labels-taken-as": lambda of: (
+        f"{of.values['source']}: rows are matched to shapes whose names nearly agree: "
+        f"{_with(of, (f'row {row}' for row in _tuple(of, 'rows')))}. Check them."
+    ),
+    "labels-unknown": lambda of: (
+        f"{of.values['source']}: no shape is called "
+        f"{_paired_if(_tuple(of, 'rows'), _tuple(of, 'hints'))}. These rows are not used."
+    ),
     "landmark-codes": "{shapes}: landmarks taken as missing: {labels}. Their three coordinates are one number, off "
     "the surface.",
     "landmarks-beside": "Landmarks beside the shapes are not aligned: {files}. To carry them to all shapes, use "
@@ -183,6 +216,23 @@ TOOL_TEXTS: dict[str, _Text] = {
     "landmarks-renamed": "{shapes}: its landmarks have other names than those of {template}; {how}.",
     "landmarks-too-far": "{shapes}: landmarks taken as missing: {labels}. They are farther from the surface than its "
     "radius.",
+    "left-out-differ": lambda of: _left_out_differ(**of.values),
+    "left-out-doubtful": lambda of: (
+        f"{_counted(len(of.shapes), 'shape is', 'shapes are')} left out only for a doubtful pose. With "
+        f"--include-doubtful {of.values['num']} shapes count instead of {of.values['counted']}. Their poses are "
+        f"right with a chance of {percent(of.values['chance'])} on average. "
+        "A wrong pose counts as a difference of shape. Confirm or correct these poses in the report first."
+    ),
+    "groups-left-out": lambda of: (
+        f"The shapes that count are not like all shapes in {of.values['column']}: "
+        + ", ".join(
+            f"of {kind} {num} of {total}"
+            for kind, (num, total) in zip(
+                _tuple(of, "groups"), _both(of, "counted", "totals"), strict=True
+            )
+        )
+        + ". Results hold for what counts."
+    ),
     "left-out-of-statistics": lambda of: (
         f"Left out of the statistics: {_with(of, map(reason_text, of.values['reasons']))}."
     ),
@@ -239,6 +289,16 @@ _REASONS = {
     "rounds": "the rounds ended",
     "time": "there was no time for another round",
 }
+#: What leads to factors between sizes, and how near to one a factor counts as it.
+_FACTORS = {
+    2.0: "a diameter for a radius, or twice the voxel size?",
+    2.54: "inches for centimetres?",
+    10.0: "millimetres for centimetres?",
+    25.4: "millimetres for inches?",
+    100.0: "centimetres for metres?",
+    1000.0: "millimetres for metres?",
+}
+_NEAR = 1.1
 _UNCLEAR = {
     "no-outer-side": "Without triangles that agree on an outer side, side and posture cannot be told apart.",
     "few-shapes": "So few shapes do not tell side and posture apart.",
@@ -298,6 +358,12 @@ def _paired(names: Iterable[str], words: Iterable[str]) -> str:
     return listed([f"{name} ({word})" for name, word in zip(names, words, strict=True)])
 
 
+def _paired_if(names: Iterable[str], words: Iterable[str]) -> str:
+    """Return names, those with a word on them with the word."""
+    both = zip(names, words, strict=True)
+    return listed([f"{name} ({word})" if word else name for name, word in both])
+
+
 def _with(note: Note, words: Iterable[str]) -> str:
     """Return the shapes of a note with a word on each."""
     return _paired(note.shapes, words)
@@ -306,6 +372,23 @@ def _with(note: Note, words: Iterable[str]) -> str:
 def _each(note: Note, field: str, pattern: str) -> str:
     """Return the shapes of a note with a number of each."""
     return _with(note, map(pattern.format, _tuple(note, field)))
+
+
+def _sized(note: Note) -> str:
+    """Return the shapes of a note with the factors of their sizes."""
+    return _with(note, map(_times, _tuple(note, "times")))
+
+
+def _times(times: float) -> str:
+    """Return a factor between sizes, and what usually leads to it."""
+    factor = max(times, 1.0 / times)
+    usual = (words for of, words in _FACTORS.items() if of / _NEAR <= factor <= of * _NEAR)
+    return ": ".join([f"{times:.3g} times", *list(usual)[:1]])
+
+
+def _both(note: Note, one: str, other: str) -> list[tuple[Any, Any]]:
+    """Return two fields that hold one value per shape, side by side."""
+    return [*zip(_tuple(note, one), _tuple(note, other), strict=True)]
 
 
 def _tuple(note: Note, field: str) -> tuple[Any, ...]:
@@ -405,6 +488,29 @@ def _pairs_proven(
         f"Of {num_complete} pairs all poses within {percent(within - 1)} of the best energy are known."
     )
     return f"{' '.join(words)} {num_unique} of these have no second pose."
+
+
+def _left_out_differ(
+    column: str,
+    num: int,
+    total: int,
+    range: tuple[float, float],
+    range_counted: tuple[float, float],
+    p: float,
+) -> str:
+    return (
+        f"The {num} shapes that count are not like all {total} in {column}: it is {range_counted[0]:.4g} to "
+        f"{range_counted[1]:.4g} among them, and {range[0]:.4g} to {range[1]:.4g} in all (P = {p:.2g} for left out "
+        "against counted). Results hold for that range only."
+    )
+
+
+def _sides(note: Note, column: str, labels: tuple[str, ...], num_agree: int, total: int) -> str:
+    each = _with(note, (f"{label!r}" for label in labels))
+    return (
+        f"{column}: labels and surfaces contradict each other for {each}. {num_agree} of {total} labels agree with "
+        "the sides that were found. Correct the labels, or look at these poses."
+    )
 
 
 def _refuted(note: Note, saving: float, doubtful: tuple[str, ...]) -> str:

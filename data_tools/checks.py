@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import OptionsError
 
 OptionsT = TypeVar("OptionsT")
 
@@ -114,17 +114,14 @@ def as_options(
     return kind(**values) if given is None else replace(given, **values)  # type: ignore[type-var]
 
 
-def check_known(argument: str, asked: Iterable[str], known: Iterable[str]) -> None:
-    """Raise an ``InputError`` that names a shape that is asked for and not known, and a similar one that is."""
-    if unknown := sorted(set(asked) - set(known), key=str):
-        advice = meant(unknown[0], known) or "; names are the files' names without suffix"
-        raise InputError(f"{argument}: no shape is called {unknown[0]!r}{advice}")
-
-
-def meant(name: object, known: Iterable[str]) -> str:
+def meant(name: object, known: Iterable[str], *, most: int = 1) -> str:
     """Return the words that name what somebody may have meant; none where nothing is similar."""
-    similar = get_close_matches(str(name), list(known), n=1)
-    return f"; did you mean {similar[0]!r}?" if similar else ""
+    return did_you_mean(get_close_matches(str(name), list(known), n=most))
+
+
+def did_you_mean(names: Sequence[str]) -> str:
+    """Return the words that name what may be meant; none of no name."""
+    return f"; did you mean {' or '.join(map(repr, names))}?" if names else ""
 
 
 def suggested_option(name: str, *kinds: Any) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -23,27 +24,38 @@ from data_tools.landmark_files import (
     read_landmarks,
     specimen_of,
 )
-from data_tools.notes import Note
+from data_tools.names import match_names, nearly
+from data_tools.notes import Note, listed
 from data_tools.point_tables import number, read_point_table
 
 #: Landmarks of a shape, and bytes of a file, above which a table beside meshes is taken for something else.
 MOST_LANDMARKS, MOST_BYTES = 1000, 2**20
+#: The command line shows what is said below "collalign".
+_LOG = logging.getLogger("collalign.landmark_tables")
 
 
-def read_specimens(path: Path | str) -> dict[str, Landmarks]:
+def read_specimens(path: Path | str, names: Sequence[str] = ()) -> dict[str, Landmarks]:
     """Read the landmarks of every specimen of a file, by name.
 
-    ``.tps``: a specimen is called by its ``ID``, else by the file that ``IMAGE`` names; ``SCALE`` is multiplied by,
+    ``.tps``: a specimen is called by its ``ID``; or by the file that ``IMAGE`` names, where that names more of the
+    shapes or ``ID`` is missing or not unique, because tpsDig numbers the specimens. ``SCALE`` is multiplied by,
     ``POINTS`` are open curves. ``.nts``, ``.dta``: by the row labels. ``.morphologika``, ``.txt``: by ``[names]``.
     ``.csv``, ``.tsv``, ``.txt``: with columns of specimens, landmarks, x, y and z, a row for each landmark, as the
     page of a transfer writes it; or a row for each specimen (``nose_x``, ``nose_y``, ``nose_z``). Missing
     landmarks (NaN, NA, empty, the code of an NTS header) are NaN. A file of one unnamed specimen, and what else
     :func:`data_tools.landmark_files.read_landmarks` reads, is that of the specimen called like the file.
 
+    Parameters
+    ----------
+    path : path
+    names : sequence of str, optional
+        Of the shapes that landmarks are wanted of.
+
     Raises
     ------
     InputError
-        If the file is missing, of another kind, two-dimensional, or names a specimen twice.
+        If the file is missing, of another kind, two-dimensional, or names a specimen twice; if ``ID`` and ``IMAGE``
+        name different shapes.
     """
     path = existing_file(Path(path))
     reader = _READERS.get(path.suffix.lower())
@@ -52,7 +64,8 @@ def read_specimens(path: Path | str) -> dict[str, Landmarks]:
     if reader is None:
         return {specimen_of(path): read_landmarks(path)}
     try:
-        found = reader(path, read_any_text(path))
+        text = read_any_text(path)
+        found = _read_tps(path, text, names) if reader is _read_tps else reader(path, text)
     except CollalignError:
         raise
     except (ValueError, ArithmeticError, LookupError, AttributeError) as error:
@@ -113,14 +126,29 @@ def _read_table(path: Path, text: str) -> list[tuple[str, Landmarks]]:
     ]
 
 
-def _read_tps(path: Path, text: str) -> list[tuple[str, Landmarks]]:
-    return [
-        _tps_specimen(block) for block in re.split(r"(?im)^(?=\s*LM3?\s*=)", text) if "=" in block
-    ]
+def _read_tps(path: Path, text: str, shapes: Sequence[str] = ()) -> list[tuple[str, Landmarks]]:
+    blocks = re.split(r"(?im)^(?=\s*LM3?\s*=)", text)
+    found = [_tps_specimen(block) for block in blocks if "=" in block]
+    ids, images = [one[0] or one[1] for one in found], [one[1] or one[0] for one in found]
+    names = ids
+    if ids != images and len({*images}) == len(images):
+        by_id, by_image = match_names(ids, shapes), match_names(images, shapes)
+        told_by_id, told_by_image = (
+            (len(one) - len(nearly(one)), len(one)) for one in (by_id, by_image)
+        )
+        if told_by_image > told_by_id or len({*ids}) < len(ids):
+            names = images
+            _LOG.warning("%s: specimens are called by IMAGE, not by ID", path)
+        elif told_by_image == told_by_id and [*by_id.values()] != [*by_image.values()]:
+            raise InputError(
+                f"{path}: ID and IMAGE name different shapes ({listed([*by_id.values()])}; "
+                f"{listed([*by_image.values()])}); delete the lines of one of them"
+            )
+    return [(name, marks) for name, (_, _, marks) in zip(names, found, strict=True)]
 
 
-def _tps_specimen(block: str) -> tuple[str, Landmarks]:
-    """Read one specimen: ``LM3=`` and its points, then curves, scale and names."""
+def _tps_specimen(block: str) -> tuple[str, str, Landmarks]:
+    """Read one specimen: ``LM3=`` and its points, then curves, scale and names; return ID, IMAGE and landmarks."""
     lines = [line.strip() for line in block.split("\n") if line.strip()]
     sets, said = list[FloatArray](), dict[str, str]()
     for at, line in enumerate(lines):
@@ -142,9 +170,8 @@ def _tps_specimen(block: str) -> tuple[str, Landmarks]:
         Semilandmarks(name=f"curve {number}", kind="open curve", points=read_only(curve))
         for number, curve in enumerate(curves, start=1)
     ]
-    return said.get("ID") or image.rpartition(".")[0] or image, replace(
-        marks, semilandmarks=tuple(along)
-    )
+    stem = image.rpartition(".")[0] or image
+    return said.get("ID", ""), stem, replace(marks, semilandmarks=tuple(along))
 
 
 def _read_nts(path: Path, text: str) -> list[tuple[str, Landmarks]]:

@@ -30,6 +30,7 @@ from collalign.engine.store_file import FINISHED, STAGE
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
+from collalign.output.label_notes import with_label_notes
 from collalign.output.loading import load
 from collalign.output.moved_files import is_there
 from collalign.output.write import (
@@ -159,6 +160,7 @@ def align(
             collection = align_listing(
                 session, listing, fixed=fixed, kept=kept, incomplete=incomplete, own=own
             )
+        collection = _with_notes_of(collection, table)
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
@@ -202,6 +204,7 @@ def add(
         if collection.fresh is None:
             say("There is nothing new to add; the result stays as it is.")
             return 0
+        collection = _with_notes_of(collection, table)
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
 
@@ -313,9 +316,16 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
     if path is None:
         return None
     table = read_labels(path)
+    table.check_fit(names)
     for note in table.mismatches(names):
         warn(note_text(note))
     return table
+
+
+def _with_notes_of(collection: Collection, table: Labels | None) -> Collection:
+    """Return the collection whose notes say what labels contradict of it."""
+    columns = {} if table is None else table.columns_for(collection.names)
+    return with_label_notes(collection, columns)
 
 
 def _save(

@@ -10,7 +10,7 @@ import shlex
 import sys
 import webbrowser
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -31,7 +31,6 @@ from collalign.output.moved_files import missing_files
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
-from data_tools.checks import check_known
 from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.io.files import resolved, write_atomic
 from data_tools.io.listing import FolderListing, read_folder
@@ -39,6 +38,7 @@ from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_tables import READABLE
+from data_tools.names import known_names
 from data_tools.notes import listed
 
 #: Pages that are shown, by the command that writes them.
@@ -136,9 +136,7 @@ class Workspace:
                 )
 
         def check_labels(staged: Path) -> None:
-            known = read_labels(staged).columns_for(names)
-            if not known and name != _LABELS_FILE:
-                raise InputError(f"{name}: none of its rows belongs to a shape")
+            read_labels(staged).check_fit(names)
 
         checks: dict[str, Callable[[Path], object]] = {
             _DECISIONS_FILE: lambda staged: fixed_by([read_corrections(staged)], names),
@@ -167,8 +165,7 @@ class Workspace:
             return ["align", str(self._shapes), f"--out={out}", *self._first_words(request)]
         collection = self._load()
         names = {*collection.names, *_left_out(collection)}
-        for key in ("exclude", "incomplete"):
-            check_known(key, request.get(key) or (), names)
+        request = _with_names(request, names)
         exclude = request.get("exclude") or ()
         counted = [f"--exclude={name}" for name in exclude if name in collection.names]
         if task == "align":
@@ -204,8 +201,7 @@ class Workspace:
     def _first_words(self, request: Mapping[str, Any]) -> list[str]:
         """Return the options of a first alignment."""
         names = read_folder(self._shapes).names
-        for key in ("exclude", "incomplete"):
-            check_known(key, request.get(key) or (), names)
+        request = _with_names(request, names)
         kept = {key: request[key] for key in ("group", "scaling") if key in request}
         named = ",".join(
             sorted({*(request.get("incomplete") or ())} - {*(request.get("exclude") or ())})
@@ -310,6 +306,12 @@ def _found(listing: FolderListing) -> str:
 def _folder_in(content: bytes) -> Path:
     """Return the folder that a page, or an earlier page, gave."""
     return Path(content.decode("utf-8", "surrogateescape").strip()).expanduser()
+
+
+def _with_names(request: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Return a request whose lists have names of shapes."""
+    lists = (key for key in ("exclude", "incomplete") if request.get(key))
+    return {**request, **{key: [*known_names(key, request[key], names).values()] for key in lists}}
 
 
 def _left_out(collection: Collection) -> list[str]:

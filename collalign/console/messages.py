@@ -133,7 +133,7 @@ def configure_output(*, quiet: bool, as_json: bool, verbose: bool, log: Path | N
             )
         )
     )
-    handlers: list[logging.Handler] = [lines]
+    handlers: list[logging.Handler] = [lines, _Summary(logging.WARNING)]
     if log is not None:
         try:
             handlers.append(_LogFile(log))
@@ -141,6 +141,14 @@ def configure_output(*, quiet: bool, as_json: bool, verbose: bool, log: Path | N
             raise InputError(f"--log {log}: cannot be written ({system_reason(error)})") from None
     _ROOT.handlers, _ROOT.propagate = [*_ROOT.handlers, *handlers], False
     _ROOT.setLevel(logging.INFO)
+
+
+class _Summary(logging.Handler):
+    """Warnings of the library, which programs are told like those of the command."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name != _PRINTED.name:
+            _messages().summary.setdefault("warnings", []).append(record.getMessage())
 
 
 class _LogFile(logging.FileHandler):

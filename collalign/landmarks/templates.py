@@ -11,11 +11,12 @@ from typing import Literal, TypedDict
 
 import numpy as np
 
-from data_tools.checks import check_count, meant
+from data_tools.checks import check_count
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.landmark_files import Landmarks, read_semilandmarks, specimen_of
 from data_tools.landmark_tables import read_specimens
+from data_tools.names import match_names, nearest_names, nearly, warn_of_near
 from data_tools.notes import listed
 
 
@@ -88,20 +89,26 @@ def read_templates(paths: Sequence[str | Path], names: Sequence[str]) -> dict[st
     read: dict[str, Landmarks] = {}
     for given in paths:
         shape, path = shape_of(given)
-        found = read_specimens(path)
+        found = read_specimens(path, names)
         if shape is not None and len(found) > 1:
             raise InputError(
                 f"{path}: holds {len(found)} specimens, expected that of {shape!r} alone"
             )
-        known = {Path(name).stem: name for name in found} | {name: name for name in found}
-        named = {name: found[known[name]] for name in names if name in known}
+        called = match_names(found, names)
+        if len(found) == 1 and nearly(called) and specimen_of(path) in names:
+            called = {}  # a running number in the file, say, whose name says more
+        named = {called[name]: marks for name, marks in found.items() if name in called}
         if len(found) > 1 and not named:
+            first = next(iter(found))
             raise InputError(
-                f"{path}: none of its specimens ({', '.join(known)}) is a shape of the collection"
+                f"{path}: none of its specimens ({listed([*found])}) is a shape of the collection"
+                f"{nearest_names(first, names)}"
             )
         if shape is not None or not named:
             named = dict(zip([specimen_among(given, names)], found.values(), strict=True))
-        elif others := {*found} - {known[name] for name in named}:
+        else:
+            warn_of_near(str(path), called)
+        if shape is None and called and (others := {*found} - {*called}):
             _LOG.warning(
                 "%s: left aside, no shapes of the collection: %s", path, ", ".join(sorted(others))
             )
@@ -144,15 +151,18 @@ def specimen_among(given: str | Path, names: Sequence[str]) -> str:
     """
     shape, path = shape_of(given)
     name = specimen_of(path) if shape is None else shape
-    if name in names:
-        return name
-    begun = [one for one in names if name.startswith(one) and _WORDS.fullmatch(name, len(one))]
-    if shape is None and begun:
-        found = max(begun, key=len)
-        _LOG.warning("%s: taken as the landmarks of %s, by its name", path, found)
-        return found
+    folder = path.absolute().parent
+    asked = (folder / name).as_posix() if shape is None else shape
+    ends = [
+        at for at in range(len(name) - 1, 0, -1) if shape is None and _WORDS.fullmatch(name, at)
+    ]
+    for one in (asked, *((folder / name[:at]).as_posix() for at in ends)):
+        if called := match_names([one], names):
+            if one != asked or nearly(called):
+                _LOG.warning("%s: taken as the landmarks of %s, by its name", path, called[one])
+            return called[one]
     hint = "" if shape else f" (call the file like its shape, or give it as SHAPE={path.name})"
-    advice = meant(name, names) or f"; the collection has {listed(names)}"
+    advice = nearest_names(name, names) or f"; the collection has {listed(names)}"
     raise InputError(f"{path}: no shape is called {name!r}{hint}{advice}")
 
 

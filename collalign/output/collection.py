@@ -220,7 +220,7 @@ class Collection(CollectionData):
         report : bool
             Write ``report.html`` as well.
         labels : mapping of str to tuple of str, optional
-            Columns of labels, one value per shape, for the report.
+            Columns of labels, one value per shape, for the report; its notes say what they contradict.
         run : RunOptions, optional
             Processes of this machine that share the work, for instance those of the alignment; by default this one
             alone.

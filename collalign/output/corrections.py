@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from collalign.options import ALL, AUTO, NEVER
 from data_tools.arrays import FloatArray, as_floats, as_rotations, read_only
 from data_tools.errors import InputError
 from data_tools.io.files import composed, read_text
+from data_tools.names import match_names, nearest_names, warn_of_near
 from data_tools.poses import Similarity
 
 FORMAT = "collalign-corrections"
@@ -75,14 +76,15 @@ def fixed_by(
         If a shape decided on is not in the collection, or none of the certain ones is; if two files decide about one
         shape, or one about an incomplete shape that ``incomplete`` says is complete.
     """
-    named = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
+    asked = () if incomplete == NEVER else [name.strip() for name in incomplete.split(",")]
+    named = match_names(asked, names).values()
     kept: dict[str, FloatArray] = {}
     decided: dict[str, FloatArray] = {}
-    for one in files:
+    for one in (_called(one, names) for one in files):
         for shape in one.decisions:
             if shape not in names:
                 raise InputError(
-                    f"{one.source}: {shape!r} is no shape of this collection; {_ADVICE}"
+                    f"{one.source}: {shape!r} is no shape of this collection{nearest_names(shape, names)}; {_ADVICE}"
                 )
             if shape in decided:
                 raise InputError(
@@ -109,6 +111,18 @@ def fixed_by(
         kept |= frame if one.decisions else {}
         decided |= one.decisions
     return decided, {name: pose for name, pose in kept.items() if name not in decided}
+
+
+def _called(one: Corrections, names: Sequence[str]) -> Corrections:
+    """Return decisions by the names of shapes, where they are by names that nearly agree."""
+    found = match_names([*one.decisions, *one.frame, *one.incomplete], names)
+    warn_of_near(one.source, found)
+    return replace(
+        one,
+        decisions={found.get(name, name): pose for name, pose in one.decisions.items()},
+        frame={found.get(name, name): pose for name, pose in one.frame.items()},
+        incomplete=tuple(found.get(name, name) for name in one.incomplete),
+    )
 
 
 def read_corrections(path: Path | str) -> Corrections:

@@ -13,6 +13,7 @@ from collalign.wording import reason_text
 from data_tools.arrays import IntArray
 from data_tools.embedding.copies import Copies
 from data_tools.io.text_tables import csv_text
+from data_tools.names import known_names
 from data_tools.notes import Note
 
 #: The table of those who do not count, next to statistics that are written.
@@ -99,7 +100,8 @@ def statistics_members(
         reasons[collection.is_incomplete] = "incomplete"
     if one_part:
         reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "other-part"
-    reasons[[collection.index(name) for name in exclude]] = "excluded"
+    excluded = known_names("exclude", exclude, collection.names)
+    reasons[[collection.index(name) for name in excluded.values()]] = "excluded"
     left_out = {collection.names[at]: str(reasons[at]) for at in np.flatnonzero(reasons != "")}
     counted = [
         replace(one, names=tuple(name for name in one.names if name not in left_out))

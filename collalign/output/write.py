@@ -23,6 +23,7 @@ from collalign.output.evidence_file import (
     save_evidence,
     shown_pair,
 )
+from collalign.output.label_notes import with_label_notes
 from collalign.output.report.page import report_pages
 from collalign.output.shape_files import share_out, write_shapes
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, PlaceColours, save_vertex_maps
@@ -102,7 +103,7 @@ def save_collection(
     report : bool
         Write ``report.html`` as well.
     labels : mapping of str to tuple of str, optional
-        Columns of labels, one value per shape, for the report.
+        Columns of labels, one value per shape, for the report; notes say what they contradict.
     advance : callable, optional
         Called after each shape, for a display of the progress.
     num_jobs : int
@@ -120,6 +121,7 @@ def save_collection(
         or a shape's file has vanished meanwhile.
     """
     began_s = time.perf_counter()
+    collection = with_label_notes(collection, labels or {})
     try:
         refuse_overlap(output.folder, inputs_of(collection.made.files))
         output.refuse_foreign(output_names(collection.names))

@@ -13,6 +13,8 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import FloatArray, Holds, IntArray, one_line
 from data_tools.errors import UnknownName
 from data_tools.io.files import composed
+from data_tools.names import nearest_names
+from data_tools.notes import listed
 
 
 def position_of(names: Sequence[str], shape: str | int) -> int:
@@ -31,8 +33,8 @@ def position_of(names: Sequence[str], shape: str | int) -> int:
         return range(len(names))[shape]
     shape = composed(shape)
     if shape not in names:
-        listed = f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
-        raise UnknownName(f"no shape is called {shape!r}; the collection has {listed}")
+        advice = nearest_names(shape, names) or f"; the collection has {listed(names)}"
+        raise UnknownName(f"no shape is called {shape!r}{advice}")
     return names.index(shape)
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from collalign.engine.job import table_of_values
 from collalign.engine.records import MAX_INDEX
-from collalign.options import AlignOptions, AlignSession
+from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.named_frame import frame_origin, frame_rotation, without_names
 from collalign.products.own import OF_PAIRS, Names, Own
 from collalign.products.pair import Pair
@@ -26,15 +27,40 @@ from data_tools.arrays import (
     as_rotations,
     read_only,
 )
-from data_tools.checks import check_known
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
+from data_tools.names import by_known_names, known_names
 from data_tools.notes import Note
 from data_tools.options import MIN_POINTS, CleaningOptions
 from data_tools.poses import AGREE_DEG, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg, rotation_angles
+
+
+def with_known_names(own: Own, names: Sequence[str]) -> Own:
+    """Return what is given by the names of the shapes, where it is by names that nearly agree.
+
+    Parameters
+    ----------
+    own : Own
+    names : sequence of str
+        Of the collection's shapes.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, see :func:`data_tools.names.known_names`.
+    """
+    found: dict[str, Any] = {}
+    for argument in ("invariants", "samples", "marks"):
+        if isinstance(given := getattr(own, argument), Mapping):
+            found[argument] = by_known_names(argument, given, names)
+    for argument in OF_PAIRS:
+        given = getattr(own, argument)
+        called = known_names(argument, (name for pair in given for name in pair), names)
+        found[argument] = {(called[a], called[b]): value for (a, b), value in given.items()}
+    return replace(own, **found)
 
 
 def own_points(
@@ -53,10 +79,8 @@ def own_points(
     Raises
     ------
     InputError
-        If a name is unknown or missing, or arrays are not what :class:`Own` asks for.
+        If a shape has none of what others have, or arrays are not what :class:`Own` asks for.
     """
-    for argument in OF_PAIRS:
-        check_known(argument, {name for pair in getattr(own, argument) for name in pair}, files)
     if callable(own.invariants):
         values = {
             name: own.invariants(read_shape(file, cleaning.as_stored, name=name))
@@ -66,7 +90,6 @@ def own_points(
         values = dict(own.invariants)
     rows, chosen = dict[str, FloatArray](), {}
     for argument, given in (("invariants", values), ("samples", own.samples)):
-        check_known(argument, given, files)
         if given and (missing := sorted(set(files) - set(given))):
             raise InputError(f"{argument}: every shape needs its own, {missing[0]!r} has none")
     for name in values:
@@ -101,6 +124,25 @@ def with_own_samples(session: AlignSession, given: Mapping[str, OwnPoints]) -> A
         return session
     sampling = replace(session.options.sampling, num_points=len(samples))
     return replace(session, options=replace(session.options, sampling=sampling))
+
+
+def with_known_options(session: AlignSession, names: Sequence[str]) -> AlignSession:
+    """Return the session whose reference and incomplete shapes are called like the shapes that nearly agree.
+
+    Raises
+    ------
+    InputError
+        If there is no shape of a name.
+    """
+    options = session.options
+    if options.reference:
+        found = known_names("reference", [options.reference], names)
+        options = replace(options, reference=found[options.reference])
+    if options.incomplete not in (ALL, AUTO, NEVER):
+        asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
+        found = known_names("incomplete", asked, names)
+        options = replace(options, incomplete=",".join(found.values()))
+    return replace(session, options=options)
 
 
 def with_marks(session: AlignSession, own: Own) -> AlignSession:
@@ -161,7 +203,7 @@ def given_constraints(
         ("kept", {*kept}),
         ("reference", {options.reference} - {""}),
     ):
-        check_known(argument, names, shapes.names)
+        known_names(argument, names, shapes.names)
     by_hand, fixed = {*fixed}, {**kept, **fixed}
     at = {name: i for i, name in enumerate(shapes.names)}
     rotations, whole = dict(fixed), dict[str, FloatArray]()

@@ -24,7 +24,7 @@ from data_tools.io.source import Origin, Source, location
 from data_tools.notes import Note, listed
 from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
-from data_tools.surface.outliers import odd_ratios
+from data_tools.surface.outliers import apart_ratios, odd_ratios
 
 #: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
 SMALLEST_SHARE = 0.5
@@ -122,6 +122,8 @@ def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
         odd = {name: float(ratio**sign) for name, ratio in ratios.items() if ratio**sign > 1}
         if odd:
             found.append(Note(code, tuple(odd), {"times": tuple(odd.values())}))
+    if apart := apart_ratios(sizes):
+        found.append(Note("size-apart", tuple(apart), {"times": tuple(apart.values())}))
     return tuple(found)
 
 

@@ -13,12 +13,10 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Protocol
 
-from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.archives import read_npz
 from data_tools.io.files import (
     beginning_of,
-    composed,
     natural_key,
     read_text,
     readable_name,
@@ -38,6 +36,7 @@ from data_tools.io.formats.text_points import (
 from data_tools.io.formats.vtk_legacy import read_vtk
 from data_tools.io.formats.vtp import read_vtp
 from data_tools.io.source import DIGEST_LENGTH, Origin, Source, hash_source
+from data_tools.names import known_names
 
 
 class TableReader(Protocol):
@@ -98,10 +97,9 @@ class FolderListing:
         )
 
     def without(self, names: Sequence[str]) -> FolderListing:
-        """Return the listing without some shapes; an unknown name is an ``InputError``."""
-        names = [composed(name) for name in names]
-        check_known("exclude", names, self.names)
-        kept = self.some(at for at, name in enumerate(self.names) if name not in names)
+        """Return the listing without some shapes, see :func:`data_tools.names.known_names`."""
+        left_out = {*known_names("exclude", names, self.names).values()}
+        kept = self.some(at for at, name in enumerate(self.names) if name not in left_out)
         return replace(kept, skipped=self.skipped)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -226,3 +227,126 @@ def _behind_a_gap(ratios: Mapping[str, float]) -> set[str]:
             if low / _SLACK <= smallest and largest <= high * _SLACK:
                 return set(few)
     return set()
+
+
+class ApartTuning(NamedTuple):
+    """Numbers by which sizes that are two or three times those of the others are found.
+
+    Chosen on 300 draws each of 6 to 60 generated sizes: lognormal with deviations from .03 to .6, uniform and
+    loguniform over ranges from 1.5 to 20, two sexes, two species, adults with juveniles, growth curves. Of 15 or more
+    sizes with a deviation of .08, one of twice its size is named in 98 % of draws, one of half its size in 77 %; with
+    a deviation of .15 in 40 and 30 %. Of draws without one, a shape is named in at most 2 % of those of one range,
+    7 % of growth curves, and 28 % of those with few juveniles or few of another species: sizes alone cannot
+    tell these. Held out were gamma, Laplace and normal sizes, three species (5 % at most), Gompertz growth (8 %) and
+    classes of age (29 %). In no folder of skulls, feet, teeth, turtles, lowpoly guns or seats is a shape named.
+
+    Beside a covariate, numbers were chosen on 200 draws of four curves of growth. With a deviation of .05 a shape is
+    named in at most 1 % of draws without one of twice its size. That one is named in 80 to 98 % of draws of 60,
+    in 55 to 94 % of 24 and in 28 to 74 % of 12. With a deviation of .15 these are 9 %, and 4 to 67 % of 24 or 60.
+    """
+
+    least: float = 1.6
+    """Larger shapes are named from this times the median of the others."""
+    gap: float = 0.75
+    """The gap to the others is at least this part of their range of log sizes."""
+    p: float = 0.01
+    """Student's t of the nearest to the gap against the others, times the number of shapes."""
+    largest_share: float = 1 / 8
+    """More shapes are of another kind; one may always be named."""
+    near: float = 1.1
+    """Smaller shapes may be young. They are named only so near to the factor of a usual mistake."""
+    num_beside: int = 2
+    """Beside a covariate, sizes are compared with the median of so many with a little more of it, or less."""
+    deviations: float = 4.0
+    """They differ by so many deviations (by the median) of sizes from those on both sides."""
+    correlation: float = 0.8
+    """Sizes follow a covariate from this rank correlation."""
+
+
+APART = ApartTuning()
+#: Factors between 1.6 and the units that mistakes lead to: a diameter for a radius, inches for centimetres.
+MISTAKEN_FACTORS = (2.0, 2.54)
+_LEAST_DEVIATION = 0.02
+
+
+def apart_ratios(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Return by what factor shapes differ from the others, of those that are about two or three times their size.
+
+    Shapes of :func:`odd_ratios` neither count nor are named.
+
+    Parameters
+    ----------
+    sizes : mapping of str to float
+        A length of each shape in the unit of its file.
+    """
+    odd = odd_ratios(sizes)
+    names = sorted(name for name, size in sizes.items() if size > 0 and name not in odd)
+    logs, found = np.log([sizes[name] for name in names]), dict[str, float]()
+    for sign in (1, -1):
+        order = np.argsort(sign * logs, kind="stable")
+        for num in range(max(1, int(APART.largest_share * len(names))), 0, -1):
+            others, apart = sign * logs[order[:-num]], sign * logs[order[-num:]]
+            if len(others) >= _FEWEST_OTHERS and _are_apart(apart, others, sign):
+                ratios = np.exp(sign * (apart - np.median(others)))
+                found |= {names[at]: float(r) for at, r in zip(order[-num:], ratios, strict=True)}
+                break
+    return found
+
+
+def _are_apart(apart: FloatArray, others: FloatArray, sign: int) -> bool:
+    """Return whether the largest of sorted log sizes, or of their negatives, are apart from the others."""
+    beyond, num = apart - np.median(others), len(others)
+    usual = np.abs(beyond[:, None] - np.log(MISTAKEN_FACTORS)).min(axis=1) <= np.log(APART.near)
+    likely = usual.all() if sign < 0 else beyond[0] >= np.log(APART.least)
+    if not likely or apart[0] - others[-1] < APART.gap * (others[-1] - others[0]):
+        return False
+    deviation = max(float(others.std(ddof=1)), _LEAST_DEVIATION) * np.sqrt(1.0 + 1.0 / num)
+    tail = stats.t.sf((apart[0] - others.mean()) / deviation, num - 1)
+    return bool((num + len(apart)) * tail < APART.p)
+
+
+def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, float] | None:
+    """Return by what factor sizes differ from those of nearly the same covariate, of those that differ by far.
+
+    Where sizes grow with a covariate, in whatever way, no shape is larger than those with somewhat more of it, or
+    smaller than those with somewhat less. By how much it differs is told by these, or by a line through log sizes and
+    the covariate or its logarithm (Theil 1950, Sen 1968), whichever fits best.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (N,)
+    covariate : ndarray, shape (N,)
+        NaN where unknown.
+
+    Returns
+    -------
+    dict of int to float, or None
+        By position; None where sizes do not follow the covariate.
+    """
+    known = np.flatnonzero(np.isfinite(covariate) & (sizes > 0))
+    values, logs = covariate[known], np.log(sizes[known])
+    if len(known) <= _FEWEST_OTHERS or np.ptp(values) == 0 or np.ptp(logs) == 0:
+        return None
+    correlation = stats.spearmanr(values, logs).statistic
+    if abs(correlation) < APART.correlation:
+        return None
+    above, rest = np.full((2, len(known)), -np.inf), np.empty(len(known))
+    for at, value in enumerate(values):
+        away, beside = np.sign(correlation) * (values - value), list[IntArray]()
+        for side, sign in enumerate((1, -1)):
+            others = np.flatnonzero((sign * away >= 0) & (np.arange(len(known)) != at))
+            far = np.abs(away[others])
+            near = others[far <= np.sort(far)[: APART.num_beside].max(initial=0.0)]
+            if len(near) >= APART.num_beside:
+                above[side, at] = sign * (logs[at] - np.median(logs[near]))
+            beside.append(near)
+        rest[at] = logs[at] - np.median(logs[np.concatenate(beside)])
+    fits = [rest]
+    for along in (values, np.log(values)) if values.min() > 0 else (values,):
+        off = logs - stats.theilslopes(logs, along).slope * along
+        fits.append(off - np.median(off))
+    rest = min(fits, key=lambda one: float(np.median(np.abs(one))))
+    deviation = float(stats.median_abs_deviation(rest, scale="normal"))
+    limit = max(float(np.log(APART.least)), APART.deviations * deviation)
+    odd = ((above[0] > 0) & (rest > limit)) | ((above[1] > 0) & (rest < -limit))
+    return {int(known[at]): float(np.exp(rest[at])) for at in np.flatnonzero(odd)}

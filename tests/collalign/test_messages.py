@@ -46,6 +46,13 @@ def test_programs_get_one_object_and_logs_get_everything(folder, tmp_path):
     assert lines[-1].endswith("exit code 3")
 
 
+def test_programs_are_told_of_warnings_of_the_library(folder):
+    """A name that nearly agrees is taken, and said to people and programs."""
+    said = run_command("align", folder, "--check", "--exclude", "B.xyz", "--json", ends=3)
+    assert json.loads(said.out)["warnings"][0] == "exclude: 'B.xyz' is taken as 'b'"
+    assert "'B.xyz' is taken as 'b'" in said.err
+
+
 def test_off_a_terminal_stages_are_lines_unless_nobody_wants_them(folder, tmp_path):
     align = ["align", str(folder), "--out", str(tmp_path), *FLAGS]
     said = run_command(*align, ends=3)

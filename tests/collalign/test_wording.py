@@ -89,6 +89,32 @@ EXAMPLES = [
     Note("arrangement-refuted", PAIR, {"saving": 0.02, "doubtful": ("a",)}),
     Note("landmarks-off-surface", ("a",), {"labels": PAIR, "distances": (0.5, 2.0)}),
     Note("left-out-of-statistics", PAIR, {"reasons": ("incomplete", "doubtful")}),
+    Note("size-apart", PAIR, {"times": (2.03, 0.6)}),
+    Note("labels-misspelt", PAIR, {"column": "x", "groups": PAIR, "similar": ("aa", "bb")}),
+    Note("labels-not-numbers", PAIR, {"column": "x", "cells": ("6O", "12 a")}),
+    Note("labels-of-copies", PAIR, {"column": "x", "labels": ("f", "m")}),
+    Note("labels-of-sides", PAIR, {"column": "x", "labels": PAIR, "num_agree": 23, "total": 25}),
+    Note("labels-of-size", PAIR, {"column": "x", "times": (2.0, 0.1)}),
+    Note("labels-taken-as", PAIR, {"source": "x", "rows": ("1", "2")}),
+    Note(
+        "labels-unknown", values={"source": "x", "rows": PAIR, "hints": ("", "did you mean 'b'?")}
+    ),
+    Note(
+        "left-out-differ",
+        values={
+            "column": "age",
+            "num": 5,
+            "total": 10,
+            "range": (0.0, 27.0),
+            "range_counted": (3.0, 15.0),
+            "p": 0.04,
+        },
+    ),
+    Note("left-out-doubtful", PAIR, {"num": 10, "counted": 8, "chance": 0.9}),
+    Note(
+        "groups-left-out",
+        values={"column": "age", "groups": PAIR, "counted": (0, 1), "totals": (3, 4)},
+    ),
     Note("size-not-tested", PAIR, {"times": (1e3, 25.4)}),
 ]
 

@@ -13,9 +13,9 @@ from collalign.products.pair import AlignedPair, Pair
 from collalign.products.shapes import Incomplete, Shapes
 from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
-from data_tools.checks import check_known
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
+from data_tools.names import known_names
 from data_tools.poses import Similarity, moved_by, scales_of
 from data_tools.surface.cleaning import are_assembled
 from pairwise.partial_match import refine, scales_allowed
@@ -60,8 +60,8 @@ def named_incomplete(
     if options.incomplete == ALL:
         return dict.fromkeys(range(len(names)), NAMED)
     asked = [name.strip() for name in options.incomplete.split(",") if name.strip()]
-    check_known("incomplete", asked, names)
-    return {names.index(name): NAMED for name in sorted(set(asked))}
+    named = known_names("incomplete", asked, names)
+    return {names.index(name): NAMED for name in sorted(named.values())}
 
 
 def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:

@@ -20,10 +20,10 @@ from collalign.products.pair import AlignedPair
 from collalign.tools.certify.result import CertifiedCollection, PairEnergies
 from collalign.tools.certify.rounds import Rounds, bound_arrangements, problem_of
 from data_tools.arrays import read_only
-from data_tools.checks import as_options, check_known, check_number
+from data_tools.checks import as_options, check_number
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import composed
 from data_tools.io.listing import FolderListing
+from data_tools.names import known_names
 from data_tools.threads import one_blas_thread
 
 
@@ -113,9 +113,8 @@ def certify_collection(
 
 def _members(collection: Collection, shapes: Sequence[str]) -> list[int]:
     """Return the positions of the named shapes in the order of the result, of all where none is named."""
-    shapes = [composed(name) for name in shapes]
-    check_known("shapes", shapes, collection.names)
-    return [i for i, name in enumerate(collection.names) if not shapes or name in shapes]
+    named = {*known_names("shapes", shapes, collection.names).values()}
+    return [i for i, name in enumerate(collection.names) if not named or name in named]
 
 
 def _pairs_among(collection: Collection, members: Sequence[int]) -> Sequence[AlignedPair]:

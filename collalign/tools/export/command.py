@@ -13,6 +13,7 @@ from collalign.output.loading import load
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.wording import note_text
+from data_tools.names import known_names
 
 
 def export(
@@ -45,7 +46,8 @@ def export(
         Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
     collection = load(result)
-    who: dict[str, Any] = {"exclude": exclude, "include_doubtful": include_doubtful}
+    left_out = tuple(known_names("exclude", exclude, collection.names).values())
+    who: dict[str, Any] = {"exclude": left_out, "include_doubtful": include_doubtful}
     paths = write_export(collection, format, to, space=space, sources=sources, **who)
     space = usual_space(format) if space is None else space
     for note in export_notes(collection, format, space, **who):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collalign.output.collection import Collection
+from collalign.output.label_notes import compare_members
 from collalign.output.loading import load
 from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
 from collalign.output.provenance import write_tool_record
@@ -119,8 +120,8 @@ def export(
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
-    left_out = {collection.index(name) for name in exclude}
-    written = [at for at in range(len(collection)) if at not in left_out]
+    excluded = {name for name, reason in who.left_out if reason == "excluded"}
+    written = [at for at, name in enumerate(collection.names) if name not in excluded]
     try:
         with OutputFolder.open(
             folder, writer=f"export {format}", inputs=collection.inputs
@@ -180,7 +181,8 @@ def export_notes(
     notes += [_DIRECTIONS[format]] if format in _DIRECTIONS else []
     if exclude or _computes(format, space):
         who = _who_counts(collection, exclude, include_doubtful)
-        return (*notes, *who.notes, *who.not_said_by(collection.notes))
+        _, differences = compare_members(collection, who, collection.labels)
+        return (*notes, *who.notes, *differences, *who.not_said_by(collection.notes))
     return (*notes, *collection.notes)
 
 

@@ -47,9 +47,9 @@ from data_tools.arrays import FloatArray, read_only
 from data_tools.checks import as_options
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.files import composed
 from data_tools.io.shapes import CoordinateSystem, read_shape
 from data_tools.landmark_files import Landmarks, SemilandmarkRows
+from data_tools.names import by_known_names
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import lies_beyond
@@ -192,10 +192,9 @@ def transfer_landmarks(
         if isinstance(landmarks, Mapping)
         else read_templates(landmarks, collection.names)
     )
-    given = {
-        composed(name): marks
-        for name, marks in with_semilandmarks(given, wanted, collection.names).items()
-    }
+    given = by_known_names(
+        "landmarks", with_semilandmarks(given, wanted, collection.names), collection.names
+    )
     rows = {name: collection.index(name) for name in given}
     meshes = tuple(
         (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)

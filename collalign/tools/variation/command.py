@@ -14,6 +14,11 @@ from collalign.console.interruption import resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
+from collalign.output.label_notes import (
+    compare_members,
+    with_label_notes,
+    without_label_notes,
+)
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.tools.variation.classification import (
@@ -25,9 +30,9 @@ from collalign.tools.variation.files import DEFAULT_FOLDER, PAGE_FILE
 from collalign.tools.variation.run import write_surface_variation
 from collalign.tools.variation.shape_model import ShapeTestOptions
 from collalign.wording import note_text
-from data_tools.errors import InputError, OptionsError
-from data_tools.io.files import composed
+from data_tools.errors import OptionsError
 from data_tools.landmark_tables import READABLE
+from data_tools.names import known_names
 
 #: Said below every classification.
 _DISTANCES = "By distances of surfaces: closest points at the poses, refined for near neighbours."
@@ -89,11 +94,12 @@ def variation(
         return _classify(
             collection, labels, classify, exclude=exclude, include_doubtful=include_doubtful
         )
-    columns = None if labels is None else read_labels(labels).columns_for(collection.names)
-    individuals = None if individuals is None else composed(individuals)
-    if individuals is not None and individuals not in (columns or collection.labels):
-        raise InputError(f"--individuals: no column of the labels is called {individuals!r}")
-    owners = None if individuals is None else (columns or collection.labels)[individuals]
+    columns = collection.labels
+    if labels is not None:
+        columns = read_labels(labels).columns_for(collection.names)
+    asked = [] if individuals is None else [individuals]
+    named = known_names("--individuals", asked, columns, kind="column")
+    owners = None if individuals is None else columns[named[individuals]]
     to = result / DEFAULT_FOLDER if to is None else to
     with resumable(run, result) as run:
         found = write_surface_variation(
@@ -133,7 +139,9 @@ def _classify(
         raise OptionsError("--classify takes a column of --labels; name the file")
     table = read_labels(labels)
     values = table.column(by, collection.names)
-    for note in table.mismatches(collection.names):
+    checked = with_label_notes(without_label_notes(collection), {by: values}, numbers=())
+    of_labels = (note for note in checked.notes if note not in collection.notes)
+    for note in (*table.mismatches(collection.names), *of_labels):
         warn(note_text(note))
     who = statistics_members(
         collection,
@@ -142,6 +150,7 @@ def _classify(
         include_incomplete=include_doubtful,
         one_part=False,
     )
+    _, differences = compare_members(collection, who, {by: values}, numbers=())
     clouds, chosen = posed_clouds(collection), who.chosen.tolist()
     found = classify_leave_one_out(
         surface_distances([clouds[at] for at in chosen], collection.part_numbers[chosen]),
@@ -149,5 +158,6 @@ def _classify(
         names=[collection.names[at] for at in chosen],
     )
     add_to_summary(**found.as_dict(), left_out=dict(who.left_out))
-    say("\n".join(filter(None, [found.table(), _DISTANCES, *map(note_text, who.notes)])))
+    notes = map(note_text, (*who.notes, *differences))
+    say("\n".join(filter(None, [found.table(), _DISTANCES, *notes])))
     return 0

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from collalign.analysis.label_table import read_labels
+from collalign.analysis.left_out import HEADING
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
@@ -17,6 +18,11 @@ from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates, shape_of
 from collalign.output.collection import Collection
+from collalign.output.label_notes import (
+    compare_members,
+    with_label_notes,
+    without_label_notes,
+)
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
@@ -24,7 +30,7 @@ from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
-from collalign.tools.variation.shape_model import ShapeTestOptions
+from collalign.tools.variation.shape_model import ShapeTestOptions, settled_columns
 from collalign.tools.variation.shape_statistics import check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceVariation,
@@ -34,12 +40,13 @@ from collalign.tools.variation.surface_variation import (
     surface_symmetry,
     surface_variation,
 )
+from collalign.wording import note_records
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
-from data_tools.io.files import composed
 from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmark_files import Landmarks
+from data_tools.names import by_known_names
 from data_tools.notes import Note
 from data_tools.poses import moved_by
 from data_tools.surface.closest import SurfaceLocator, SurfacePoints
@@ -127,12 +134,17 @@ def write_surface_variation(
         as_options("tests", tests, ShapeTestOptions),
     )
     labelled, dropped = _labelled(collection, labels)
+    if labels is not None:
+        collection = without_label_notes(collection)
+    test_options = settled_columns(test_options, labelled, collection.names)
+    collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
+    compared, differences = compare_members(collection, who, labelled, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
     check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
@@ -147,6 +159,8 @@ def write_surface_variation(
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
     tested = shape_tests(found, columns, test_options)
+    if compared:
+        tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
     marked, notes = _marked(collection, dense, found.mean, landmarks)
     before = [
         note for note in who.not_said_by(collection.notes) if note.code != "copies"
@@ -154,6 +168,7 @@ def write_surface_variation(
     said = [
         *posture,
         *who.notes,
+        *differences,
         *(one.note for one in who.copies),
         *tested.notes,
         *dropped,
@@ -198,6 +213,7 @@ def write_surface_variation(
             "labels": list(columns),
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),
+            "notes": note_records(found.notes),
         },
     )
     return found
@@ -212,6 +228,7 @@ def _labelled(
     if isinstance(labels, Mapping):
         return labels, []
     table = read_labels(labels)
+    table.check_fit(collection.names)
     return table.columns_for(collection.names), table.mismatches(collection.names)
 
 
@@ -229,7 +246,7 @@ def _marked(
         if isinstance(landmarks, Mapping)
         else read_templates(landmarks, collection.names)
     )
-    given = {composed(name): marks for name, marks in given.items()}
+    given = by_known_names("landmarks", given, collection.names)
     transforms = {name: collection.transforms[collection.index(name)] for name in given}
     files = {name: collection.file(collection.index(name)) for name in given}
     surfaces = tuple(

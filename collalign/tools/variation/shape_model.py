@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import re
+import shlex
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collalign.analysis.label_checks import as_numbers, wrong_cells
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, SEQUENTIAL, SUMS_OF_SQUARES
 from data_tools.arrays import BoolArray, FloatArray
-from data_tools.checks import check_choice, check_count, check_known
-from data_tools.errors import InputError
-from data_tools.notes import Note
+from data_tools.checks import check_choice, check_count
+from data_tools.errors import InputError, OptionsError
+from data_tools.names import known_names
+from data_tools.notes import Note, listed
 
 #: What a model calls the logarithm of centroid size, and tables.
 SIZE_TERM, SIZE = "size", "log(centroid size)"
@@ -26,7 +28,10 @@ class ShapeTestOptions:
     Parameters
     ----------
     factors : tuple of str
-        Columns of numbers that are names of groups (1 = female). Any other column of numbers is a covariate.
+        Columns that are names of groups, though they may be numbers (1 = female).
+    numbers : tuple of str
+        Columns that are numbers. Of the other columns, those are whose cells are numbers, all but a few, which are
+        refused.
     model : str
         A model of your own, such as "size + sex + age" or "size * sex": columns of the labels, and size, the
         logarithm of centroid size.
@@ -44,12 +49,15 @@ class ShapeTestOptions:
     """
 
     factors: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
     model: str = ""
     sums_of_squares: str = SEQUENTIAL
     permutations: int = NUM_PERMUTATIONS
     seed: int = SEED
 
     def __post_init__(self) -> None:
+        if both := {*self.factors} & {*self.numbers}:
+            raise OptionsError(f"factors, numbers: {min(both)!r} cannot be both")
         check_choice("sums_of_squares", self.sums_of_squares, SUMS_OF_SQUARES)
         check_count("permutations", self.permutations, lower=99)
         check_count("seed", self.seed, lower=0)
@@ -103,10 +111,58 @@ class Column:
         return chosen & np.isin(values, kinds[counts == 1]) & (self.numbers is None)
 
 
+def settled_columns(
+    options: ShapeTestOptions, columns: Mapping[str, Sequence[str]], shapes: Sequence[str]
+) -> ShapeTestOptions:
+    """Return options that say of every column of labels whether it is a factor or numbers.
+
+    Parameters
+    ----------
+    options : ShapeTestOptions
+        What is declared; names of columns that nearly agree are corrected.
+    columns : mapping of str to sequence of str, length N
+        ``""`` where unknown.
+    shapes : sequence of str, length N
+        Names, for messages.
+
+    Raises
+    ------
+    InputError
+        If there is no column of a name; if few cells of a column, or any of one that is declared to be numbers, are
+        no numbers. They are named.
+    """
+    factors, numbers = (
+        {*known_names(argument, asked, columns, kind="column").values()}
+        for argument, asked in (("factors", options.factors), ("numbers", options.numbers))
+    )
+    for column, values in columns.items():
+        wrong = wrong_cells(values, shapes, declared=column in numbers)
+        if column in factors or wrong is None:
+            factors.add(column)
+            continue
+        if wrong:
+            right = sum(map(bool, values)) - len(wrong)
+            cells = listed([f"{shape} has {cell!r}, not a number" for shape, cell in wrong.items()])
+            advice = (
+                ""
+                if column in numbers
+                else f", or use --factors {shlex.quote(column)} if it names groups"
+            )
+            raise InputError(
+                f"{column}: {cells}. {right} other cells are numbers. Correct the table, leaving "
+                f"empty what is unknown{advice}"
+            )
+        numbers.add(column)
+    in_order = [
+        tuple(column for column in columns if column in kind) for kind in (factors, numbers)
+    ]
+    return replace(options, factors=in_order[0], numbers=in_order[1])
+
+
 def read_column(
-    name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool = False
+    name: str, values: Sequence[str], shapes: Sequence[str], *, as_factor: bool
 ) -> Column:
-    """Return a column of labels as covariate, where all its values are numbers, or as factor.
+    """Return a column of labels as covariate or as factor.
 
     Parameters
     ----------
@@ -115,18 +171,12 @@ def read_column(
     shapes : sequence of str, length N
         Names, for notes.
     as_factor : bool
-        Numbers are names of groups.
+        Values are names of groups, else numbers.
     """
     known = np.array([value != "" for value in values], dtype=bool)
-    numbers = [_number(value) for value in values]
-    if (
-        not as_factor
-        and known.any()
-        and all(math.isfinite(numbers[at]) for at in np.flatnonzero(known))
-    ):
-        return Column(
-            name=name, values=tuple(values), numbers=np.array(numbers), tested=known, notes=()
-        )
+    if not as_factor:
+        numbers = as_numbers(values)
+        return Column(name=name, values=tuple(values), numbers=numbers, tested=known, notes=())
     kinds, counts = np.unique(np.array(values, dtype=str), return_counts=True)
     single = {*kinds[counts == 1].tolist()} - {""}
     alone = {shape: value for shape, value in zip(shapes, values, strict=True) if value in single}
@@ -155,7 +205,9 @@ def parse_model(model: str, columns: Collection[str]) -> tuple[tuple[str, ...], 
             raise InputError(
                 f"model: {model!r} cannot be read; write it as in 'size + sex + age' or 'size * sex'"
             )
-        check_known("model", {*names}, [SIZE_TERM, *columns])
+        called = known_names("model", names, [SIZE_TERM, *columns], kind="column")
+        factors = [[called[name] for name in product] for product in factors]
+        names = [called[name] for name in names]
         if len(factors) > 2:
             raise InputError(
                 f"model: {part.strip()!r} multiplies more than two terms; write 'a:b:c' for each of them"
@@ -199,10 +251,3 @@ def missing_notes(model: str, names: Sequence[str], chosen: BoolArray) -> tuple[
     """Return the note on the shapes that a model leaves out, of which ``chosen`` (N,) has the others."""
     absent = tuple(name for name, counts in zip(names, chosen.tolist(), strict=True) if not counts)
     return (Note("model-leaves-out", absent, {"model": model}),) if absent else ()
-
-
-def _number(value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        return math.nan

@@ -28,10 +28,10 @@ from collalign.tools.variation.shape_model import (
     model_terms,
     parse_model,
     read_column,
+    settled_columns,
 )
 from collalign.tools.variation.surface_variation import NUM_COMPONENTS, SurfaceVariation
 from data_tools.arrays import FloatArray
-from data_tools.checks import check_known
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
 from data_tools.io.output_folder import OutputFolder
@@ -159,9 +159,9 @@ def shape_tests(
 ) -> ShapeTests:
     """Test shape by the model asked for, which comes first, and against size and every column of labels.
 
-    A column whose values are all numbers is a covariate, unless ``options.factors`` names it. Shapes without a value,
-    or alone in their group, do not count in the tests of a column. Where the files of some shapes are probably in
-    another unit, nothing is tested against size.
+    Columns are covariates or factors, see :func:`collalign.tools.variation.shape_model.settled_columns`. Shapes
+    without a value, or alone in their group, do not count in the tests of a column. Where the files of some shapes
+    are probably in another unit, nothing is tested against size.
 
     Parameters
     ----------
@@ -177,6 +177,7 @@ def shape_tests(
     """
     shapes, sizes = procrustes_scores(variation.components), np.log(variation.centroid_sizes)
     whole = dict(zip(variation.names, variation.centroid_sizes.tolist(), strict=True))
+    options = settled_columns(options, columns, variation.names)
     own_model, odd = check_tests(options, columns, whole)
     read = {
         name: read_column(name, values, variation.names, as_factor=name in options.factors)
@@ -239,9 +240,8 @@ def check_tests(
     Raises
     ------
     InputError
-        If ``factors`` or ``model`` names no column, or the model has size, which is in several units.
+        If ``model`` names no column, or has size, which is in several units.
     """
-    check_known("factors", {*options.factors}, columns)
     model = parse_model(options.model, columns) if options.model else ()
     odd = odd_ratios(sizes)
     if odd and any(SIZE_TERM in term for term in model):

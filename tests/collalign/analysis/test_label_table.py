@@ -1,6 +1,7 @@
 import pytest
 
-from collalign.analysis.label_table import read_labels, shape_name
+from collalign.analysis.label_table import read_labels
+from collalign.wording import note_text
 from data_tools.errors import InputError
 from data_tools.notes import Note
 
@@ -26,7 +27,7 @@ def test_names_that_do_not_fit_are_told(tmp_path):
     )
     source = {"source": str(labels.source)}
     assert labels.mismatches(["A1", "b"]) == [
-        Note("labels-unknown", values={**source, "rows": ("bb",)})
+        Note("labels-unknown", values={**source, "rows": ("bb",), "hints": ("did you mean 'b'?",)})
     ]
     assert labels.mismatches(["a", "b", "bbb", "d", "e"]) == [
         Note("labels-missing", ("d", "e"), source)
@@ -60,15 +61,6 @@ def test_first_column_holds_names_if_none_is_called_so(tmp_path):
     assert labels.column("genus", ["a", "b"]) == ("X", "Y")
 
 
-def test_names_lose_folder_and_mesh_ending_only():
-    assert [shape_name(text) for text in ("a/b.PLY", "x\\y.off", " v1.2 ", "n")] == [
-        "b",
-        "y",
-        "v1.2",
-        "n",
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -89,10 +81,51 @@ def test_missing_files_columns_and_names_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_labels(tmp_path / "none.csv")
     labels = read_labels(table(tmp_path, "name,taxon\na,X\n"))
-    with pytest.raises(InputError, match="no column 'genus'; it has 'taxon'"):
+    with pytest.raises(InputError, match="no column is called 'genus'; there are taxon"):
         labels.column("genus", ["a"])
-    with pytest.raises(InputError, match="must be those of the shapes"):
+    with pytest.raises(
+        InputError, match=r"none of its rows belongs to a shape\. It names a, the shapes are b, c"
+    ):
         labels.column("taxon", ["b", "c"])
+    empty = read_labels(table(tmp_path, "name,taxon,sex\na,,f\n"))
+    with pytest.raises(InputError, match="'taxon' has no value for any of the 1 shapes"):
+        empty.column("taxon", ["a"])
+
+
+def test_names_that_nearly_agree_lead_to_their_rows_and_are_told(tmp_path):
+    rows = "".join(f"{number};{'mf'[number % 2]}\n" for number in range(1, 5))
+    labels = read_labels(table(tmp_path, f"specimen;sex\n{rows}"))
+    names = ["001", "002", "003", "04"]
+    labels.check_fit(names)
+    assert labels.columns_for(names) == {"sex": ("f", "m", "f", "m")}
+    (note,) = labels.mismatches(names)
+    assert note == Note(
+        "labels-taken-as", tuple(names), {"source": labels.source, "rows": ("1", "2", "3", "4")}
+    )
+    assert "001 (row 1)" in note_text(note)
+    assert [note.code for note in labels.mismatches(["001", "01", "2"])] == [
+        "labels-unknown",
+        "labels-missing",
+    ]
+    assert "1 (did you mean '001' or '01'?)" in note_text(labels.mismatches(["001", "01", "2"])[0])
+
+
+def test_the_file_says_more_than_a_running_number(tmp_path):
+    labels = read_labels(table(tmp_path, "id,file,sex\n1,x/004.ply,f\n2,x/001.ply,m\n3,2.PLY,f\n"))
+    names = ["001", "002", "004"]
+    assert labels.column("sex", names) == ("m", "f", "f")
+    assert labels.mismatches(["001", "004"]) == [
+        Note("labels-unknown", values={"source": labels.source, "rows": ("3",), "hints": ("",)})
+    ]
+
+
+def test_folders_tell_shapes_of_one_name_apart(tmp_path):
+    labels = read_labels(table(tmp_path, "file,sex\na/skull.ply,f\nb/skull.ply,m\n"))
+    assert labels.column("sex", ["a/skull", "b/skull"]) == ("f", "m")
+    with pytest.raises(
+        InputError, match=r"'skull' is listed twice, as 'a/skull\.ply' and 'b/skull"
+    ):
+        labels.check_fit(["skull"])
 
 
 def test_a_file_column_leads_to_the_row_as_well(tmp_path):

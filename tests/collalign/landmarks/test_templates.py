@@ -83,6 +83,50 @@ def test_names_in_either_encoding_of_accents_are_the_same(tmp_path):
     assert [*read_templates([f"{apart}={tmp_path / 'one.csv'}"], (composed,))] == [composed]
 
 
+def tps(path, *specimens):
+    """Write specimens with these lines of names, and return the path."""
+    path.write_text("".join(f"LM3=1\n{at} 0 0\n{said}\n" for at, said in enumerate(specimens)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("said", "found"),
+    [
+        (("IMAGE=s2.jpg\nID=0", "IMAGE=s4.jpg\nID=1"), ["s2", "s4"]),
+        (("IMAGE=s2.jpg\nID=1", "IMAGE=s4.jpg\nID=1"), ["s2", "s4"]),
+        (("IMAGE=x\\S-04.JPG\nID=0",), ["s4"]),
+        (("IMAGE=view.jpg\nID=s2", "IMAGE=view.jpg\nID=s4"), ["s2", "s4"]),
+        (("ID=C:\\data\\s2.ply", "ID=C:\\data\\s4.ply"), ["s2", "s4"]),
+        (("ID=S 02", "ID=s_4"), ["s2", "s4"]),
+        (("IMAGE=s2.jpg\nID=s2", "IMAGE=s4.jpg\nID=s4"), ["s2", "s4"]),
+    ],
+)
+def test_specimens_of_tps_are_called_by_what_names_shapes(tmp_path, said, found):
+    read = read_templates([tps(tmp_path / "all.tps", *said)], ("s1", "s2", "s4"))
+    assert sorted(read) == found
+    assert [read[name].points[0, 0] for name in found] == [*range(len(found))]
+
+
+def test_id_and_image_of_different_shapes_are_refused(tmp_path):
+    path = tps(tmp_path / "all.tps", "IMAGE=s2.jpg\nID=s4", "IMAGE=s4.jpg\nID=s2")
+    with pytest.raises(InputError, match="ID and IMAGE name different shapes"):
+        read_templates([path], ("s2", "s4"))
+    running = tps(tmp_path / "004.tps", "ID=1")
+    assert [*read_templates([running], ("001", "004"))] == ["004"], "the file says more"
+
+
+def test_folders_tell_files_of_one_name_apart(tmp_path, caplog):
+    names, files = ("AMNH 100/skull", "AMNH 101/skull", "AMNH 102"), []
+    for folder, stem in (("AMNH 100", "skull"), ("amnh_101", "skull_LM1"), ("AMNH 102", "points")):
+        (tmp_path / folder).mkdir()
+        files.append(tmp_path / folder / f"{stem}.csv")
+        files[-1].write_text("a,0,0,1\n")
+    with caplog.at_level(logging.WARNING):
+        assert [*read_templates(files, names)] == [*names]
+    assert "AMNH 100" not in caplog.text, "it agrees exactly"
+    assert "taken as the landmarks of AMNH 101/skull" in caplog.text
+
+
 def test_specimens_without_any_landmark_are_no_templates(tmp_path, caplog):
     (tmp_path / "all.tps").write_text(
         TPS.format("a") + TPS.replace("0 0 0", "NA NA NA").format("b")

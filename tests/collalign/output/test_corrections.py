@@ -58,6 +58,12 @@ def test_no_decisions_fix_nothing(tmp_path):
     assert fixed_by([read_corrections(write(tmp_path, record(decisions=[])))], NAMES) == ({}, {})
 
 
+def test_decisions_by_names_that_nearly_agree_are_taken_and_said(tmp_path, caplog):
+    fixed, kept = fixed_by([read_corrections(write(tmp_path, record()))], ["A", "b", "_C", "d"])
+    assert (set(fixed), set(kept)) == ({"b", "_C"}, {"A", "d"})
+    assert "'c' is taken as '_C'" in caplog.text
+
+
 def test_decisions_about_shapes_that_are_not_there_are_refused(tmp_path):
     with pytest.raises(InputError, match="'c' is no shape of this collection"):
         fixed_by([read_corrections(write(tmp_path, record()))], ["a", "b"])

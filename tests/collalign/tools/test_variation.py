@@ -24,6 +24,7 @@ from collalign.tools.variation.shape_model import (
     model_terms,
     parse_model,
     read_column,
+    settled_columns,
 )
 from collalign.tools.variation.shape_statistics import shape_tests
 from collalign.tools.variation.surface_variation import (
@@ -37,7 +38,7 @@ from collalign.tools.variation.surface_variation import (
     surface_variation,
 )
 from data_tools.datasets.synthetic_shapes import sphere_mesh
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import write_ply
 from data_tools.notes import Note
 from data_tools.rotations import random_rotation
@@ -215,6 +216,22 @@ def test_numbers_are_covariates_unless_named_as_factors(variation):
             shape_tests(variation, {"age": twos}, ShapeTestOptions(**wrong))
 
 
+def test_cells_that_are_no_numbers_are_named(tmp_path):
+    view = view_of()  # its files do not exist
+    labels = {"age": [*map(str, range(9)), "6O"], "sex": [*"mf"] * 5}
+    said = "^age: shape_009 has '6O', not a number. 9 other cells are numbers"
+    with pytest.raises(InputError, match=said):
+        write_surface_variation(view, tmp_path, labels=labels)
+    with pytest.raises(InputError, match=r"^sex: shape_000 has 'm', not a number"):
+        write_surface_variation(
+            view, tmp_path, labels={"sex": labels["sex"]}, tests={"numbers": ("sex",)}
+        )
+    settled = settled_columns(ShapeTestOptions(factors=("AGE",)), labels, view.names)
+    assert (settled.factors, settled.numbers) == (("age", "sex"), ())
+    with pytest.raises(OptionsError, match="'age' cannot be both"):
+        ShapeTestOptions(factors=("age",), numbers=("age",))
+
+
 def test_a_model_of_a_factor_needs_two_groups(variation):
     columns = {"sex": (*"mmmmmmf", ""), "age": ("1", "2", "3", "4", "5", "6", "7", "8")}
     with pytest.raises(
@@ -230,7 +247,7 @@ def test_models_are_read_and_multiplied():
         ("size", "sex"),
         ("age",),
     )
-    sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"])
+    sex = read_column("sex", ("f", "m", "f", "m", ""), [*"abcde"], as_factor=True)
     sizes = np.arange(5.0)
     terms, chosen = model_terms([("size",), ("sex",), ("size", "sex")], {"sex": sex}, sizes)
     assert chosen.tolist() == [True] * 4 + [False]

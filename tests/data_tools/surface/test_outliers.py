@@ -7,7 +7,12 @@ from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED
-from data_tools.surface.outliers import odd_ratios, without_outliers
+from data_tools.surface.outliers import (
+    apart_ratios,
+    odd_for_covariate,
+    odd_ratios,
+    without_outliers,
+)
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
 
@@ -154,3 +159,44 @@ def test_sizes_that_differ_by_nature_are_in_one_unit(rng):
     juveniles_and_adults = np.concatenate([np.linspace(1.0, 2.0, 8), np.linspace(6.0, 7.0, 4)])
     for sizes in [*drawn, juveniles_and_adults, [1.0, 1.1, 1.2, 7.0]]:
         assert not odd_ratios(dict(zip(map(str, range(len(sizes))), sizes, strict=True)))
+
+
+def named(sizes):
+    return dict(zip((f"s{at}" for at in range(len(sizes))), sizes, strict=True))
+
+
+@pytest.mark.parametrize(("factor", "place"), [(2.0, 0), (2.0, 11), (3.0, 5), (0.5, 3), (2.54, 7)])
+def test_a_size_two_or_three_times_that_of_the_others_is_named(factor, place, rng):
+    sizes = np.exp(0.05 * rng.standard_normal(12))
+    sizes[place] *= factor / sizes[place]
+    (found,) = apart_ratios(named(sizes)).items()
+    assert found == (f"s{place}", pytest.approx(factor, rel=0.06))
+    for far in (1000.0, 10.0):
+        with_unit = named([*sizes, far])
+        assert [*apart_ratios(with_unit)] == [f"s{place}"]
+        assert [*odd_ratios(with_unit)] == ["s12"]
+
+
+def test_sizes_of_growth_of_one_range_and_of_few_are_not_apart(rng):
+    """Names are for what one can tell: a share of draws far below that of a specimen at twice its size."""
+    grown = [20.0 ** np.sort(rng.random(num)) for num in 50 * [8, 15, 30]]
+    grown += [rng.uniform(1.0, 20.0, num) for num in 50 * [8, 15, 30]]
+    ages = [rng.random(num) for num in 50 * [8, 15, 30]]
+    grown += [1.0 - 0.95 * np.exp(-5.0 * age) for age in ages]
+    assert sum(bool(apart_ratios(named(sizes))) for sizes in grown) <= 0.05 * len(grown)
+    assert not apart_ratios(named(3 * 10 ** (np.arange(10) / 9)))
+    assert not apart_ratios(named([1.0, 1.0, 1.0, 1.0, 2.0]))
+    assert not apart_ratios({})
+    assert not apart_ratios(named(np.repeat([1.0, 2.0], 6)))  # two kinds
+
+
+def test_sizes_are_compared_with_a_covariate_that_they_follow(rng):
+    ages = np.array([*np.linspace(1.0, 20.0, 11), np.nan])
+    for grows in (lambda age: age**1.5, lambda age: np.exp(0.1 * age)):
+        sizes = np.nan_to_num(grows(ages), nan=50.0) * np.exp(0.03 * rng.standard_normal(12))
+        assert odd_for_covariate(sizes, ages) == {}
+        sizes[6] *= 2.0
+        assert odd_for_covariate(sizes, ages) == {6: pytest.approx(2.0, rel=0.15)}
+    assert odd_for_covariate(rng.permutation(sizes), ages) is None
+    assert odd_for_covariate(np.ones(12), ages) is None
+    assert odd_for_covariate(sizes[:4], ages[:4]) is None
