@@ -1,6 +1,7 @@
 """Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -56,6 +57,13 @@ def files(pair, tmp_path_factory):
 def match(files):
     """The pair matched from its files."""
     return match_shapes(*files, options=QUICK, surface_options=SMALL)
+
+
+def test_objects_as_open3d_has_them_are_matched_like_files(pair, match):
+    objects = [SimpleNamespace(vertices=one.vertices, triangles=one.faces) for one in pair[:2]]
+    found = match_shapes(*objects, options=QUICK, surface_options=SMALL)
+    np.testing.assert_array_equal(found.point_map_target_source, match.point_map_target_source)
+    assert found.confidence == match.confidence
 
 
 def mean_error(target, images, truth, *, num=100):
