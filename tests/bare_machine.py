@@ -27,6 +27,8 @@ STAND_INS = {
 }
 #: How this machine reaches the package index.
 INDEX = re.compile(r"PIP_\w+|\w+_proxy|SSL_CERT_(FILE|DIR)|REQUESTS_CA_BUNDLE", re.IGNORECASE)
+#: What no command of collalign prints.
+COMPLAINT = re.compile(r"^Traceback |\b[A-Z]\w+Warning: ", re.MULTILINE)
 #: Tests that ask for something, by helper or by fixture.
 ASKS = re.compile(r"optional_(module|program)\(|def \w+\([^)]*\b(open3d|tiny3d|browser|driver)\b")
 
@@ -60,19 +62,38 @@ class BareMachine:
         }
 
     def run(self, *words, folder):
-        """Run a command; raise CalledProcessError if it fails."""
+        """Run a command, which must succeed; show and return what it prints."""
         began_s = time.perf_counter()
         print(f"bare machine: {' '.join(map(str, words))[:200]}", flush=True)
-        subprocess.run(words, cwd=folder, env=self.environment, check=True, timeout=1200)
+        done = subprocess.run(
+            words,
+            cwd=folder,
+            env=self.environment,
+            check=False,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=1200,
+        )
+        print(done.stdout, flush=True)
+        if done.returncode:
+            raise SystemExit(f"bare machine: failed with exit code {done.returncode}: {words[-1]}")
         print(f"bare machine: took {time.perf_counter() - began_s:.0f} s", flush=True)
+        return done.stdout
+
+
+def refuse_complaints(printed):
+    """Raise if a command that succeeded printed a traceback or a warning of Python."""
+    if COMPLAINT.search(printed):
+        raise SystemExit("bare machine: a command complains")
 
 
 def pip_places():
     """Return where pip keeps what it downloaded, and the configuration of this user, who has another home there."""
     words = (sys.executable, "-m", "pip", "cache", "dir")
     cache = subprocess.run(words, check=True, capture_output=True, text=True).stdout.strip()
-    files = (Path.home() / ".config" / "pip" / "pip.conf", Path.home() / ".pip" / "pip.conf")
-    own = {"PIP_CONFIG_FILE": str(file) for file in files if file.is_file()}
+    config = Path.home() / ".config" / "pip" / "pip.conf"
+    own = {"PIP_CONFIG_FILE": str(config)} if config.is_file() else {}
     return own | {"PIP_CACHE_DIR": cache}
 
 
@@ -96,7 +117,8 @@ def main():
     with tempfile.TemporaryDirectory(prefix="collalign-bare-") as folder:
         place = Path(folder)
         machine, source = BareMachine(place), unpacked_source(place)
-        machine.run("bash", "-euc", command("demo", README.read_text("utf-8")), folder=source)
+        words = ("bash", "-euc", command("demo", README.read_text("utf-8")))
+        refuse_complaints(machine.run(*words, folder=source))
         if not (source / "collalign-demo" / "aligned" / "report.html").is_file():
             raise SystemExit("bare machine: the demonstration wrote no report")
         files = asking_tests(ROOT / "tests")
