@@ -9,6 +9,9 @@ import numpy as np
 from data_tools.errors import UnavailableError
 from data_tools.surface.shape import Shape
 
+#: What installs the libraries of the system that Open3D loads.
+_SYSTEM = "apt-get install libusb-1.0-0 libegl1 libgl1 libx11-6 libgomp1"
+
 
 def trimesh_of(shape: Shape) -> Any:
     """Return a shape as ``trimesh.Trimesh``, or ``trimesh.PointCloud`` where it has no faces."""
@@ -29,13 +32,10 @@ def open3d_of(shape: Shape) -> Any:
     """
     try:
         import open3d
-    except (
-        ImportError,
-        OSError,
-    ) as error:  # it is missing, or a library of the system that it loads
+    except (ImportError, OSError) as error:
         raise UnavailableError(
             f"to_open3d needs Open3D, which cannot be imported ({error}); install it with: pip install "
-            "'collalign[open3d]'. If a system library is missing, install that too (docs/python.md lists them)"
+            f"'collalign[open3d]'. If a library of the system is missing, on Debian also: {_SYSTEM}"
         ) from None
     vertices = open3d.utility.Vector3dVector(shape.vertices.copy())  # it takes no read-only array
     if not shape.is_mesh:

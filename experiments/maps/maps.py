@@ -78,7 +78,7 @@ def measure(bench: Bench) -> Outcome:
         read_map_set(bench.data, name)
         for name in (("scape", SHREC07_CLASSES[0]) if bench.quick else SETS)
     ]
-    tools = [name for name in TOOLS if not (name.startswith(PYFM) and not is_importable(PYFM))]
+    tools = [name for name in TOOLS if is_importable(PYFM) or not name.startswith(PYFM)]
     if bench.quick:
         tools = [name for name in tools if name != "the paper's chain"]
     found: dict[tuple[str, str], dict[Pair, Record]] = {}
