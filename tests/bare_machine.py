@@ -19,7 +19,22 @@ from tests.readme_commands import README, command
 
 ROOT = README.parent
 #: What every Debian has, as far as the commands and the tests use it. Python is added.
-PROGRAMS = ("bash", "cat", "env", "false", "ls", "mkdir", "mv", "rm", "sh", "sleep", "true")
+PROGRAMS = (
+    "bash",
+    "cat",
+    "cp",
+    "env",
+    "false",
+    "grep",
+    "ls",
+    "mkdir",
+    "mv",
+    "rm",
+    "sed",
+    "sh",
+    "sleep",
+    "true",
+)
 #: Modules that cannot be imported there, and how it fails.
 STAND_INS = {
     "open3d": "libusb-1.0.so.0: cannot open shared object file: No such file or directory",
