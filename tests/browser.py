@@ -1,17 +1,7 @@
 """A page that is open in a real headless Chromium."""
 
-import shutil
+from tests.optional import optional_program
 
-import pytest
-
-CHROMIUM = next(
-    (
-        path
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (path := shutil.which(name))
-    ),
-    None,
-)
 #: Opaque pixels of a canvas and their mean colour.
 PIXELS = """canvas => {
   const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
@@ -26,9 +16,9 @@ PIXELS = """canvas => {
 
 def launched(driver, *flags):
     """Start a browser; the test skips where none is installed."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    return driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", *flags])
+    names = ("chromium", "chromium-browser", "google-chrome")
+    chromium = optional_program(*names, install="apt-get install chromium")
+    return driver.chromium.launch(executable_path=chromium, args=["--no-sandbox", *flags])
 
 
 class Page:

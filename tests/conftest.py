@@ -1,11 +1,12 @@
 """Fixtures that every test file may use."""
 
 import os
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.optional import OPEN3D_EXTRA, optional_module
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault(
@@ -96,16 +97,19 @@ def rng():
 @pytest.fixture
 def open3d():
     """Open3D; the test skips where it is missing, or the system lacks a library that it loads."""
-    try:
-        return import_module("open3d")
-    except (ImportError, OSError) as error:
-        pytest.skip(f"the extra open3d cannot be imported here: {error}")
+    return optional_module("open3d", OPEN3D_EXTRA)
+
+
+@pytest.fixture
+def tiny3d():
+    """A library with objects and functions as Open3D has them."""
+    return optional_module("tiny3d")
 
 
 @pytest.fixture(scope="module")
 def driver():
     """Playwright, which drives browsers; the test skips where it is missing."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    playwright = optional_module("playwright.sync_api")
     with playwright.sync_playwright() as started:
         yield started
 

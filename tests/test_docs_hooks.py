@@ -3,9 +3,9 @@
 import importlib.util
 from pathlib import Path
 
-import pytest
+from tests.optional import optional_module
 
-pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
+optional_module("latex2mathml", "pip install -e '.[docs]'")
 FOLDER = Path(__file__).resolve().parents[1]
 PAGE = (
     r'<span class="arithmatex">\(a &lt; b\)</span> <div class="arithmatex">\[ x^2 \]</div> '

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.optional import optional_program
+
 ROOT = Path(__file__).resolve().parents[1]
 #: What a user's environment holds of the repository: everything of these folders, and nothing else.
 PACKAGES = ("collalign", "pairwise", "data_tools")
@@ -52,7 +54,8 @@ def listed(*options):
     """Return the files that git lists; skip where there is no version control, as in an unpacked archive."""
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
-    return set(run("git", "-c", f"safe.directory={ROOT}", "ls-files", *options).split("\n")) - {""}
+    git = optional_program("git", install="apt-get install git")
+    return set(run(git, "-c", f"safe.directory={ROOT}", "ls-files", *options).split("\n")) - {""}
 
 
 def checked_in():

@@ -39,4 +39,5 @@ def test_missing_command_is_noticed():
 def test_continuous_integration_runs_the_test_command():
     script = (ROOT / ".ci" / "run").read_text()
     assert "readme_commands.py test" in script
+    assert "-m tests.bare_machine" in script
     assert subprocess.run(["bash", "-n", str(ROOT / ".ci" / "run")], check=False).returncode == 0

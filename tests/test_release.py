@@ -1,5 +1,6 @@
 """What makes a release, checked as far as it can be without a forge, conda or Docker."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -65,7 +66,8 @@ def test_the_recipe_asks_for_what_the_wheel_asks_for():
     expected = {
         f"{CONDA_NAMES.get(found[1], found[1])} {found[2]}" for found in wanted if found is not None
     }
-    assert set(RECIPE["requirements"]["run"]) == expected | {f"python {PROJECT['requires-python']}"}
+    assert set(RECIPE["requirements"]["run"]) == expected | {"python >=${{ python_min }}"}
+    assert PROJECT["requires-python"] == f">={RECIPE['context']['python_min']}"
     assert len(expected) == len(PROJECT["dependencies"])
 
 
@@ -106,6 +108,76 @@ def test_the_image_copies_what_there_is_and_what_is_not_ignored():
     assert all((ROOT / name).exists() for name in names)
 
 
+#: Sections that the Journal of Open Source Software asks for, in its order, and how many words it allows.
+SECTIONS = (
+    *("Summary", "Statement of need", "State of the field", "Software design"),
+    *("Research impact statement", "AI usage disclosure", "Acknowledgements", "References"),
+)
+WORDS = (750, 1750)
+
+
+def paper_faults(text):
+    """Return what the journal would refuse: other sections, or too few or too many words."""
+    body = text.split("---", 2)[2]
+    faults = [] if tuple(re.findall(r"^# (.+)$", body, re.MULTILINE)) == SECTIONS else ["sections"]
+    return faults + ([] if WORDS[0] <= len(body.split()) <= WORDS[1] else ["length"])
+
+
+def test_the_paper_has_the_sections_and_the_length_that_the_journal_asks_for():
+    text = (ROOT / "paper" / "paper.md").read_text("utf-8")
+    assert paper_faults(text) == []
+    assert paper_faults(text.replace("# Software design", "# Design")) == ["sections"]
+    assert paper_faults(text + " word" * 1000) == ["length"]
+    assert paper_faults("---\n---\n# Summary\nwords\n") == ["sections", "length"]
+
+
+def missing_fields():
+    """Return which fields of files still await a release, an address or a person, by file."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    build = (ROOT / "integrations" / "slicer" / "CMakeLists.txt").read_text("utf-8")
+    entry = json.loads((ROOT / "integrations" / "slicer" / "Collalign.json").read_text("utf-8"))
+    package = yaml.safe_load((ROOT / "integrations" / "r" / "DESCRIPTION").read_text("utf-8"))
+    paper = yaml.safe_load((ROOT / "paper" / "paper.md").read_text("utf-8").split("---")[1])
+    nameless = {"name": PROJECT["authors"][0]["name"]}
+    found = {
+        "CITATION.cff": {"date-released", "doi", "repository-code", "url"} - citation.keys(),
+        "pyproject.toml": {"urls"} - PROJECT.keys(),
+        "packaging/conda/recipe.yaml": {"url", "sha256"} - RECIPE["source"].keys()
+        | {"homepage"} - RECIPE["about"].keys()
+        | {"recipe-maintainers"} - RECIPE.get("extra", {}).keys(),
+        "integrations/slicer/CMakeLists.txt": set(re.findall(r'set\((\w+) ""\)', build)),
+        "integrations/slicer/Collalign.json": {
+            name for name, value in entry.items() if value == ""
+        },
+        "integrations/r/DESCRIPTION": {"email"}
+        & {*re.findall(r"\w+(?= = \".+@example)", package["Authors@R"])},
+        "paper/paper.md": {"affiliations"}
+        if "To be" in paper["affiliations"][0]["name"]
+        else set(),
+    }
+    if citation["authors"] == [nameless]:
+        found["CITATION.cff"] |= {"authors"}
+    if paper["authors"][0]["name"] == nameless["name"]:
+        found["paper/paper.md"] |= {"authors"}
+    return {file: fields for file, fields in found.items() if fields}
+
+
+def listed_fields(text):
+    """Return the fields that a document lists as missing, by file; of the paper its metadata alone."""
+    rows = re.findall(
+        r"^\| `([\w./-]+)` \| (.*) \|$", text.partition("awaits a release")[2], re.MULTILINE
+    )
+    return {
+        file: set(re.findall(r"`([\w-]+)`", words)) - {"Acknowledgements"} for file, words in rows
+    }
+
+
+def test_what_awaits_a_release_is_listed_in_one_place():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    assert listed_fields(text) == missing_fields()
+    assert listed_fields(text.replace(", `doi`", "")) != missing_fields()
+
+
 def test_the_paper_cites_what_is_listed_and_lists_what_it_cites():
     text = (ROOT / "paper" / "paper.md").read_text("utf-8")
     listed = re.findall(
@@ -120,7 +192,8 @@ def test_claims_of_the_paper_name_experiments_that_were_measured():
     text, results = ((ROOT / name).read_text("utf-8") for name in ("paper/paper.md", "RESULTS.md"))
     named = set(
         re.findall(
-            r"`(?:python -m experiments )?([a-z_]+)`", text.partition("# Reproducible claims")[2]
+            r"`(?:python -m experiments )?([a-z_]+)`",
+            text.partition("# Research impact statement")[2],
         )
     )
     assert len(named) > 6

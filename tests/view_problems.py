@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
-from collalign.output.evidence_file import save_correspondences, save_evidence
+from collalign.output.evidence_file import save_correspondences, save_evidence, save_run
 from collalign.products.consistent_maps import ConsistentMaps
 from collalign.products.pair import AlignedPair, Alternative
 from collalign.products.run_record import RunRecord
@@ -107,6 +107,7 @@ def write_result(collection, folder):
     """Write what :func:`collalign.load` reads of a result, and return the path of the evidence."""
     folder.mkdir(parents=True, exist_ok=True)
     save_correspondences(collection, folder)
+    save_run(collection.run, folder)
     return save_evidence(collection, folder)
 
 

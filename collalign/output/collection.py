@@ -6,7 +6,7 @@ import base64
 import html
 import sys
 import webbrowser
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import mkdtemp
@@ -17,6 +17,7 @@ import numpy as np
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import shown_pair
+from collalign.output.library_objects import open3d_of, trimesh_of
 from collalign.output.provenance import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
@@ -271,8 +272,34 @@ class Collection(CollectionData):
         InputError
             If a file is not there any more.
         """
+        return self._objects(trimesh_of, shapes)
+
+    def to_open3d(self, shapes: Iterable[str | int] | None = None) -> dict[str, Any]:
+        """Return shapes in the common frame as objects of Open3D, as :meth:`to_trimesh` does.
+
+        Parameters
+        ----------
+        shapes : iterable of str or int, optional
+            Names or positions; all by default.
+
+        Returns
+        -------
+        dict of str to open3d.geometry.TriangleMesh or open3d.geometry.PointCloud
+
+        Raises
+        ------
+        UnavailableError
+            If Open3D cannot be imported: it is installed by ``pip install 'collalign[open3d]'``.
+        InputError
+            If a file is not there any more.
+        """
+        return self._objects(open3d_of, shapes)
+
+    def _objects(
+        self, convert: Callable[[Shape], Any], shapes: Iterable[str | int] | None
+    ) -> dict[str, Any]:
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
-        return {self.names[at]: trimesh_of(self.shape_at(at, aligned=True)) for at in chosen}
+        return {self.names[at]: convert(self.shape_at(at, aligned=True)) for at in chosen}
 
     def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
         """Return a ``pandas.DataFrame`` with one row per shape, or per matched pair."""
@@ -280,12 +307,3 @@ class Collection(CollectionData):
 
         check_choice("of", of, ("shapes", "pairs"))
         return pandas.DataFrame(list(self if of == "shapes" else self.pairs))
-
-
-def trimesh_of(shape: Shape) -> Any:
-    """Return a shape as ``trimesh.Trimesh``, or ``trimesh.PointCloud`` where it has no faces."""
-    import trimesh
-
-    if not shape.is_mesh:
-        return trimesh.PointCloud(shape.vertices.copy())
-    return trimesh.Trimesh(shape.vertices.copy(), shape.faces.copy(), process=False)

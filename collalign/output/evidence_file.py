@@ -1,9 +1,10 @@
-"""What is kept of a collection: ``evidence.npz`` with all that is shown, and correspondences for others."""
+"""What is kept of a collection: ``evidence.npz`` with all that is shown, correspondences for others, and its run."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import numpy as np
 from collalign.engine.records import to_arrays, to_record
 from collalign.output.collection_data import CollectionData
 from collalign.products.pair import AlignedPair, Pair
+from collalign.products.run_record import RunRecord
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.io.files import write_atomic
 from data_tools.poses import AGREE_DEG, keep_apart, pose_angle_deg
 from data_tools.rotations import rotation_angles
 
@@ -159,8 +162,10 @@ def part_numbers(parts: tuple[IntArray, ...], num_shapes: int) -> IntArray:
 #: Name of the file inside a result's folder.
 EVIDENCE_FILE = "evidence.npz"
 CORRESPONDENCES_FILE = "correspondences.npz"
+#: The only file of a result that differs between two runs with the same result.
+RUN_FILE = "run.json"
 #: Raised with every change that older readers cannot understand.
-EVIDENCE_VERSION = 4
+EVIDENCE_VERSION = 5
 #: Fields of a collection that ``correspondences.npz`` has, and their names there.
 CORRESPONDENCES = {"samples": "vertex_indices", "positions": "positions", "consensus": "consensus"}
 
@@ -168,7 +173,8 @@ CORRESPONDENCES = {"samples": "vertex_indices", "positions": "positions", "conse
 def save_evidence(collection: CollectionData, folder: Path | str) -> Path:
     """Write ``evidence.npz`` into ``folder``; the same collection gives the same bytes.
 
-    It holds the fields of :class:`collalign.Collection` by their names, all but those of ``correspondences.npz``.
+    It holds the fields of :class:`collalign.Collection` by their names, all but those of ``correspondences.npz`` and
+    how the run went, which is in ``run.json``.
 
     Parameters
     ----------
@@ -186,10 +192,15 @@ def save_evidence(collection: CollectionData, folder: Path | str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     record = to_record(replace(collection, folder=None, fresh=None))
     arrays = to_arrays(
-        {name: record[name] for name in record if name not in {"maps", *CORRESPONDENCES}}
+        {name: record[name] for name in record if name not in {"maps", "run", *CORRESPONDENCES}}
     )
     np.savez_compressed(path, version=np.array(EVIDENCE_VERSION), **arrays)  # type: ignore[arg-type]
     return path
+
+
+def save_run(run: RunRecord, folder: Path) -> None:
+    """Write ``run.json`` into a folder: date, command, times and versions."""
+    write_atomic(folder / RUN_FILE, json.dumps(asdict(run), indent=1).encode())
 
 
 def save_correspondences(collection: CollectionData, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -9,14 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.engine.records import Record, from_arrays, from_record
+from collalign.engine.records import Record, from_arrays, from_record, to_record
 from collalign.output.collection import Collection
 from collalign.output.evidence_file import (
     CORRESPONDENCES,
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
     EVIDENCE_VERSION,
+    RUN_FILE,
 )
+from collalign.products.run_record import RunRecord
 from data_tools.arrays import as_faces, as_floats, as_indices
 from data_tools.errors import InputError
 from data_tools.io.archives import load_arrays
@@ -79,9 +82,12 @@ def _read(folder: Path) -> Collection:
     with _readable(beside):
         correspondences = _correspondences(beside, names)
     with _readable(path):
-        collection = from_record(Collection, evidence | correspondences, "the collection")
+        record = evidence | correspondences | {"run": to_record(RunRecord())}
+        collection = from_record(Collection, record, "the collection")
         _check(collection)
-    return replace(collection, folder=folder)
+    with _readable(folder / RUN_FILE):
+        run = _run(folder / RUN_FILE)
+    return replace(collection, folder=folder, run=run)
 
 
 @contextmanager
@@ -93,6 +99,13 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}: damaged or not written by collalign ({error}); run `collalign align` again"
         ) from error
+
+
+def _run(path: Path) -> RunRecord:
+    """Return how the run went; nothing is known of it where ``run.json`` is not there."""
+    if not path.is_file():
+        return RunRecord()
+    return from_record(RunRecord, json.loads(read_source(path).content), path.name)
 
 
 def _correspondences(path: Path, names: list[str]) -> Record:

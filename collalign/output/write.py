@@ -19,8 +19,10 @@ from collalign.output.collection_data import MESH_FOLDER, CollectionData
 from collalign.output.evidence_file import (
     CORRESPONDENCES_FILE,
     EVIDENCE_FILE,
+    RUN_FILE,
     save_correspondences,
     save_evidence,
+    save_run,
     shown_pair,
 )
 from collalign.output.label_notes import with_label_notes
@@ -48,7 +50,6 @@ from data_tools.threads import one_blas_thread
 WRITER = "align"
 ALIGNMENT_FILE = "alignment.json"
 PAIRS_FILE = "pairs.csv"
-RUN_FILE = "run.json"
 CONTACT_SHEET_FILE = "contact_sheet.png"
 REPORT_FILE = "report.html"
 #: More shapes than this are drawn as an evenly spaced choice.
@@ -145,8 +146,8 @@ def save_collection(
         tasks = ((name, {"write": write}) for name, write in _documents(shown, output, title))
         share_out(write_document, tasks, num_jobs=num_jobs)
         times_s = collection.run.times_s | {OUTPUTS: time.perf_counter() - began_s}
-        run = replace(collection.run, times_s=times_s)
-        _write_text(output.stage(RUN_FILE), json.dumps(asdict(run), indent=1))
+        run_folder = output.stage(RUN_FILE).parent
+        save_run(replace(collection.run, times_s=times_s), run_folder)
         written = output.publish(last=ALIGNMENT_FILE, complete=True)
     except OSError as error:
         raise InputError(

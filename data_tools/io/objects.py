@@ -167,12 +167,17 @@ def _parts(shape: Any, name: str) -> tuple[Any, Any]:
     if hasattr(shape, "vertices"):  # trimesh, Open3D's meshes, and our own
         return shape.vertices, getattr(shape, "faces", getattr(shape, "triangles", None))
     if hasattr(shape, "vertex"):  # Open3D's tensor meshes
-        return shape.vertex.positions.numpy(), shape.triangle.indices.numpy()
+        return _tensor(shape.vertex, "positions"), _tensor(shape.triangle, "indices")
     if hasattr(shape, "point"):  # Open3D's tensor clouds
-        return shape.point.positions.numpy(), None
+        return _tensor(shape.point, "positions"), None
     if hasattr(shape, "points"):  # Open3D's clouds
         return shape.points, None
     raise InputError(f"{name}: expected {_KNOWN}, got {_kind(shape)}")
+
+
+def _tensor(fields: Any, name: str) -> Any:
+    """Return one of the tensors of an Open3D object, wherever it lies, as an array (n, 3); (0, 3) if it has none."""
+    return fields[name].cpu().numpy() if name in fields else np.empty((0, 3), dtype=np.int64)
 
 
 def _kind(value: object) -> str:

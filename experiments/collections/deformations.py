@@ -252,7 +252,11 @@ def _text(
     lines = ["Short of the figures: " + ("; ".join(short) or "nothing") + "."]
     if wrong:
         lines.append("Families that the toolkit gets wrong: " + "; ".join(wrong) + ".")
-    lines += [f"{name} is left out: not installed." for name in PEERS if name not in peers]
+    lines += [
+        f"{name} is left out: its packages cannot be imported."
+        for name in PEERS
+        if name not in peers
+    ]
     return "\n\n".join(lines)
 
 

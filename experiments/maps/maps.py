@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from collalign.engine.records import Record
 from experiments.experiment import Bench, Experiment, Outcome, Plot
+from experiments.importable import is_importable
 from experiments.maps.evaluation import THRESHOLDS, cumulative_curve, summary
 from experiments.maps.map_cells import (
     NUM_EVALUATED,
@@ -78,7 +78,7 @@ def measure(bench: Bench) -> Outcome:
         read_map_set(bench.data, name)
         for name in (("scape", SHREC07_CLASSES[0]) if bench.quick else SETS)
     ]
-    tools = [name for name in TOOLS if not (name.startswith(PYFM) and find_spec(PYFM) is None)]
+    tools = [name for name in TOOLS if is_importable(PYFM) or not name.startswith(PYFM)]
     if bench.quick:
         tools = [name for name in tools if name != "the paper's chain"]
     found: dict[tuple[str, str], dict[Pair, Record]] = {}
@@ -103,7 +103,7 @@ def measure(bench: Bench) -> Outcome:
         draw=lambda figure: _draw(figure, curves),
         title="Points within each error, of all sets together",
     )
-    lacking = "" if find_spec(PYFM) else "\n\npyFM: left out, since pyfmaps is not installed."
+    lacking = "" if is_importable(PYFM) else "\n\npyFM: left out, since pyfmaps cannot be imported."
     return Outcome(
         tables=(Table(columns=COLUMNS, rows=tuple(rows)),), plots=(plot,), text=text + lacking
     )

@@ -176,7 +176,7 @@ def _text(rows: list[Row]) -> str:
         + "."
     ]
     lines += [
-        f"{' and '.join(tool.answers)}: left out, since {tool.lacks()} is not installed."
+        f"{' and '.join(tool.answers)}: left out, since {tool.lacks()} cannot be imported."
         for tool in TOOLS.values()
         if tool.lacks()
     ]

@@ -207,7 +207,7 @@ def _text(rows: list[Row]) -> str:
     ]
     lines = ["Falls short: " + ("; ".join(short) or "nothing here") + "."]
     missing = sorted({warp.package for warp in WARPS.values() if warp.lacks})
-    lines += [f"Left out, since it is not installed: {', '.join(missing)}."] if missing else []
+    lines += [f"Left out, since they cannot be imported: {', '.join(missing)}."] if missing else []
     lines.append(
         "MALPACA's spread of templates ranks its errors with a Spearman correlation of .33; .6 is wanted of radii."
     )

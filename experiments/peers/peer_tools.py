@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
@@ -14,6 +13,7 @@ from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.surface.shape import Shape
 from experiments.clock import Elapsed, stopwatch
+from experiments.importable import is_importable
 from experiments.peers.peer_pairs import (
     MatchedPairs,
     drift_pairs,
@@ -71,8 +71,8 @@ class Tool:
     packages: tuple[str, ...] = ()
 
     def lacks(self) -> str:
-        """Return the packages that are not installed, separated by commas."""
-        return ", ".join(name for name in self.packages if find_spec(name) is None)
+        """Return the packages that cannot be imported, separated by commas."""
+        return ", ".join(name for name in self.packages if not is_importable(name))
 
 
 def _collalign(folder: Path, mixed: bool, num_jobs: int) -> dict[str, Answer]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 
 from collalign.synchronization import synchronize
 from collalign.synchronization.averaging import average_frames
 from data_tools.arrays import FloatArray
+from experiments.importable import is_importable
 from experiments.peers.planted_pairs import Planted
 
 #: Shonan averaging lifts rotations to matrices of this many rows. Its own search for a larger number ends without a
@@ -37,8 +37,8 @@ class RotationTool:
 
     @property
     def lacks(self) -> bool:
-        """Whether its package is not installed."""
-        return bool(self.package) and find_spec(self.package) is None
+        """Whether its package cannot be imported."""
+        return bool(self.package) and not is_importable(self.package)
 
 
 def _best_candidates(problem: Planted) -> FloatArray:

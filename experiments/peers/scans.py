@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ from experiments.clock import stopwatch
 from experiments.collections.posed import GROSS_DEG, PosedCollection
 from experiments.datasets import read_canonical_class, read_range_scans
 from experiments.experiment import Bench, Cell, Experiment, Outcome, Plot
+from experiments.importable import is_importable
 from experiments.peers.capod import FOLDER as CAPOD_FOLDER
 from experiments.peers.peer_pairs import (
     MatchedPairs,
@@ -160,8 +160,8 @@ class Matcher:
 
     @property
     def lacks(self) -> bool:
-        """Whether a package is not installed."""
-        return not all(map(find_spec, self.packages))
+        """Whether a package cannot be imported."""
+        return not all(map(is_importable, self.packages))
 
 
 MATCHERS = {
@@ -315,7 +315,7 @@ def measure(bench: Bench) -> Outcome:
             ),
         ),
         plots=(_plot(pairs[: len(tools)]),),
-        text=f"Left out, since not installed: {', '.join(lacking)}." if lacking else "",
+        text=f"Left out, since they cannot be imported: {', '.join(lacking)}." if lacking else "",
     )
 
 

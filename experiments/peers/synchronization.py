@@ -207,7 +207,7 @@ def _text(rows: list[dict[str, Any]]) -> str:
         + "."
     ]
     lines += [
-        f"{name}: left out, since {tool.package} is not installed."
+        f"{name}: left out, since {tool.package} cannot be imported."
         for name, tool in ROTATION_TOOLS.items()
         if tool.lacks
     ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
 from experiments.collections.carrying import moved, on_shape, scale_of, write_posed
 from experiments.experiment import Cell
+from experiments.importable import is_importable
 
 #: Farthest points of each surface that coherent point drift sees.
 NUM_CLOUD = 1500
@@ -46,8 +46,8 @@ class Warp:
 
     @property
     def lacks(self) -> bool:
-        """Whether its package is not installed."""
-        return bool(self.package) and find_spec(self.package) is None
+        """Whether its package cannot be imported."""
+        return bool(self.package) and not is_importable(self.package)
 
 
 def _closest(target: Shape, source: Shape, points: FloatArray) -> FloatArray:

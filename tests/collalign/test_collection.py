@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import collalign
-from data_tools.errors import InputError
+from data_tools.errors import InputError, UnavailableError
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
 
@@ -184,6 +184,32 @@ def test_meshes_lie_in_the_common_frame(result, made):
             atol=1e-5 * np.ptp(made.positions),
         )
     assert list(result.to_trimesh(["two"])) == ["two"]
+
+
+@pytest.mark.parametrize("library", ["open3d", "tiny3d"])
+def test_open3d_gets_what_trimesh_gets(result, library, request, monkeypatch):
+    monkeypatch.setitem(sys.modules, "open3d", request.getfixturevalue(library))
+    meshes, objects = result.to_trimesh(), result.to_open3d()
+    assert list(objects) == list(meshes)
+    kinds = [type(one).__name__ for one in objects.values()]
+    assert kinds == ["TriangleMesh", "PointCloud", "TriangleMesh"]
+    for mesh, found in zip(meshes.values(), objects.values(), strict=True):
+        points = found.vertices if hasattr(found, "vertices") else found.points
+        np.testing.assert_array_equal(np.asarray(points), mesh.vertices)
+        if hasattr(found, "triangles"):
+            np.testing.assert_array_equal(np.asarray(found.triangles), mesh.faces)
+    assert list(result.to_open3d(["two"])) == ["two"]
+
+
+def test_without_open3d_it_says_what_to_install(result, tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "open3d", raising=False)
+    (tmp_path / "open3d.py").write_text("raise ImportError('libusb-1.0.so.0: cannot open it')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UnavailableError, match=r"libusb-1\.0.*pip install 'collalign\[open3d\]'"):
+        result.to_open3d()
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(InputError, match=r"open3d.*pip install 'collalign\[open3d\]'"):
+        result.to_open3d()
 
 
 def test_the_plot_has_two_pictures_of_each_shape(result):

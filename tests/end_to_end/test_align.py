@@ -162,15 +162,29 @@ def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
     assert read_json(out / "run.json")["num_reused"] == 15
 
 
-def contents(out, names):
-    """Return the content of each file but run.json, which holds the seconds that writing took."""
-    found = {
-        name: (out / name).read_bytes()
-        for name in names
-        if name.name not in ("run.json", "manifest.json")
-    }
+def contents(out):
+    """Return what a run wrote and what its manifest says of it, by name; all but run.json."""
     files = read_json(out / ".collalign" / "manifest.json")["files"]
-    return found | {name: entry for name, entry in files.items() if name != "run.json"}
+    del files["run.json"]
+    assert {"report.html", "contact_sheet.png", "evidence.npz"} <= files.keys()
+    return {name: (entry, (out / name).read_bytes()) for name, entry in files.items()}
+
+
+def test_only_run_json_differs_between_two_runs(folder, finished, tmp_path):
+    first, second = finished[0], tmp_path / "elsewhere"
+    run_command("align", folder, "--out", second, *FLAGS)
+    assert contents(first) == contents(second)
+    runs = [read_json(out / "run.json") for out in (first, second)]
+    assert runs[0]["versions"] == runs[1]["versions"]
+    for name in ("date", "command", "times_s"):
+        assert runs[0][name] != runs[1][name]
+        assert getattr(load(second).run, name) == runs[1][name]
+    assert runs[1]["date"] not in (second / "report.html").read_text("utf-8")
+    (second / "run.json").unlink()
+    assert load(second).run.date == ""
+    (second / "run.json").write_text('{"date": 5}')
+    with pytest.raises(InputError, match=r"run\.json: damaged"):
+        load(second)
 
 
 @pytest.mark.usefixtures("two_cores")
@@ -189,11 +203,7 @@ def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
                 found.save(tmp_path / "again", run=RunOptions(jobs=jobs))
     assert not (tmp_path / "again" / "alignment.json").exists()
     assert found.transforms.tobytes() == alone.transforms.tobytes()
-    names = sorted(
-        p.relative_to(tmp_path / "1") for p in (tmp_path / "1").rglob("*") if p.is_file()
-    )
-    assert {"report.html", "contact_sheet.png", "evidence.npz"} <= {name.name for name in names}
-    assert contents(tmp_path / "1", names) == contents(tmp_path / "2", names)
+    assert contents(tmp_path / "1") == contents(tmp_path / "2")
 
 
 def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path):

@@ -1,6 +1,7 @@
 """A collection that lies in memory is aligned exactly like the same collection in a folder."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -46,6 +47,24 @@ def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
     np.testing.assert_array_equal(found.transforms, from_memory.transforms)
     np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
     assert found.made.digests == from_memory.made.digests
+
+
+def test_objects_of_open3d_are_aligned_and_given_back(
+    planted, from_memory, store, tiny3d, monkeypatch
+):
+    given = {}
+    for name, shape in zip("abc", planted.shapes, strict=True):
+        given[name] = tiny3d.geometry.TriangleMesh()
+        given[name].vertices = tiny3d.utility.Vector3dVector(shape.vertices.copy())
+        given[name].triangles = tiny3d.utility.Vector3iVector(shape.faces.astype(np.int32))
+    found = align(given, store=store)
+    np.testing.assert_array_equal(found.transforms, from_memory.transforms)
+    monkeypatch.setitem(sys.modules, "open3d", tiny3d)
+    for at, mesh in enumerate(found.to_open3d().values()):
+        moved = given[found.names[at]].transform(found.transforms[at])
+        assert type(mesh) is type(moved)
+        np.testing.assert_allclose(np.asarray(mesh.vertices), np.asarray(moved.vertices))
+        np.testing.assert_array_equal(np.asarray(mesh.triangles), np.asarray(moved.triangles))
 
 
 @pytest.mark.usefixtures("from_memory")

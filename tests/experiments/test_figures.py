@@ -13,6 +13,7 @@ from experiments.figures import figure3, figure5, figure14
 from experiments.maps import map_cells, map_sets
 from experiments.write import write_experiment
 from pairwise.results import Status
+from tests.optional import PEERS_EXTRA, optional_module
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
@@ -196,7 +197,7 @@ def test_maps_of_registered_bodies_and_of_a_class(bench, tmp_path):
 
 @pytest.mark.parametrize("num", [0, 5])
 def test_pyfm_maps_a_body_with_and_without_landmarks(num, collections):
-    pytest.importorskip("pyFM")
+    optional_module("pyFM", PEERS_EXTRA)
     settings = {"set": "scape", "target": "mesh002", "source": "mesh000", "points": 30}
     images, seconds = map_cells._zoomout(
         Cell(data=collections, settings=settings), num_landmarks=num

@@ -29,6 +29,7 @@ from experiments.peers.peer_pairs import (
 )
 from experiments.peers.peer_tools import TOOLS
 from tests.finished_runs import angles_deg
+from tests.optional import PEERS_EXTRA, optional_module
 
 
 def worst_deg(found, true):
@@ -100,10 +101,8 @@ def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng):
 
 
 @pytest.mark.parametrize(("pairs", "package"), [(open3d_pairs, "open3d"), (drift_pairs, "rustcpd")])
-def test_other_tools_match_copies(pairs, package, crowns, rng, request):
-    if package == "open3d":
-        request.getfixturevalue(package)
-    pytest.importorskip(package)
+def test_other_tools_match_copies(pairs, package, crowns, rng):
+    optional_module(package, PEERS_EXTRA)
     copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
     (transform,) = pairs([of_one_size(shape) for shape in copies.shapes], 1).transforms
     assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5

@@ -13,6 +13,7 @@ from experiments.peers.planted_pairs import (
     pose_errors_deg,
 )
 from experiments.peers.rotation_tools import ROTATION_TOOLS
+from tests.optional import PEERS_EXTRA, optional_module
 
 
 def test_pairs_without_a_right_candidate_are_as_many_as_asked():
@@ -28,8 +29,8 @@ def test_pairs_without_a_right_candidate_are_as_many_as_asked():
 @pytest.mark.parametrize("name", ROTATION_TOOLS)
 def test_every_tool_finds_the_poses_of_pairs_that_are_mostly_right(name):
     tool = ROTATION_TOOLS[name]
-    if tool.lacks:
-        pytest.skip(f"{tool.package} is not installed")
+    if tool.package:
+        optional_module(tool.package, PEERS_EXTRA)
     problem = flipped_pairs(
         np.random.default_rng(1), complete_edges(12), 12, wrong=0.1, noise_deg=3.0
     )

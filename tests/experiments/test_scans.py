@@ -12,6 +12,7 @@ from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.experiment import Bench
 from experiments.peers import scans
+from tests.optional import PEERS_EXTRA, optional_module
 
 SCANS = ("left", "middle", "right")
 
@@ -82,7 +83,7 @@ def test_pairs_count_within_sixteen_degrees():
 
 
 def test_the_quick_run_measures_views_of_a_generated_object(layouts, monkeypatch):
-    pytest.importorskip("rustcpd")
+    optional_module("rustcpd", PEERS_EXTRA)
     monkeypatch.setattr(
         scans, "MATCHERS", {"principal axes + CPD": scans.MATCHERS["principal axes + CPD"]}
     )

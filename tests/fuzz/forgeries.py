@@ -33,7 +33,7 @@ from tests.fuzz.hostile import CHANGES, NOT_FOR_THIS_TYPE, drawn
 #: What a bound may exceed an energy by, as a share of it, and seconds after which a verifier hangs.
 TOL, LIMIT_S = 1e-6, 60
 ARCHIVES = ("certificates/problems.npz", "correspondences.npz", "certification.npz")
-TABLES = ("pairs.csv", "alignment.json", ".collalign/manifest.json")
+TABLES = ("pairs.csv", "alignment.json", "run.json", ".collalign/manifest.json")
 HUGE = ("1e999", "-1e999", "1" + "0" * 400, "nan", "", "0x10", "1e308", "-5", "0")
 
 

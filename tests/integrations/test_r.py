@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from collalign.analysis.procrustes import centroid_sizes
+from tests.optional import optional_program
 
 PACKAGE = Path(__file__).resolve().parents[2] / "integrations" / "r"
 
@@ -27,11 +27,12 @@ def run_r(code):
     )
 
 
-def has_r():
-    return shutil.which("Rscript") is not None and run_r("library(jsonlite)").returncode == 0
-
-
-pytestmark = pytest.mark.skipif(not has_r(), reason="Rscript with jsonlite is not installed")
+INSTALL = "apt-get install r-base-core r-cran-jsonlite"
+optional_program("Rscript", install=INSTALL)
+pytestmark = pytest.mark.skipif(
+    run_r("library(jsonlite)").returncode != 0,
+    reason=f"R has no package jsonlite; install it with: {INSTALL}",
+)
 
 
 def transform(i):

@@ -122,3 +122,42 @@ def test_the_build_lists_every_file_of_the_module():
         if hasattr(n, "name")
     }
     assert {"Collalign", "CollalignWidget", "CollalignLogic", "CollalignTest"} <= classes
+
+
+#: Fields of an entry of the extension catalog, by its schema of version 1.0.1, and those that it must have.
+ENTRY_FIELDS = {
+    *("$schema", "category", "scm_url", "scm_revision", "scm_type"),
+    *("build_dependencies", "build_subdirectory", "enabled", "tier"),
+}
+NEEDED_FIELDS = {"$schema", "category", "scm_url"}
+
+
+def differences(entry, name, build, module):
+    """Return in what an entry of the catalog differs from its schema, from CMakeLists.txt and from the module."""
+
+    def said(field):
+        (value,) = re.findall(rf'set\(EXTENSION_{field} "([^"]*)"\)', build)
+        return value
+
+    depends = [word for word in re.split(r"[ ;]", said("DEPENDS")) if word not in ("", "NA")]
+    (categories,) = re.findall(r"parent\.categories = (\[.*\])", module)
+    checks = {
+        "fields": NEEDED_FIELDS <= entry.keys() <= ENTRY_FIELDS,
+        "name": f"project({name})" in build,
+        "dependencies": entry["build_dependencies"] == depends,
+        "category": entry["category"] == json.loads(categories)[0],
+        "address": entry["scm_url"] == said("HOMEPAGE"),
+        "tier": entry["tier"] in (1, 3, 5),
+    }
+    return [what for what, agrees in checks.items() if not agrees]
+
+
+def test_the_catalog_is_told_what_the_build_and_the_module_say():
+    file = EXTENSION / "Collalign.json"
+    texts = [(EXTENSION / "CMakeLists.txt").read_text("utf-8")]
+    texts.append((MODULE / "Collalign.py").read_text("utf-8"))
+    entry = json.loads(file.read_text("utf-8"))
+    assert differences(entry, file.stem, *texts) == []
+    changed = entry | {"build_dependencies": ["SlicerMorph"], "scm_url": "https://x", "tier": 2}
+    found = differences(changed | {"category": "Other", "colour": "red"}, "Other", *texts)
+    assert found == ["fields", "name", "dependencies", "category", "address", "tier"]

@@ -82,9 +82,6 @@ def build_content(collection: CollectionData) -> tuple[dict[str, Any], dict[str,
         "excluded": [(one.file, one.reason) for one in collection.excluded],
         "options": asdict(collection.options) | {"decided": decided},
         "versions": collection.run.versions,
-        "timings": collection.run.times_s,
-        "command": collection.run.command,
-        "date": collection.run.date,
         "methods": methods_paragraph(collection),
     }
     return json_types(document), blobs

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from collalign.output.collection_data import CollectionData
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.report.content import build_content
+from collalign.products.run_record import RunRecord
 from collalign.products.trust import DOUBT
 from collalign.wording import note_text
 from data_tools.arrays import IntArray
@@ -144,6 +145,8 @@ def report_pages(collection: CollectionData, path: Path, *, title: str) -> Itera
         Of the first page.
     title : str
     """
+    # Pages say nothing that differs between two runs with the same result: that is in run.json.
+    collection = replace(collection, run=RunRecord(versions=collection.run.versions))
     shown, again = shown_part(collection), _again(collection)
     pages = page_members(collection) if len(collection) > MOST_SHOWN else []
     every = _every_shape(collection, pages) if pages else ""

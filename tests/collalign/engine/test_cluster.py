@@ -16,8 +16,9 @@ from data_tools.errors import OptionsError, RunLost
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
 from tests.job_functions import spectrum
+from tests.optional import optional_module
 
-pytest.importorskip("distributed", reason="Dask is not installed: pip install 'collalign[dask]'")
+optional_module("distributed")
 
 #: What a user waits for a message at most.
 PATIENCE_S = 30.0

@@ -5,6 +5,7 @@ import signal
 import threading
 from concurrent.futures import CancelledError
 from contextlib import nullcontext
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -16,12 +17,10 @@ from data_tools.errors import CollalignError
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
 from tests.job_functions import look_up, misbehave, spectrum
+from tests.optional import optional_module
 
-distributed = pytest.importorskip(
-    "distributed", reason="Dask is not installed: pip install 'collalign[dask]'"
-)
-dask = pytest.importorskip("dask")
-dask_jobs = pytest.importorskip("collalign.engine.dask_jobs")
+distributed, dask = optional_module("distributed"), optional_module("dask")
+dask_jobs = import_module("collalign.engine.dask_jobs")
 
 
 @pytest.fixture(scope="module")

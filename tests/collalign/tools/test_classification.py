@@ -17,14 +17,15 @@ from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
+from tests.optional import optional_module
 
 LINE = np.array([0.0, 1.0, 10.0, 11.0, 30.0, 12.5])
 DISTANCES = np.abs(LINE[:, None] - LINE[None, :])
 
 
 def test_accuracy_is_that_of_scikit_learn(rng):
-    sklearn = pytest.importorskip("sklearn.neighbors", reason="scikit-learn is not installed")
-    selection = pytest.importorskip("sklearn.model_selection")
+    sklearn = optional_module("sklearn.neighbors")
+    selection = optional_module("sklearn.model_selection")
     points = rng.standard_normal((40, 3))
     kinds = np.array(["abc"[at % 3] for at in range(40)])
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)

@@ -19,6 +19,7 @@ from data_tools.landmark_files import read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
 from tests.commands import read_json
+from tests.optional import optional_module
 from tests.view_problems import NUM_SAMPLES, view_of
 
 TABLES = (
@@ -134,7 +135,7 @@ def test_what_the_alignment_said_is_repeated(view, tmp_path):
 
 
 def test_tps_by_ktch(view, tmp_path):
-    ktch_io = pytest.importorskip("ktch.io", reason="ktch is not installed")
+    ktch_io = optional_module("ktch.io")
     found = ktch_io.read_tps(export(view, "tps", tmp_path)[0])
     assert [specimen.specimen_name for specimen in found] == list(view.names)
     sized = view.aligned_landmarks / view.scales[:, None, None]
@@ -169,7 +170,7 @@ def test_notes_say_where_transforms_and_landmarks_are(view, tmp_path, format, sp
 
 
 def test_itk_by_simpleitk_is_the_inverse_pose(view, tmp_path):
-    sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
+    sitk = optional_module("SimpleITK")
     for at, path in enumerate(export(view, "itk", tmp_path)):
         transform = sitk.ReadTransform(str(path))
         raw, aligned = (
@@ -270,7 +271,7 @@ def test_moved_files_are_found_in_the_folder_named(view, tmp_path):
 
 
 def test_parquet_tables_are_read_by_column_and_say_what_csv_says(view, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet = optional_module("pyarrow.parquet")
     export(view, "csv", tmp_path)
     files = {path.stem: path for path in export(view, "parquet", tmp_path)}
     assert set(files) == {"shapes", "landmarks", "pairs"}

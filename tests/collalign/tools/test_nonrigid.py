@@ -1,6 +1,7 @@
 """Non-rigid matching end to end on a generated near-isometric pair with a known dense map, and its parts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from data_tools.datasets.synthetic import bent, mirrored, point_cloud, shuffled
 from data_tools.datasets.synthetic_shapes import figure
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import as_origin
-from data_tools.io.shapes import write_mesh
+from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
@@ -56,6 +57,14 @@ def files(pair, tmp_path_factory):
 def match(files):
     """The pair matched from its files."""
     return match_shapes(*files, options=QUICK, surface_options=SMALL)
+
+
+def test_objects_as_open3d_has_them_are_matched_like_files(files, match):
+    shapes = map(read_shape, files)
+    objects = [SimpleNamespace(vertices=one.vertices, triangles=one.faces) for one in shapes]
+    found = match_shapes(*objects, options=QUICK, surface_options=SMALL)
+    np.testing.assert_array_equal(found.point_map_target_source, match.point_map_target_source)
+    assert found.confidence == match.confidence
 
 
 def mean_error(target, images, truth, *, num=100):

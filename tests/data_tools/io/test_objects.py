@@ -20,15 +20,24 @@ def shape(rng):
     return blob(rng, num_vertices=60)
 
 
+class Tensor:
+    """A tensor as Open3D's: its array is to be had after it came to the memory of the CPU."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def cpu(self):
+        return SimpleNamespace(numpy=lambda: self.array)
+
+
 def read(given):
     return read_shape(as_origin(given, "it"), name="it")
 
 
 def test_every_kind_of_mesh_gives_the_same_shape(shape, tmp_path):
     mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-    tensors = SimpleNamespace(  # as Open3D's tensor meshes, which keep their arrays behind numpy()
-        vertex=SimpleNamespace(positions=SimpleNamespace(numpy=lambda: shape.vertices)),
-        triangle=SimpleNamespace(indices=SimpleNamespace(numpy=lambda: shape.faces)),
+    tensors = SimpleNamespace(
+        vertex={"positions": Tensor(shape.vertices)}, triangle={"indices": Tensor(shape.faces)}
     )
     file = tmp_path / "it.npz"
     np.savez(file, vertices=shape.vertices, faces=shape.faces)
@@ -54,6 +63,8 @@ def test_every_kind_of_cloud_gives_its_points(shape):
         points.tolist(),
         trimesh.PointCloud(points),
         SimpleNamespace(points=points),
+        SimpleNamespace(point={"positions": Tensor(points)}),
+        SimpleNamespace(vertex={"positions": Tensor(points)}, triangle={}),
         (points, None),
     ):
         found = read(given)
@@ -61,14 +72,27 @@ def test_every_kind_of_cloud_gives_its_points(shape):
         np.testing.assert_array_equal(found.vertices, points)
 
 
-def test_objects_of_open3d_are_read(shape, open3d):
-    points = open3d.utility.Vector3dVector(shape.vertices.copy())
-    triangles = open3d.utility.Vector3iVector(shape.faces.astype(np.int32))
-    mesh = open3d.geometry.TriangleMesh(points, triangles)
+@pytest.mark.parametrize("library", ["open3d", "tiny3d"])
+def test_objects_of_open3d_are_read(shape, library, request):
+    found = request.getfixturevalue(library)
+    mesh, cloud = found.geometry.TriangleMesh(), found.geometry.PointCloud()
+    mesh.vertices = cloud.points = found.utility.Vector3dVector(shape.vertices.copy())
+    mesh.triangles = found.utility.Vector3iVector(shape.faces.astype(np.int32))
+    for given in (mesh, cloud):
+        np.testing.assert_array_equal(read(given).vertices, shape.vertices)
     np.testing.assert_array_equal(read(mesh).faces, shape.faces)
-    np.testing.assert_array_equal(read(open3d.geometry.PointCloud(points)).vertices, shape.vertices)
-    tensor = open3d.t.geometry.TriangleMesh.from_legacy(mesh)
-    np.testing.assert_allclose(read(tensor).vertices, shape.vertices, atol=1e-6)
+    assert not read(cloud).is_mesh
+
+
+def test_tensors_of_open3d_are_read(shape, open3d):
+    geometry, tensor = open3d.t.geometry, open3d.core.Tensor
+    mesh, cloud = geometry.TriangleMesh(), geometry.PointCloud(tensor(shape.vertices.copy()))
+    mesh.vertex.positions = tensor(shape.vertices.copy())
+    assert not read(mesh).is_mesh
+    mesh.triangle.indices = tensor(shape.faces.copy())
+    for given in (mesh, cloud):
+        np.testing.assert_array_equal(read(given).vertices, shape.vertices)
+    np.testing.assert_array_equal(read(mesh).faces, shape.faces)
 
 
 def test_a_scene_of_trimesh_is_the_mesh_that_it_shows(shape):
@@ -112,6 +136,7 @@ def test_a_list_names_shapes_by_file_own_name_or_position(shape, tmp_path):
         ([np.zeros((5, 2))], r"expected points of shape \(n, 3\)"),
         ([(np.zeros((5, 3)), np.zeros((2, 3)))], "faces as integers"),
         ([[["a", "b", "c"]]], "not arrays of numbers"),
+        ([SimpleNamespace(points=None)], r"expected points of shape \(n, 3\)"),
         ([SimpleNamespace(name="x", points=np.eye(3))] * 2, "two of them have the same name"),
     ],
 )

@@ -1,7 +1,6 @@
 """PCD in its three encodings; Open3D reads and writes them as well."""
 
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -107,10 +106,8 @@ def test_repetitions_of_lzf_are_undone():
     np.testing.assert_array_equal(found.vertices, expected)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="Open3D is installed for tests on Linux only")
 @pytest.mark.parametrize("options", [{"write_ascii": True}, {}, {"compressed": True}])
-def test_files_of_open3d_are_read(tmp_path, options):
-    open3d = pytest.importorskip("open3d")
+def test_files_of_open3d_are_read(tmp_path, options, open3d):
     cloud = open3d.geometry.PointCloud(
         open3d.utility.Vector3dVector(np.vstack([POINTS, np.tile(POINTS[:1], (500, 1))]))
     )
