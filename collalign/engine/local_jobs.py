@@ -20,7 +20,6 @@ from itertools import chain
 from multiprocessing import current_process, parent_process, resource_tracker
 from multiprocessing.util import Finalize
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from collalign.engine.worker import (
@@ -33,6 +32,7 @@ from collalign.engine.worker import (
     run_guarded,
 )
 from data_tools.errors import CollalignError
+from data_tools.io.temporary import TemporaryFolder
 
 #: Deaths of its worker after which a task is given up; somebody else may have ended it: a person, a system short of
 #: memory, a batch system.
@@ -49,9 +49,8 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    directories = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
-    with lasting_workers(), directories as directory, _silent_pool():
-        run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs)
+    with lasting_workers(), TemporaryFolder() as directory, _silent_pool():
+        run = _LocalRun(call, Guard(directory=directory), num_jobs)
         yield from run.rounds(tasks)
         yield from run.suspects_alone()
 
