@@ -19,9 +19,9 @@ from functools import cache
 from itertools import chain
 from multiprocessing import current_process, parent_process, resource_tracker
 from multiprocessing.util import Finalize
-from pathlib import Path
 from typing import Any
 
+from collalign.engine.command_line import ENDING, can_be_answered
 from collalign.engine.worker import (
     Call,
     Guard,
@@ -39,6 +39,8 @@ from data_tools.io.temporary import TemporaryFolder
 _MAX_DEATHS = 3
 #: Deaths in a row, before any task started, after which workers count as unable to start.
 _MAX_STALLS = 10
+#: Descriptors that the pool of workers opens, and for each of them.
+_OF_POOL, _OF_WORKER = 16, 2
 #: What joblib warns of where it replaces a worker whose memory has grown, or that waited for long: nothing is lost.
 _REPLACED = "A worker stopped while some jobs were given to the executor"
 
@@ -204,6 +206,8 @@ class _LocalRun:
             initargs=(os.getpid(),),
             **limited,
         )
+        if not _BLOCKS.has_workers:
+            _require_descriptors(num_jobs)
         _BLOCKS.has_workers = True
         warnings.filterwarnings(
             "ignore", _REPLACED, UserWarning
@@ -262,25 +266,35 @@ def _dismiss_workers() -> None:
             finalize()
 
 
+def _require_descriptors(num_jobs: int) -> None:
+    """Raise the error of the system where workers need more descriptors than there are: joblib would do worse."""
+    opened: list[int] = []
+    try:
+        for _ in range(_OF_POOL + _OF_WORKER * num_jobs):
+            opened.append(os.open(os.devnull, os.O_RDONLY))
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
+
+
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Put SIGINT off, and block it in this thread: processes and threads that it starts inherit that.
+    """Put interruptions off, and block in this thread what a terminal sends: what it starts inherits that.
 
-    A terminal sends SIGINT to workers as well; each would print a traceback of its own, and so would one that is left
-    half started.
+    A terminal sends SIGINT and SIGHUP to all processes; each worker would print a traceback of its own, and so would
+    one that is left half started, and the trackers of what they share.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from joblib.externals.loky.backend import resource_tracker as loky_tracker
 
-    for tracker in (
-        loky_tracker,
-        resource_tracker,
-    ):  # started within, the second would unblock SIGINT behind it
-        tracker.ensure_running()
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    of_terminal = {signal.SIGINT, signal.SIGHUP}
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, of_terminal)
     try:
+        for tracker in (loky_tracker, resource_tracker):
+            tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, of_terminal)  # a tracker's start unblocks SIGINT
         with _put_off():
             yield
     finally:
@@ -289,18 +303,22 @@ def _uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def _put_off() -> Iterator[None]:
-    """Keep a SIGINT for the end: any other thread may receive it, and Python answers it in the main thread."""
+    """Keep an interruption for the end: any thread may receive it, and Python answers it in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    former = {
+        number: signal.signal(number, lambda number, frame: came.append(number))
+        for number in filter(can_be_answered, ENDING)
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, former)
+        for number, handler in former.items():
+            signal.signal(number, handler)
         if came:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(came[0])
 
 
 @contextmanager

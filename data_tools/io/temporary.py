@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import stat
 import tempfile
 import weakref
@@ -48,7 +47,7 @@ class TemporaryFolder:
             except (BlockingIOError, FileNotFoundError):
                 continue  # another process took it for one that was left, before it had its lock
             except BaseException:
-                shutil.rmtree(folder, ignore_errors=True)
+                _remove_all(folder)
                 raise
         self._finalize = weakref.finalize(self, _remove, folder, lock, os.getpid())
 
@@ -81,8 +80,7 @@ def remove_left(place: str) -> None:
             try:
                 take_lock(descriptor)
                 if _is_own(os.fstat(descriptor), stat.S_ISREG):
-                    shutil.rmtree(folder / _FILES, ignore_errors=True)
-                    shutil.rmtree(folder, ignore_errors=True)
+                    _remove_all(folder)
             finally:
                 os.close(descriptor)
 
@@ -104,9 +102,24 @@ def _marked(folder: Path) -> LockFile | None:
 def _remove(folder: Path, lock: LockFile | None, pid: int) -> None:
     if os.getpid() != pid:
         return  # a child that was forked: the folder is its parent's
+    if lock is not None:
+        os.close(lock.descriptor)  # Windows removes no open file
     try:
-        shutil.rmtree(folder / _FILES, ignore_errors=True)
-    finally:  # Ctrl-C may have come meanwhile
-        if lock is not None:
-            lock.release()  # Windows removes no open file
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove_all(folder)
+    except KeyboardInterrupt:
+        _remove_all(folder)
+        raise
+
+
+def _remove_all(folder: Path) -> None:
+    """Remove a folder, its mark last; one descriptor is enough, as the process may have no more (``ulimit -n``)."""
+    for place in (folder / _FILES, folder):
+        for root, folders, files in os.walk(place, topdown=False):
+            for name in files:
+                with suppress(OSError):
+                    os.unlink(os.path.join(root, name))
+            for name in folders:
+                with suppress(OSError):
+                    os.rmdir(os.path.join(root, name))
+    with suppress(OSError):
+        os.rmdir(folder)

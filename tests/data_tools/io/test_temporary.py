@@ -1,4 +1,4 @@
-"""Temporary folders go with whoever made them; what a killed process has left goes with the next, and nothing else."""
+"""Temporary folders go with whoever made them; what a killed process left goes with the next."""
 
 import errno
 import os
@@ -127,8 +127,6 @@ def test_a_forked_child_leaves_the_folder_to_its_parent(place):
         "if os.fork() == 0: sys.exit()\n"
         "os.wait(); print(folder.path.exists())\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "True"
     assert [*place.iterdir()] == []
