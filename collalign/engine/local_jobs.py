@@ -11,10 +11,11 @@ import os
 import re
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import chain
 from multiprocessing import current_process, parent_process, resource_tracker
@@ -39,6 +40,11 @@ from data_tools.io.temporary import TemporaryFolder
 _MAX_DEATHS = 3
 #: Deaths in a row, before any task started, after which workers count as unable to start.
 _MAX_STALLS = 10
+#: How often the ledger is looked at, and after which time past the limit workers are ended from outside: they end
+#: themselves in time unless they are stopped, and may take long to start.
+_WATCH_EVERY_S, _GRACE_S = 1.0, 60.0
+#: In the place of a task's token: no worker takes one.
+_NOBODY = -1
 #: Descriptors that the pool of workers opens, and for each of them.
 _OF_POOL, _OF_WORKER = 16, 2
 #: What joblib warns of where it replaces a worker whose memory has grown, or that waited for long: nothing is lost.
@@ -53,8 +59,9 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
     """
     with lasting_workers(), TemporaryFolder() as directory, _silent_pool():
         run = _LocalRun(call, Guard(directory=directory), num_jobs)
-        yield from run.rounds(tasks)
-        yield from run.suspects_alone()
+        with run.watched():
+            yield from run.rounds(tasks)
+            yield from run.suspects_alone()
 
 
 def can_start_workers() -> bool:
@@ -127,6 +134,11 @@ class _Round:
         with self._lock:
             del self._in_flight[token]
 
+    def tokens(self) -> set[int]:
+        """Return the tasks in flight."""
+        with self._lock:
+            return {*self._in_flight}
+
     def close(self) -> list[Task]:
         """Give out no more tasks, and return those in flight; raise what the caller's own iterator raised."""
         with self._lock:
@@ -144,12 +156,51 @@ class _LocalRun:
         self._guard = guard
         self._num_jobs = num_jobs
         self._suspects: dict[int, Task] = {}
+        self._in_flight: Callable[[], set[int]] = set
+        self._overdue: set[int] = set()  # process ids of workers that were ended from here
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """End workers that do not end themselves in time: one that is stopped (SIGSTOP) runs no watchdog."""
+        limit_s = self._call.time_limit_s
+        if limit_s is None:
+            yield
+            return
+        ended = threading.Event()
+        watch = threading.Thread(target=self._watch, args=(limit_s + _GRACE_S, ended), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watch.join()
+
+    def _watch(self, limit_s: float, ended: threading.Event) -> None:
+        """Look into the ledger again and again: at tasks that go on, and at tasks that no worker takes."""
+        since: dict[tuple[int, int], float] = {}
+        while not ended.wait(_WATCH_EVERY_S):
+            is_open, done = self._ledger()
+            seen = [one for one in is_open.items() if one[0] not in self._suspects]
+            if not seen and self._in_flight() - done:
+                seen = [
+                    (_NOBODY, len(done))
+                ]  # workers that are stopped may hold the lock of the queue
+            now_s = time.monotonic()
+            since = {one: since.get(one, now_s) for one in seen}
+            late = {one for one in seen if now_s - since[one] > limit_s}
+            workers = _worker_pids() if late else set()
+            late_pids = {pid for token, pid in late if token != _NOBODY}
+            self._overdue |= late_pids
+            for pid in workers & late_pids if late_pids else workers:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def rounds(self, tasks: Iterator[Task]) -> Generator[Outcome]:
         """Run everything but suspects, in as many joblib calls as deaths demand."""
         stalls = 0
         while True:
             feed = _Round(tasks)
+            self._in_flight = feed.tokens
             try:
                 with _closing(self._parallel(feed, self._num_jobs)) as outcomes:
                     for outcome in outcomes:
@@ -179,6 +230,7 @@ class _LocalRun:
         deaths, stalls = 1, 0
         while True:
             self._guard.ledger.unlink(missing_ok=True)
+            self._in_flight = lambda: {task.token}
             try:
                 (outcome,) = self._parallel(iter([task]), 1)
                 return outcome
@@ -220,22 +272,27 @@ class _LocalRun:
 
     def _started_and_not_ended(self) -> dict[int, int]:
         """Return the worker's process id by token of the tasks that a death interrupted."""
+        return self._ledger()[0]
+
+    def _ledger(self) -> tuple[dict[int, int], set[int]]:
+        """Return process ids by token of the tasks that have started and not ended, and the tasks that have ended."""
         try:
-            lines = self._guard.ledger.read_text(encoding="ascii").splitlines()
+            text = self._guard.ledger.read_text(encoding="ascii")
         except FileNotFoundError:
-            return {}
-        open_tasks: dict[int, int] = {}
-        for line in lines:
+            return {}, set()
+        is_open, done = dict[int, int](), set[int]()
+        for line in text.rpartition("\n")[0].splitlines():
             mark, token, pid = line.split()
             if mark == "S":
-                open_tasks[int(token)] = int(pid)
+                is_open[int(token)] = int(pid)
             else:
-                open_tasks.pop(int(token), None)
-        return open_tasks
+                is_open.pop(int(token), None)
+                done.add(int(token))
+        return is_open, done
 
     def _cause_of_death(self, pid: int, error: BaseException) -> str:
         trace = self._guard.trace(pid)
-        if trace.is_file() and trace.stat().st_size:
+        if pid in self._overdue or (trace.is_file() and trace.stat().st_size):
             return f"ran past the time limit of {self._call.time_limit_s:g} s"
         return _cause(error)
 
@@ -244,6 +301,14 @@ class _LocalRun:
 def _end_idle_workers_at_exit() -> None:
     """Dismiss idle workers at the end of this process; a child of ``multiprocessing`` would wait for them."""
     Finalize(None, _dismiss_workers, exitpriority=0)
+
+
+def _worker_pids() -> set[int]:
+    """Return the process ids of the workers of this process that have not been waited for."""
+    from joblib.externals.loky import reusable_executor
+
+    executor = reusable_executor._executor
+    return set() if executor is None else {*executor._processes.copy()}
 
 
 def _dismiss_workers() -> None:

@@ -1,6 +1,8 @@
 """What is concluded from deaths of workers and from the ledger, without any worker."""
 
 import faulthandler
+import os
+import threading
 
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -43,6 +45,41 @@ def test_deaths_before_the_task_has_started_are_not_its_own(tmp_path):
     run = DeadlyRun(tmp_path, "SIGSEGV(-11)", has_started=False)
     assert run._alone(TASK).crashed
     assert run.num_calls == 10
+
+
+def test_only_tasks_of_the_ledger_that_go_on_or_that_nobody_takes_end_a_worker(
+    tmp_path, monkeypatch
+):
+    guard, killed, ended = Guard(directory=tmp_path), [], threading.Event()
+    run = _LocalRun(call_of(abs, time_limit_s=60.0), guard, 2)
+    own, other = os.getpid(), 2**22 + 1
+
+    def kill(pid, number):
+        killed.append(pid)
+        ended.set()
+
+    monkeypatch.setattr("collalign.engine.local_jobs._WATCH_EVERY_S", 0.01)
+    monkeypatch.setattr("collalign.engine.local_jobs._worker_pids", lambda: {own, other})
+    monkeypatch.setattr("os.kill", kill)
+
+    def watch_for(seconds):
+        killed.clear()
+        ended.clear()
+        threading.Timer(seconds, ended.set).start()
+        run._watch(0.1, ended)
+        return {*killed}
+
+    assert watch_for(0.5) == set(), "nothing in flight"
+    run._in_flight = lambda: {7}
+    assert watch_for(60.0) == {own, other}, "nobody takes it"
+    guard.note("S", 7)
+    assert watch_for(60.0) == {own}, "it goes on"
+    assert run._cause_of_death(own, RuntimeError()) == "ran past the time limit of 60 s"
+    guard.note("E", 7)
+    assert watch_for(0.5) == set(), "it has ended"
+    guard.note("S", 8)
+    run._suspects[8] = TASK
+    assert watch_for(0.5) == set(), "its worker is known to be dead"
 
 
 @pytest.mark.parametrize("function", [abs, int.from_bytes])
