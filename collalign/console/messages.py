@@ -53,7 +53,7 @@ def say(sentence: str) -> None:
     """Print a sentence for people: on standard output, which ``--quiet`` and ``--json`` keep free."""
     sentence = printable(sentence, keep="\n")
     if not _messages().is_silent:
-        print(sentence)
+        print(sentence, flush=True)  # somebody may wait for it at the end of a pipe
     _PRINTED.info(sentence)
 
 
