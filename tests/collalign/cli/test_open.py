@@ -25,11 +25,10 @@ from collalign.cli.open_server import served
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.shapes import read_shape, write_mesh
-from data_tools.io.temporary import TemporaryFolder
+from data_tools.io.temporary import TemporaryFolder, remove_left
 from data_tools.options import AS_STORED, SamplingOptions
 from data_tools.surface.shape import Shape
 from tests.browser import Page
-from tests.commands import run_command
 from tests.faults import is_running
 from tests.finished_runs import chairs, finished_run
 
@@ -483,7 +482,8 @@ def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begu
     browser = f"{sys.executable} {tmp_path / 'browser.py'} %s {tmp_path / 'said'}"
     monkeypatch.setenv("BROWSER", browser)
     command = [sys.executable, "-m", "collalign", "open", str(tmp_path / "shapes")]
-    with Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
+    with Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process, ExitStack() as stack:
+        stack.callback(process.kill)  # whatever fails
         address, once = process.stdout.readline(), process.stdout.readline()
         assert "works once" in once
         while not (tmp_path / "said").exists() or not (tmp_path / "said").read_text():
@@ -494,7 +494,7 @@ def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begu
         assert given.startswith("file://")
         (begun,) = below(process.pid)
         for pid in (process.pid, begun):
-            words = Path(f"/proc/{pid}/cmdline").read_bytes().decode()
+            words = Path(f"/proc/{pid}/cmdline").read_text()
             assert key not in words
             assert address.strip().rpartition("/")[2] not in words
         while not (tmp_path / "shapes-aligned" / "store.sqlite").exists():
@@ -510,14 +510,18 @@ def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begu
     assert not is_running(begun)
     assert not (tmp_path / "shapes-aligned" / "alignment.json").exists()
     if number == signal.SIGKILL:
-        run_command("align", tmp_path / "shapes", "--check", "--jobs", "2")
+        remove_left(str(tmp_path / "tmp"))  # as the next run does
     assert [*(tmp_path / "tmp").iterdir()] == []
 
 
 def below(parent):
-    """Return the processes that a process has started and that run."""
-    pids = Path(f"/proc/{parent}/task").glob("*/children")
-    return {int(pid) for file in pids for pid in file.read_text().split() if is_running(int(pid))}
+    """Return the commands that a process has started and that run."""
+    pids = [
+        int(pid)
+        for file in Path(f"/proc/{parent}/task").glob("*/children")
+        for pid in file.read_text().split()
+    ]
+    return {pid for pid in pids if b"\0align\0" in Path(f"/proc/{pid}/cmdline").read_bytes()}
 
 
 def test_specimens_of_parts_are_opened(tmp_path):
