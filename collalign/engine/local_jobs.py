@@ -1,12 +1,7 @@
-"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers.
-
-joblib is imported where workers start: it takes longer than the rest of the engine, and one process needs none.
-"""
+"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers."""
 
 from __future__ import annotations
 
-import atexit
-import logging
 import os
 import re
 import signal
@@ -16,22 +11,10 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from functools import cache
 from itertools import chain
-from multiprocessing import current_process, parent_process, resource_tracker
-from multiprocessing.util import Finalize
-from typing import Any
 
-from collalign.engine.command_line import ENDING, can_be_answered
-from collalign.engine.worker import (
-    Call,
-    Guard,
-    Outcome,
-    Task,
-    crash,
-    end_with_parent,
-    run_guarded,
-)
+from collalign.engine.local_pool import lasting_workers, on_workers, silent_pool, worker_pids
+from collalign.engine.worker import Call, Guard, Outcome, Task, crash, run_guarded
 from data_tools.errors import CollalignError
 from data_tools.io.temporary import TemporaryFolder
 
@@ -40,15 +23,13 @@ from data_tools.io.temporary import TemporaryFolder
 _MAX_DEATHS = 3
 #: Deaths in a row, before any task started, after which workers count as unable to start.
 _MAX_STALLS = 10
-#: How often the ledger is looked at, and after which time past the limit workers are ended from outside: they end
-#: themselves in time unless they are stopped, and may take long to start.
-_WATCH_EVERY_S, _GRACE_S = 1.0, 60.0
+#: How often the ledger is looked at.
+_WATCH_EVERY_S = 1.0
+#: Past the limit of time, until a worker is ended from outside that does not end itself, and until all are that take
+#: no task: they may take long to start.
+_GRACE_S, _START_S = 5.0, 60.0
 #: In the place of a task's token: no worker takes one.
 _NOBODY = -1
-#: Descriptors that the pool of workers opens, and for each of them.
-_OF_POOL, _OF_WORKER = 16, 2
-#: What joblib warns of where it replaces a worker whose memory has grown, or that waited for long: nothing is lost.
-_REPLACED = "A worker stopped while some jobs were given to the executor"
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
@@ -57,50 +38,11 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    with lasting_workers(), TemporaryFolder() as directory, _silent_pool():
+    with lasting_workers(), TemporaryFolder() as directory, silent_pool():
         run = _LocalRun(call, Guard(directory=directory), num_jobs)
         with run.watched():
             yield from run.rounds(tasks)
             yield from run.suspects_alone()
-
-
-def can_start_workers() -> bool:
-    """Return whether joblib starts workers here: not in daemons, and not below threads of its own."""
-    if current_process().daemon or threading.current_thread() is threading.main_thread():
-        return not current_process().daemon
-    from joblib.parallel import get_active_backend
-
-    return bool(get_active_backend()[0].nesting_level == 0)
-
-
-@contextmanager
-def lasting_workers() -> Iterator[None]:
-    """Let worker processes wait for further tasks within this block; they end with the outermost one.
-
-    joblib would keep them for five minutes after the last answer.
-    """
-    with _BLOCKS.lock:
-        _BLOCKS.num_open += 1
-    try:
-        yield
-    finally:
-        with _BLOCKS.lock:
-            _BLOCKS.num_open -= 1
-            if _BLOCKS.num_open == 0 and _BLOCKS.has_workers:
-                _BLOCKS.has_workers = False
-                _dismiss_workers()
-
-
-class _Blocks:
-    """How many blocks of :func:`lasting_workers` are open in this process, in any thread."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.num_open = 0
-        self.has_workers = False
-
-
-_BLOCKS = _Blocks()
 
 
 class _Round:
@@ -167,7 +109,7 @@ class _LocalRun:
             yield
             return
         ended = threading.Event()
-        watch = threading.Thread(target=self._watch, args=(limit_s + _GRACE_S, ended), daemon=True)
+        watch = threading.Thread(target=self._watch, args=(limit_s, ended), daemon=True)
         watch.start()
         try:
             yield
@@ -179,16 +121,22 @@ class _LocalRun:
         """Look into the ledger again and again: at tasks that go on, and at tasks that no worker takes."""
         since: dict[tuple[int, int], float] = {}
         while not ended.wait(_WATCH_EVERY_S):
+            in_flight = self._in_flight()
             is_open, done = self._ledger()
-            seen = [one for one in is_open.items() if one[0] not in self._suspects]
-            if not seen and self._in_flight() - done:
+            seen = [one for one in is_open.items() if one[0] in in_flight]
+            if not seen and in_flight - done:
                 seen = [
                     (_NOBODY, len(done))
                 ]  # workers that are stopped may hold the lock of the queue
             now_s = time.monotonic()
             since = {one: since.get(one, now_s) for one in seen}
-            late = {one for one in seen if now_s - since[one] > limit_s}
-            workers = _worker_pids() if late else set()
+            late = {
+                (token, pid)
+                for token, pid in seen
+                if now_s - since[token, pid]
+                > limit_s + (_START_S if token == _NOBODY else _GRACE_S)
+            }
+            workers = worker_pids() if late else set()
             late_pids = {pid for token, pid in late if token != _NOBODY}
             self._overdue |= late_pids
             for pid in workers & late_pids if late_pids else workers:
@@ -245,30 +193,11 @@ class _LocalRun:
                     return crash(task, f"{cause}, {deaths} times in a row")
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
-        """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
-        from joblib import Parallel, delayed
+        """Start one joblib call."""
+        from joblib import delayed
 
-        limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
-        pool = Parallel(
-            n_jobs=max(2, num_jobs),
-            backend="loky",
-            return_as="generator_unordered",
-            max_nbytes=None,
-            initializer=end_with_parent,
-            initargs=(os.getpid(),),
-            **limited,
-        )
-        if not _BLOCKS.has_workers:
-            _require_descriptors(num_jobs)
-        _BLOCKS.has_workers = True
-        warnings.filterwarnings(
-            "ignore", _REPLACED, UserWarning
-        )  # of a thread that outlives every context
-        if parent_process() is not None:
-            _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)
-        with _uninterrupted():
-            return pool(run(self._call, task, self._guard) for task in tasks)
+        return on_workers((run(self._call, task, self._guard) for task in tasks), num_jobs)
 
     def _started_and_not_ended(self) -> dict[int, int]:
         """Return the worker's process id by token of the tasks that a death interrupted."""
@@ -295,111 +224,6 @@ class _LocalRun:
         if pid in self._overdue or (trace.is_file() and trace.stat().st_size):
             return f"ran past the time limit of {self._call.time_limit_s:g} s"
         return _cause(error)
-
-
-@cache
-def _end_idle_workers_at_exit() -> None:
-    """Dismiss idle workers at the end of this process; a child of ``multiprocessing`` would wait for them."""
-    Finalize(None, _dismiss_workers, exitpriority=0)
-
-
-def _worker_pids() -> set[int]:
-    """Return the process ids of the workers of this process that have not been waited for."""
-    from joblib.externals.loky import reusable_executor
-
-    executor = reusable_executor._executor
-    return set() if executor is None else {*executor._processes.copy()}
-
-
-def _dismiss_workers() -> None:
-    from joblib.executor import MemmappingExecutor
-    from joblib.externals.loky import reusable_executor
-
-    executor = (
-        reusable_executor._executor
-    )  # asking for it would make a new one where a worker has died
-    if not isinstance(executor, MemmappingExecutor):
-        return
-    executor.terminate(kill_workers=True)
-    if (
-        parent_process() is not None
-    ):  # a child of ``multiprocessing`` ends without what joblib left to ``atexit``
-        finalizers: dict[str, Callable[[], None]] = executor._temp_folder_manager._finalizers
-        while finalizers:
-            _, finalize = finalizers.popitem()
-            atexit.unregister(finalize)
-            finalize()
-
-
-def _require_descriptors(num_jobs: int) -> None:
-    """Raise the error of the system where workers need more descriptors than there are: joblib would do worse."""
-    opened: list[int] = []
-    try:
-        for _ in range(_OF_POOL + _OF_WORKER * num_jobs):
-            opened.append(os.open(os.devnull, os.O_RDONLY))
-    finally:
-        for descriptor in opened:
-            os.close(descriptor)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Put interruptions off, and block in this thread what a terminal sends: what it starts inherits that.
-
-    A terminal sends SIGINT and SIGHUP to all processes; each worker would print a traceback of its own, and so would
-    one that is left half started, and the trackers of what they share.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from joblib.externals.loky.backend import resource_tracker as loky_tracker
-
-    of_terminal = {signal.SIGINT, signal.SIGHUP}
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, of_terminal)
-    try:
-        for tracker in (loky_tracker, resource_tracker):
-            tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, of_terminal)  # a tracker's start unblocks SIGINT
-        with _put_off():
-            yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
-@contextmanager
-def _put_off() -> Iterator[None]:
-    """Keep an interruption for the end: any thread may receive it, and Python answers it in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    former = {
-        number: signal.signal(number, lambda number, frame: came.append(number))
-        for number in filter(can_be_answered, ENDING)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
-
-
-@contextmanager
-def _silent_pool() -> Iterator[None]:
-    """Keep quiet that a thread of the pool wanted to hand out a task when the pool had already been ended."""
-    from joblib.externals.loky.process_executor import ShutdownExecutorError
-
-    def says_something(record: logging.LogRecord) -> bool:
-        return not (record.exc_info and isinstance(record.exc_info[1], ShutdownExecutorError))
-
-    logger = logging.getLogger("concurrent.futures")
-    logger.addFilter(says_something)
-    try:
-        yield
-    finally:
-        logger.removeFilter(says_something)
 
 
 @contextmanager

@@ -108,23 +108,17 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     assert results["r0"].seconds >= 0.01
 
 
-@pytest.fixture
-def impatient(monkeypatch):
-    """Workers are ended from outside soon after the limit, but not while they start."""
-    monkeypatch.setattr("collalign.engine.local_jobs._GRACE_S", 6.0)
-
-
-@pytest.mark.usefixtures("impatient")
 def test_a_worker_that_is_stopped_is_ended_and_its_task_runs_again(tmp_path):
     tasks = [(f"r{i}", ("return", i)) for i in range(20)]
     tasks.insert(3, ("stopped", ("stopped-once", str(tmp_path / "stopped"))))  # type: ignore[arg-type]
-    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=1.0)
+    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5)
     assert {result.failure for result in results.values()} == {None}
     assert results["stopped"].value == str(tmp_path / "stopped")
 
 
-@pytest.mark.usefixtures("impatient")
-def test_tasks_go_on_where_all_workers_are_stopped_whatever_they_do(tmp_path):
+def test_tasks_go_on_where_all_workers_are_stopped_whatever_they_do(monkeypatch):
+    monkeypatch.setattr("collalign.engine.local_jobs._START_S", 15.0)
+
     def tasks():
         for at in range(12):
             if at == 6:
@@ -132,7 +126,7 @@ def test_tasks_go_on_where_all_workers_are_stopped_whatever_they_do(tmp_path):
                     os.kill(pid, signal.SIGSTOP)
             yield str(at), ("return", at)
 
-    results = collect(misbehave, tasks(), num_jobs=2, time_limit_s=1.0)
+    results = collect(misbehave, tasks(), num_jobs=2, time_limit_s=2.5)
     assert {result.value for result in results.values()} == {*range(12)}
 
 
