@@ -403,13 +403,18 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
     assert Workspace(out, sources=now).state()["missing"] == []
 
 
-def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path):
+def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))  # of the commands, not of this process
+    (tmp_path / "tmp").mkdir()
     write_collection(tmp_path / "shapes", chairs(5))
     with shown(browser, tmp_path / "shapes") as (opened, _):
         page = opened.page
         page.get_by_role("button", name="Align this folder").click()
+        while not (tmp_path / "shapes-aligned" / "store.sqlite").exists():
+            page.wait_for_timeout(20)
         page.get_by_role("button", name="Stop").click()
-        page.locator("#said", has_text="Stopped with exit code").wait_for()
+        page.locator("#said", has_text="Stopped with exit code 143").wait_for()
+        assert [*(tmp_path / "tmp").iterdir()] == []
         assert not (tmp_path / "shapes-aligned" / "alignment.json").exists()
         press(page, "Align this folder", "align")
 
