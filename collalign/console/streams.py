@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Exit codes: output that cannot be written, and output that nobody reads any more: 128 and the number of SIGPIPE.
 _UNWRITTEN, _READER_GONE = 1, 141
+#: Names need not fit the encoding of a terminal.
+_ERRORS = "backslashreplace"
 
 
 class Standard(io.FileIO):
@@ -106,15 +108,16 @@ def _fill_closed() -> None:
 
 
 def _guarded(stream: object) -> tuple[io.TextIOWrapper, Standard] | None:
-    """Return a text stream in the place of another one, and what it writes to; None where that is no file."""
+    """Return a text stream in the place of another one, and what it writes to; None where the other stays."""
     if stream is None or getattr(stream, "closed", False):
         made = Standard(os.open(os.devnull, os.O_WRONLY))
-        return io.TextIOWrapper(made, encoding="utf-8", errors="backslashreplace"), made
+        return io.TextIOWrapper(made, encoding="utf-8", errors=_ERRORS), made
     if not isinstance(stream, io.TextIOWrapper):
         return None
     is_buffered = isinstance(stream.buffer, io.BufferedWriter)
     raw = stream.buffer.raw if is_buffered else stream.buffer
-    if not isinstance(raw, io.FileIO):
+    if not isinstance(raw, io.FileIO):  # the console of Windows
+        stream.reconfigure(errors=_ERRORS)
         return None
     with suppress(OSError):
         stream.flush()
@@ -122,7 +125,7 @@ def _guarded(stream: object) -> tuple[io.TextIOWrapper, Standard] | None:
     text = io.TextIOWrapper(
         io.BufferedWriter(made) if is_buffered else made,
         encoding=stream.encoding,
-        errors="backslashreplace",  # names need not fit the terminal's encoding
+        errors=_ERRORS,
         line_buffering=stream.line_buffering,
         write_through=stream.write_through,
     )
