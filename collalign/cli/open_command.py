@@ -276,6 +276,8 @@ class Workspace:
             content.seek(0)
             with staged.open("wb") as file:
                 shutil.copyfileobj(content, file)
+                file.flush()
+                os.fsync(file.fileno())
             if check is not None:
                 try:
                     check(staged)
@@ -365,9 +367,7 @@ def open_app(place: Path, *, sources: Path | None = None) -> int:
         Thread(target=server.serve_forever, daemon=True).start()
         try:
             say(f"{server.doors.printed()}\n{_ONCE} Press Ctrl-C to end.")
-            webbrowser.open(
-                server.doors.file.as_uri()
-            )  # a browser of the terminal returns at its end
+            webbrowser.open(server.doors.file.as_uri())  # one of the terminal returns at its end
             while True:
                 say(f"{server.doors.printed()}\n{_ONCE}")
         finally:

@@ -122,12 +122,13 @@ class _LocalRun:
         since: dict[tuple[int, int], float] = {}
         while not ended.wait(_WATCH_EVERY_S):
             in_flight = self._in_flight()
-            is_open, done = self._ledger()
+            try:
+                is_open, done = self._ledger()
+            except OSError:  # for instance too many open files, for a moment
+                continue
             seen = [one for one in is_open.items() if one[0] in in_flight]
-            if not seen and in_flight - done:
-                seen = [
-                    (_NOBODY, len(done))
-                ]  # workers that are stopped may hold the lock of the queue
+            if not seen and in_flight - done:  # who is stopped may hold the lock of the queue
+                seen = [(_NOBODY, len(done))]
             now_s = time.monotonic()
             since = {one: since.get(one, now_s) for one in seen}
             late = {
@@ -136,12 +137,17 @@ class _LocalRun:
                 if now_s - since[token, pid]
                 > limit_s + (_START_S if token == _NOBODY else _GRACE_S)
             }
-            workers = worker_pids() if late else set()
-            late_pids = {pid for token, pid in late if token != _NOBODY}
-            self._overdue |= late_pids
-            for pid in workers & late_pids if late_pids else workers:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+            if late:
+                self._end_workers({pid for token, pid in late if token != _NOBODY})
+                since.clear()  # those that follow have their own time
+
+    def _end_workers(self, pids: set[int]) -> None:
+        """Kill these workers, or all where none is named."""
+        self._overdue |= pids
+        workers = worker_pids()
+        for pid in workers & pids if pids else workers:
+            with suppress(ProcessLookupError):
+                os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def rounds(self, tasks: Iterator[Task]) -> Generator[Outcome]:
         """Run everything but suspects, in as many joblib calls as deaths demand."""

@@ -3,6 +3,7 @@
 import faulthandler
 import os
 import threading
+import time
 
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -73,9 +74,25 @@ def test_only_tasks_of_the_ledger_that_go_on_or_that_nobody_takes_end_a_worker(
         timer.join()
         return {*killed}
 
+    def watch_twice():
+        """Return the seconds between the first kill and the next one of the same worker."""
+        times = []
+
+        def kill_and_note(pid, number):
+            times.append(time.monotonic())
+            if len(times) == 4:
+                ended.set()
+
+        ended.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr("os.kill", kill_and_note)
+            run._watch(0.1, ended)
+        return times[2] - times[0]
+
     assert watch_for(0.5) == set(), "nothing in flight"
     run._in_flight = lambda: {7}
     assert watch_for(60.0) == {own, other}, "nobody takes it"
+    assert watch_twice() > 0.15, "those that follow have their own time"
     guard.note("S", 7)
     assert watch_for(60.0) == {own}, "it goes on"
     assert run._cause_of_death(own, RuntimeError()) == "ran past the time limit of 60 s"
