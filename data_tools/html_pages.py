@@ -53,16 +53,29 @@ def write_html_page(path: Path | str, title: str, body: str) -> Path:
     -------
     Path
     """
+    return write_atomic(Path(path), html_page(title, body))
+
+
+def html_page(title: str, body: str, *, head: str = "") -> bytes:
+    """Return a self-contained page as UTF-8.
+
+    Parameters
+    ----------
+    title, body : str
+        As of :func:`write_html_page`.
+    head : str
+        HTML that goes into the head.
+    """
     words = html.escape(title)
     page = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="{_POLICY}"><meta name="color-scheme" content="light dark">
-<title>{words}</title><style>{_STYLE}</style></head><body>
+{head}<title>{words}</title><style>{_STYLE}</style></head><body>
 <h1>{words}</h1>
 {body}
 </body></html>
 """
-    return write_atomic(Path(path), page.encode("utf-8", "backslashreplace"))
+    return page.encode("utf-8", "backslashreplace")
 
 
 def html_figure(png: bytes, caption: str) -> str:

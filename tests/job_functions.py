@@ -36,7 +36,7 @@ def process_id(payload):
 
 
 def misbehave(payload):
-    """Do what the payload says: return, raise, crash, hang, fill the memory, or be killed the first time only."""
+    """Do what the payload says: return, raise, crash, hang, fill the memory, or be killed or stopped once."""
     action, value = payload
     if action == "return":
         time.sleep(0.01)
@@ -51,6 +51,9 @@ def misbehave(payload):
     elif action == "killed-once" and not Path(value).exists():
         Path(value).touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    elif action == "stopped-once" and not Path(value).exists():
+        Path(value).touch()
+        os.kill(os.getpid(), signal.SIGSTOP)
     return value
 
 

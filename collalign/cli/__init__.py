@@ -1,14 +1,13 @@
 """The command line: parses, calls the library, prints, and turns errors into advice and an exit code.
 
 Exit codes: 0 all went well, 1 unexpected error, 2 bad input or options, 3 finished with something left out, 4 the
-workers were lost, 5 (of ``status``) not finished, 130 interrupted, 141 nobody reads the output any more.
+workers were lost, 5 (of ``status``) not finished, 129, 130 and 143 interrupted by SIGHUP, Ctrl-C and SIGTERM,
+141 nobody reads the output any more.
 """
 
 from __future__ import annotations
 
 import errno
-import io
-import os
 import shlex
 import sys
 import traceback
@@ -21,15 +20,18 @@ from cyclopts import App, CycloptsError, Parameter, UnknownCommandError
 from collalign import __version__
 from collalign.cli.config import ConfigFile, refuse_rounding
 from collalign.console.help import HELP_ALL, GroupedHelp
-from collalign.console.interruption import GO_ON, INTERRUPTED, orderly_interrupts, was_interrupted
+from collalign.console.interruption import (
+    GO_ON,
+    interruption_code,
+    orderly_interrupts,
+    was_interrupted,
+)
 from collalign.console.messages import add_to_summary, command_messages, configure_output, end
+from collalign.console.streams import Streams
 from collalign.engine.command_line import COMMAND
 from collalign.tools import TOOLS
 from data_tools.errors import CollalignError, printable
 from data_tools.io.files import system_reason
-
-#: Exit code after the reader of the output has gone: 128 and the number of SIGPIPE.
-READER_GONE = 141
 
 app = App(
     name="collalign",
@@ -117,21 +119,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         ``sys.argv[1:]`` by default.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(
-                errors="backslashreplace"
-            )  # names need not fit the terminal's encoding
-    try:
-        with orderly_interrupts(until_exit=arguments is None):
-            code = _run(list(sys.argv[1:] if arguments is None else arguments))
-        print(end="", flush=True)
-        return code
-    except (
-        BrokenPipeError
-    ):  # as in "collalign ... | head -1"; what Python still holds for the reader goes nowhere
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return READER_GONE
+    until_exit = arguments is None
+    with (
+        Streams.guarded(until_exit=until_exit) as streams,
+        orderly_interrupts(until_exit=until_exit),
+    ):
+        code = _run(list(sys.argv[1:] if arguments is None else arguments))
+        return streams.code_after(code)
 
 
 @command_messages()
@@ -152,21 +146,20 @@ def _run(words: list[str]) -> int:
         )
     except CycloptsError as error:
         return end(2, str(error))
-    except BrokenPipeError:
-        raise
     except KeyboardInterrupt as interrupt:
         return _say(
-            str(interrupt) or f"interrupted; no file is left half-written; {GO_ON}", INTERRUPTED
+            str(interrupt) or f"interrupted; no file is left half-written; {GO_ON}",
+            interruption_code(),
         )
     except Exception as error:
         if "-v" in words or "--verbose" in words:
             traceback.print_exc()
         if was_interrupted():  # an import that SIGINT met makes another error of it
-            return _say(f"interrupted before anything began; {GO_ON}", INTERRUPTED)
+            return _say(f"interrupted before anything began; {GO_ON}", interruption_code())
+        if _lacks_descriptors(error):
+            return _say("too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
         if not isinstance(error, CollalignError | OSError):
             raise
-        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            return _say("too many open files; allow more (ulimit -n 1024), or take fewer --jobs", 1)
         if (
             isinstance(error, OSError)
             and not isinstance(error, CollalignError)
@@ -174,6 +167,15 @@ def _run(words: list[str]) -> int:
         ):
             return _say(f"{error.filename or 'a file'}: {system_reason(error)}", 1)
         return _say(str(error), error.exit_code if isinstance(error, CollalignError) else 1)
+
+
+def _lacks_descriptors(error: BaseException | None) -> bool:
+    """Return whether an error, or one before it, is that no more files can be opened."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _say(message: str, code: int) -> int:

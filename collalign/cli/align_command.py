@@ -21,7 +21,7 @@ from collalign.cli.own_file import read_marks, read_own
 from collalign.console.help import Excluded, Flag, Included
 from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, elapsed_s, say, say_files, warn
-from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.local_pool import lasting_workers
 from collalign.engine.progress import ProgressBar, progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import secrets
 import shlex
+import shutil
 import sys
 import webbrowser
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from importlib import resources
+from io import BytesIO
 from pathlib import Path
-from socketserver import ThreadingMixIn
-from subprocess import PIPE, STDOUT, Popen
+from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
 from threading import Lock, Thread
-from typing import Any
-from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+from typing import Any, BinaryIO
 
 from collalign.analysis.label_table import read_labels
+from collalign.cli.open_server import served
 from collalign.console.messages import say
 from collalign.landmarks.templates import read_templates
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
@@ -31,11 +29,12 @@ from collalign.output.moved_files import missing_files
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
 from collalign.tools.export.run import FORMATS
-from data_tools.errors import CollalignError, InputError, OptionsError
-from data_tools.io.files import resolved, write_atomic
+from data_tools.errors import InputError
+from data_tools.io.files import resolved
 from data_tools.io.listing import FolderListing, read_folder
 from data_tools.io.output_folder import OutputFolder, output_path
 from data_tools.io.source import location
+from data_tools.io.temporary import TemporaryFolder
 from data_tools.io.text_tables import csv_text
 from data_tools.landmark_tables import READABLE
 from data_tools.names import known_names
@@ -56,6 +55,16 @@ _DECISIONS_FILE, _LABELS_FILE, _CORRECTED_FILE = "decisions.json", "labels.csv",
 #: Files that may be tables of labels.
 _TABLES = (".csv", ".tsv", ".txt")
 _SOURCES_FILE = "sources.txt"
+#: What Python runs for a command: it ends in order when this process is gone, however that has ended.
+_BELOW = """
+import os, signal, sys
+from collalign.cli import main
+from collalign.engine.worker import end_with_parent
+end_with_parent(int(sys.argv.pop(1)), lambda: os.kill(os.getpid(), signal.SIGTERM))
+sys.exit(main())
+"""
+#: How long a command may take to end in order.
+_PATIENCE_S = 20.0
 
 
 class Workspace:
@@ -70,7 +79,8 @@ class Workspace:
         self._starting, self._keeping = Lock(), Lock()
         self._command, self._lines = "", deque[str](maxlen=500)
         if sources is not None:
-            self.put(_SOURCES_FILE, str(resolved(sources)).encode("utf-8", "surrogateescape"))
+            content = str(resolved(sources)).encode("utf-8", "surrogateescape")
+            self.put(_SOURCES_FILE, BytesIO(content))
 
     def state(self) -> dict[str, Any]:
         """Return shapes, pages, formats and files that were given; JSON types only."""
@@ -111,10 +121,17 @@ class Workspace:
         file = resolved(self.out / name)
         return file if file.is_file() and file.is_relative_to(resolved(self.out)) else None
 
-    def put(self, name: str, content: bytes) -> dict[str, str]:
+    def put(self, name: str, content: BinaryIO) -> dict[str, str]:
         """Keep decisions, labels, where the files are now, or landmarks, which become templates.
 
         A table that holds no landmarks is one of labels, whatever it is called, if it names a shape.
+
+        Parameters
+        ----------
+        name : str
+            Of the file.
+        content : file
+            Which can be read again from its beginning.
 
         Returns
         -------
@@ -141,7 +158,7 @@ class Workspace:
         checks: dict[str, Callable[[Path], object]] = {
             _DECISIONS_FILE: lambda staged: fixed_by([read_corrections(staged)], names),
             _LABELS_FILE: check_labels,
-            _SOURCES_FILE: lambda _: collection.with_sources(_folder_in(content)),
+            _SOURCES_FILE: lambda staged: collection.with_sources(_folder_in(staged.read_bytes())),
         }
         if name in checks:
             self._keep((name,), content, checks[name])
@@ -221,7 +238,7 @@ class Workspace:
             self._command, self._lines = shlex.join(["collalign", *words]), deque(maxlen=500)
             variables = {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1"}
             self._process = Popen(
-                [sys.executable, "-m", "collalign", *words],
+                [sys.executable, "-c", _BELOW, str(os.getpid()), *words],
                 stdout=PIPE,
                 stderr=STDOUT,
                 encoding="utf-8",
@@ -231,11 +248,15 @@ class Workspace:
             Thread(target=self._lines.extend, args=(self._process.stdout,), daemon=True).start()
 
     def stop(self) -> None:
-        """End the command that runs; what it has finished is kept in the store."""
+        """End the command that runs, in order if it does so in time; what it has finished is kept in the store."""
         with self._starting:
             if self._process is not None:
                 self._process.terminate()
-                self._process.wait()
+                try:
+                    self._process.wait(_PATIENCE_S)
+                except TimeoutExpired:
+                    self._process.kill()
+                    self._process.wait()
 
     def progress(self) -> dict[str, Any]:
         """Return the last command, what it has said, and its exit code, None while it runs; JSON types only."""
@@ -243,11 +264,16 @@ class Workspace:
         return {"command": self._command, "lines": [*self._lines.copy()], "code": code}
 
     def _keep(
-        self, parts: Sequence[str], content: bytes, check: Callable[[Path], object] | None = None
+        self, parts: Sequence[str], content: BinaryIO, check: Callable[[Path], object] | None = None
     ) -> None:
         """Put a file into the folder of what was given, if ``check`` finds nothing wrong with it."""
         with self._keeping, OutputFolder.open(self.out / _GIVEN, writer=_WRITER) as given:
-            staged = write_atomic(given.stage(*parts), content)
+            staged = given.stage(*parts)
+            content.seek(0)
+            with staged.open("wb") as file:
+                shutil.copyfileobj(content, file)
+                file.flush()
+                os.fsync(file.fileno())
             if check is not None:
                 try:
                     check(staged)
@@ -271,7 +297,7 @@ class Workspace:
         if not path.is_file() and collection.labels:
             rows = zip(collection.names, *collection.labels.values(), strict=True)
             text = csv_text([["name", *collection.labels], *rows])
-            self._keep((_LABELS_FILE,), text.encode("utf-8", "backslashreplace"))
+            self._keep((_LABELS_FILE,), BytesIO(text.encode("utf-8", "backslashreplace")))
         return [f"--labels={path}"] if path.is_file() else []
 
     def _templates(self, collection: Collection) -> list[str]:
@@ -326,18 +352,6 @@ def _incomplete(collection: Collection) -> set[str]:
     return {collection.names[one.shape] for one in collection.incomplete}
 
 
-#: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
-_INLINE = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
-)
-_PAGE_POLICY = (
-    f"{_INLINE}; connect-src 'self'; frame-src 'self'; frame-ancestors 'none'; form-action 'none'"
-)
-_RESULT_POLICY = (
-    f"{_INLINE}; sandbox allow-scripts allow-downloads; frame-ancestors 'self'; form-action 'none'"
-)
-
-
 def open_app(place: Path, *, sources: Path | None = None) -> int:
     """Open a result in the browser: correct poses and landmarks, run again, transfer, compare, export.
 
@@ -351,89 +365,17 @@ def open_app(place: Path, *, sources: Path | None = None) -> int:
         Folder of the original files where they have moved; the page asks for it as well.
     """
     workspace = Workspace(place, sources)
-    with served(workspace) as server:
-        say(f"{server.address}\nOnly this machine can open it. Press Ctrl-C to end.")
-        webbrowser.open(server.address)
+    with TemporaryFolder() as private, served(workspace, private) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
         try:
-            server.serve_forever()
+            say(f"{server.doors.printed()}\n{_ONCE} Press Ctrl-C to end.")
+            webbrowser.open(server.doors.file.as_uri())  # one of the terminal returns at its end
+            while True:
+                say(f"{server.doors.printed()}\n{_ONCE}")
         finally:
+            server.shutdown()
             workspace.stop()
-    return 0
 
 
-class Server(ThreadingMixIn, WSGIServer):
-    """A server of one page at ``address``, which holds the token that every request needs."""
-
-    daemon_threads = True
-    address: str
-
-
-class _Quiet(WSGIRequestHandler):
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing of requests, whose addresses hold the token."""
-
-
-def served(workspace: Workspace) -> Server:
-    """Return a server of a result at a free port of this machine; an ``OptionsError`` if the extra is missing."""
-    try:
-        import bottle
-    except ImportError as error:
-        raise OptionsError(
-            f"open needs a server ({error}); install it with: pip install 'collalign[app]'"
-        ) from None
-    app, token = bottle.Bottle(), secrets.token_urlsafe()
-    server = make_server("127.0.0.1", 0, app, server_class=Server, handler_class=_Quiet)
-    server.address = f"http://127.0.0.1:{server.server_port}/{token}/"
-    hosts = {f"{name}:{server.server_port}" for name in ("127.0.0.1", "localhost")}
-
-    def guard() -> None:
-        given = bottle.request.headers
-        known = secrets.compare_digest(bottle.request.path.split("/")[1].encode(), token.encode())
-        origins = {None, *(f"http://{host}" for host in hosts)}
-        if not (known and given.get("Host") in hosts and given.get("Origin") in origins):
-            raise bottle.HTTPResponse("Not for you.", 403)
-
-    def plain(run: Callable[..., Any]) -> Callable[..., Any]:
-        def answered(*args: Any, **values: Any) -> Any:
-            try:
-                return run(*args, **values)
-            except RecursionError:
-                return bottle.HTTPResponse(
-                    "nested too deeply", 400, content_type="text/plain; charset=utf-8"
-                )
-            except (CollalignError, OSError, ValueError, TypeError, AttributeError) as error:
-                return bottle.HTTPResponse(
-                    str(error), 400, content_type="text/plain; charset=utf-8"
-                )
-
-        return answered
-
-    def page(file: Any, policy: str) -> Any:
-        headers = {
-            "Content-Security-Policy": policy,
-            "Referrer-Policy": "no-referrer",
-            "Cache-Control": "no-store",
-        }
-        bottle.response.headers.update(headers)
-        return bottle.HTTPResponse(status=404) if file is None else file.read_bytes()
-
-    own = resources.files("collalign.cli").joinpath("open_page.html")
-    app.add_hook("before_request", guard)
-    app.install(plain)
-    app.get(f"/{token}/", callback=lambda: page(own, _PAGE_POLICY))
-    app.get(
-        f"/{token}/result/<name:path>",
-        callback=lambda name: page(workspace.page(name), _RESULT_POLICY),
-    )
-    app.get(f"/{token}/state", callback=workspace.state)
-    app.get(f"/{token}/progress", callback=workspace.progress)
-    app.post(
-        f"/{token}/files/<name>",
-        callback=lambda name: workspace.put(name, bottle.request.body.read()),
-    )
-    app.post(
-        f"/{token}/run/<task>",
-        callback=lambda task: workspace.start(task, json.load(bottle.request.body)),
-    )
-    app.post(f"/{token}/stop", callback=workspace.stop)
-    return server
+#: What is said of each address.
+_ONCE = "This address works once, on this machine; the next one is printed then."

@@ -1,4 +1,4 @@
-"""Ctrl-C: the run ends in order and says how to go on; pressing it again while that lasts breaks nothing."""
+"""Ctrl-C, SIGTERM and SIGHUP: the run ends in order and says how to go on; another one meanwhile breaks nothing."""
 
 from __future__ import annotations
 
@@ -8,50 +8,72 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from collalign.engine.command_line import ENDING, can_be_answered
 from collalign.engine.store_file import STORE_FILE
 from data_tools.errors import RunLost
 
 if TYPE_CHECKING:
     from collalign.engine.run_options import RunOptions
 
-#: Exit codes: something was left out; ``status`` of a run that is not finished; interrupted.
-INCOMPLETE, UNFINISHED, INTERRUPTED = 3, 5, 130
+#: Exit codes: something was left out; ``status`` of a run that is not finished.
+INCOMPLETE, UNFINISHED = 3, 5
 #: What every interruption says in the end.
 GO_ON = "run the same command to go on"
 
 
+@dataclass
+class _Came:
+    """The signal that came first, SIGINT unless it is another one; and whether one came."""
+
+    number: int = signal.SIGINT
+    is_here: bool = False
+
+
+_CAME = _Came()
+
+
 @contextmanager
 def orderly_interrupts(*, until_exit: bool) -> Iterator[None]:
-    """Turn the first SIGINT into KeyboardInterrupt, answer the second with patience, end the process at the third.
+    """Turn the first signal that asks the command to end into KeyboardInterrupt.
 
-    Everything finished is in the store at any time, and worker processes end with their parent.
+    Everything finished is in the store at any time, and worker processes end with their parent. A person who presses
+    Ctrl-C again is asked for patience, and ends the process with the third. What a closed terminal or a batch system
+    sends again is ignored: they send it several times.
 
     Parameters
     ----------
     until_exit : bool
-        The process ends after this: go on after an interruption, so that no late SIGINT meets Python's own handler.
+        The process ends after this: go on after an interruption, so that no late signal meets another handler.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set handlers, and only it is interrupted
         return
-    former, excepthook = signal.signal(signal.SIGINT, _first), threading.excepthook
+    _CAME.number, _CAME.is_here = signal.SIGINT, False
+    former = {number: signal.signal(number, _first) for number in filter(can_be_answered, ENDING)}
+    excepthook = threading.excepthook
     try:
         yield
     finally:
         if not until_exit:
             threading.excepthook = excepthook
-        signal.signal(signal.SIGINT, signal.SIG_IGN if until_exit and was_interrupted() else former)
+        for number, handler in former.items():
+            signal.signal(number, signal.SIG_IGN if until_exit and _CAME.is_here else handler)
 
 
 def was_interrupted() -> bool:
-    """Return whether a SIGINT has come since handlers were set."""
-    return signal.getsignal(signal.SIGINT) in (_second, _third)
+    """Return whether a signal has come since handlers were set."""
+    return _CAME.is_here
+
+
+def interruption_code() -> int:
+    """Return the exit code of an interrupted command: 128 and the number of the signal, 130 for Ctrl-C."""
+    return 128 + _CAME.number
 
 
 @contextmanager
@@ -87,7 +109,10 @@ def resumable(run: RunOptions, folder: Path) -> Iterator[RunOptions]:
 
 
 def _first(number: int, frame: FrameType | None) -> None:
-    signal.signal(signal.SIGINT, _second)
+    _CAME.number, _CAME.is_here = number, True
+    for other in ENDING:
+        if signal.getsignal(other) is _first:
+            signal.signal(other, _second if other == signal.SIGINT else signal.SIG_IGN)
     warnings.filterwarnings("ignore", module="joblib")  # it advises to wait for all results
     threading.excepthook = lambda arguments: (
         None
@@ -97,8 +122,9 @@ def _first(number: int, frame: FrameType | None) -> None:
 
 def _second(number: int, frame: FrameType | None) -> None:
     signal.signal(signal.SIGINT, _third)
-    print("collalign: ending in order; once more ends it at once", file=sys.stderr, flush=True)
+    with suppress(OSError, RuntimeError):  # nobody reads it, or it came in the midst of a line
+        print("collalign: ending in order; once more ends it at once", file=sys.stderr, flush=True)
 
 
 def _third(number: int, frame: FrameType | None) -> None:
-    os._exit(INTERRUPTED)
+    os._exit(interruption_code())

@@ -9,7 +9,7 @@ import stat
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -53,7 +53,7 @@ def say(sentence: str) -> None:
     """Print a sentence for people: on standard output, which ``--quiet`` and ``--json`` keep free."""
     sentence = printable(sentence, keep="\n")
     if not _messages().is_silent:
-        print(sentence)
+        print(sentence, flush=True)  # somebody may wait for it at the end of a pipe
     _PRINTED.info(sentence)
 
 
@@ -99,6 +99,7 @@ def command_messages() -> Iterator[None]:
     """Let one command write within this block; :func:`configure_output` says how."""
     token, bars = _MESSAGES.set(_Messages()), SHOW_BARS.set(True)
     former = _ROOT.level, _ROOT.propagate, _ROOT.handlers
+    _ROOT.handlers = [*_ROOT.handlers, logging.NullHandler()]  # an early error is said once
     try:
         yield
     finally:
@@ -156,10 +157,27 @@ class _LogFile(logging.FileHandler):
 
     def __init__(self, path: Path) -> None:
         self._is_json = path.suffix.lower() == _JSON_SUFFIX
+        self._lacks_lines = False
         super().__init__(path)
         self.setFormatter(
             _JsonLines() if self._is_json else logging.Formatter("%(asctime)s %(message)s")
         )
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say once that the log lacks lines, for instance where the disk is full."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)
+        elif not self._lacks_lines:
+            self._lacks_lines = True
+            warn(
+                f"--log {self.baseFilename}: lines are missing ({system_reason(error)}); results are not affected"
+            )
+
+    def close(self) -> None:
+        """Close the file, also where its last lines cannot be written."""
+        with suppress(OSError):
+            super().close()
 
     def _open(self) -> TextIOWrapper:
         """Decide about the file that is open, which nobody can exchange meanwhile."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Mapping
 from contextvars import ContextVar
 from datetime import UTC, datetime
@@ -10,11 +11,20 @@ from typing import Any
 
 #: The words of the command line; empty where Python calls.
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
+#: Signals that ask a command to end: Ctrl-C, ``kill`` or a batch system, and a terminal that is closed.
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 def now() -> str:
     """Return date and time in UTC, as ISO 8601 has it, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def can_be_answered(number: int) -> bool:
+    """Return whether this process may answer a signal: ``nohup`` and the like want it ignored, also by children."""
+    return number == signal.SIGINT or signal.getsignal(number) not in (signal.SIG_IGN, None)
 
 
 def json_types(value: Any) -> Any:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from io import FileIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeVar
 
 from collalign.engine.records import (
@@ -28,6 +27,7 @@ from collalign.engine.records import (
 )
 from collalign.engine.store import Store, fingerprint
 from data_tools.errors import StoreError
+from data_tools.io.temporary import TemporaryFolder
 
 Made = TypeVar("Made")
 
@@ -50,7 +50,7 @@ class SharedTable:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._owned: TemporaryDirectory[str] | None = None
+        self._owned: TemporaryFolder | None = None
         self._file: FileIO | None = None
         self._index: dict[str, list[int]] = {}
         self._kept_bytes = 0.0
@@ -65,8 +65,8 @@ class SharedTable:
         records : iterable of (key, record)
             Keys are unique strings; see :mod:`collalign.engine.records` for what a record holds.
         """
-        owned = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
-        table = cls(Path(owned.name) / "records.table")
+        owned = TemporaryFolder()
+        table = cls(owned.path / "records.table")
         table._owned = owned
         index: dict[str, list[int]] = {}
         try:
@@ -115,7 +115,7 @@ class SharedTable:
             self._file.close()
             self._file = None
         if self._owned is not None:
-            self._owned.cleanup()
+            self._owned.close()
 
     def __enter__(self) -> SharedTable:
         return self

@@ -1,46 +1,35 @@
-"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers.
-
-joblib is imported where workers start: it takes longer than the rest of the engine, and one process needs none.
-"""
+"""joblib on one machine, guarded: a dead worker's task is found in the ledger, the others go on in fresh workers."""
 
 from __future__ import annotations
 
-import atexit
-import logging
 import os
 import re
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from functools import cache
+from contextlib import contextmanager, suppress
 from itertools import chain
-from multiprocessing import current_process, parent_process, resource_tracker
-from multiprocessing.util import Finalize
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
-from collalign.engine.worker import (
-    Call,
-    Guard,
-    Outcome,
-    Task,
-    crash,
-    end_with_parent,
-    run_guarded,
-)
+from collalign.engine.local_pool import lasting_workers, on_workers, silent_pool, worker_pids
+from collalign.engine.worker import Call, Guard, Outcome, Task, crash, run_guarded
 from data_tools.errors import CollalignError
+from data_tools.io.temporary import TemporaryFolder
 
 #: Deaths of its worker after which a task is given up; somebody else may have ended it: a person, a system short of
 #: memory, a batch system.
 _MAX_DEATHS = 3
 #: Deaths in a row, before any task started, after which workers count as unable to start.
 _MAX_STALLS = 10
-#: What joblib warns of where it replaces a worker whose memory has grown, or that waited for long: nothing is lost.
-_REPLACED = "A worker stopped while some jobs were given to the executor"
+#: How often the ledger is looked at.
+_WATCH_EVERY_S = 1.0
+#: Past the limit of time, until a worker is ended from outside that does not end itself, and until all are that take
+#: no task: they may take long to start.
+_GRACE_S, _START_S = 5.0, 60.0
+#: In the place of a task's token: no worker takes one.
+_NOBODY = -1
 
 
 def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[Outcome]:
@@ -49,50 +38,11 @@ def run_local(call: Call, tasks: Iterator[Task], *, num_jobs: int) -> Generator[
     A dead worker ends joblib's whole call. The tasks that had started but not ended are suspects; the rest goes on in
     fresh workers, and the suspects run at the end, one at a time, where a second death is theirs beyond doubt.
     """
-    directories = TemporaryDirectory(prefix="collalign-", ignore_cleanup_errors=True)
-    with lasting_workers(), directories as directory, _silent_pool():
-        run = _LocalRun(call, Guard(directory=Path(directory)), num_jobs)
-        yield from run.rounds(tasks)
-        yield from run.suspects_alone()
-
-
-def can_start_workers() -> bool:
-    """Return whether joblib starts workers here: not in daemons, and not below threads of its own."""
-    if current_process().daemon or threading.current_thread() is threading.main_thread():
-        return not current_process().daemon
-    from joblib.parallel import get_active_backend
-
-    return bool(get_active_backend()[0].nesting_level == 0)
-
-
-@contextmanager
-def lasting_workers() -> Iterator[None]:
-    """Let worker processes wait for further tasks within this block; they end with the outermost one.
-
-    joblib would keep them for five minutes after the last answer.
-    """
-    with _BLOCKS.lock:
-        _BLOCKS.num_open += 1
-    try:
-        yield
-    finally:
-        with _BLOCKS.lock:
-            _BLOCKS.num_open -= 1
-            if _BLOCKS.num_open == 0 and _BLOCKS.has_workers:
-                _BLOCKS.has_workers = False
-                _dismiss_workers()
-
-
-class _Blocks:
-    """How many blocks of :func:`lasting_workers` are open in this process, in any thread."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.num_open = 0
-        self.has_workers = False
-
-
-_BLOCKS = _Blocks()
+    with lasting_workers(), TemporaryFolder() as directory, silent_pool():
+        run = _LocalRun(call, Guard(directory=directory), num_jobs)
+        with run.watched():
+            yield from run.rounds(tasks)
+            yield from run.suspects_alone()
 
 
 class _Round:
@@ -126,6 +76,11 @@ class _Round:
         with self._lock:
             del self._in_flight[token]
 
+    def tokens(self) -> set[int]:
+        """Return the tasks in flight."""
+        with self._lock:
+            return {*self._in_flight}
+
     def close(self) -> list[Task]:
         """Give out no more tasks, and return those in flight; raise what the caller's own iterator raised."""
         with self._lock:
@@ -143,12 +98,63 @@ class _LocalRun:
         self._guard = guard
         self._num_jobs = num_jobs
         self._suspects: dict[int, Task] = {}
+        self._in_flight: Callable[[], set[int]] = set
+        self._overdue: set[int] = set()  # process ids of workers that were ended from here
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """End workers that do not end themselves in time: one that is stopped (SIGSTOP) runs no watchdog."""
+        limit_s = self._call.time_limit_s
+        if limit_s is None:
+            yield
+            return
+        ended = threading.Event()
+        watch = threading.Thread(target=self._watch, args=(limit_s, ended), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watch.join()
+
+    def _watch(self, limit_s: float, ended: threading.Event) -> None:
+        """Look into the ledger again and again: at tasks that go on, and at tasks that no worker takes."""
+        since: dict[tuple[int, int], float] = {}
+        while not ended.wait(_WATCH_EVERY_S):
+            in_flight = self._in_flight()
+            try:
+                is_open, done = self._ledger()
+            except OSError:  # for instance too many open files, for a moment
+                continue
+            seen = [one for one in is_open.items() if one[0] in in_flight]
+            if not seen and in_flight - done:  # who is stopped may hold the lock of the queue
+                seen = [(_NOBODY, len(done))]
+            now_s = time.monotonic()
+            since = {one: since.get(one, now_s) for one in seen}
+            late = {
+                (token, pid)
+                for token, pid in seen
+                if now_s - since[token, pid]
+                > limit_s + (_START_S if token == _NOBODY else _GRACE_S)
+            }
+            if late:
+                self._end_workers({pid for token, pid in late if token != _NOBODY})
+                since.clear()  # those that follow have their own time
+
+    def _end_workers(self, pids: set[int]) -> None:
+        """Kill these workers, or all where none is named."""
+        self._overdue |= pids
+        workers = worker_pids()
+        for pid in workers & pids if pids else workers:
+            with suppress(ProcessLookupError):
+                os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def rounds(self, tasks: Iterator[Task]) -> Generator[Outcome]:
         """Run everything but suspects, in as many joblib calls as deaths demand."""
         stalls = 0
         while True:
             feed = _Round(tasks)
+            self._in_flight = feed.tokens
             try:
                 with _closing(self._parallel(feed, self._num_jobs)) as outcomes:
                     for outcome in outcomes:
@@ -178,6 +184,7 @@ class _LocalRun:
         deaths, stalls = 1, 0
         while True:
             self._guard.ledger.unlink(missing_ok=True)
+            self._in_flight = lambda: {task.token}
             try:
                 (outcome,) = self._parallel(iter([task]), 1)
                 return outcome
@@ -192,132 +199,37 @@ class _LocalRun:
                     return crash(task, f"{cause}, {deaths} times in a row")
 
     def _parallel(self, tasks: Iterable[Task], num_jobs: int) -> Generator[Outcome]:
-        """Start one joblib call. One job still means a worker process: joblib's own one-job mode isolates nothing."""
-        from joblib import Parallel, delayed
+        """Start one joblib call."""
+        from joblib import delayed
 
-        limited: dict[str, Any] = {"pre_dispatch": 1} if num_jobs == 1 else {}
-        pool = Parallel(
-            n_jobs=max(2, num_jobs),
-            backend="loky",
-            return_as="generator_unordered",
-            max_nbytes=None,
-            initializer=end_with_parent,
-            initargs=(os.getpid(),),
-            **limited,
-        )
-        _BLOCKS.has_workers = True
-        warnings.filterwarnings(
-            "ignore", _REPLACED, UserWarning
-        )  # of a thread that outlives every context
-        if parent_process() is not None:
-            _end_idle_workers_at_exit()
         run: Callable[..., Outcome] = delayed(run_guarded)
-        with _uninterrupted():
-            return pool(run(self._call, task, self._guard) for task in tasks)
+        return on_workers((run(self._call, task, self._guard) for task in tasks), num_jobs)
 
     def _started_and_not_ended(self) -> dict[int, int]:
         """Return the worker's process id by token of the tasks that a death interrupted."""
+        return self._ledger()[0]
+
+    def _ledger(self) -> tuple[dict[int, int], set[int]]:
+        """Return process ids by token of the tasks that have started and not ended, and the tasks that have ended."""
         try:
-            lines = self._guard.ledger.read_text(encoding="ascii").splitlines()
+            text = self._guard.ledger.read_text(encoding="ascii")
         except FileNotFoundError:
-            return {}
-        open_tasks: dict[int, int] = {}
-        for line in lines:
+            return {}, set()
+        is_open, done = dict[int, int](), set[int]()
+        for line in text.rpartition("\n")[0].splitlines():
             mark, token, pid = line.split()
             if mark == "S":
-                open_tasks[int(token)] = int(pid)
+                is_open[int(token)] = int(pid)
             else:
-                open_tasks.pop(int(token), None)
-        return open_tasks
+                is_open.pop(int(token), None)
+                done.add(int(token))
+        return is_open, done
 
     def _cause_of_death(self, pid: int, error: BaseException) -> str:
         trace = self._guard.trace(pid)
-        if trace.is_file() and trace.stat().st_size:
+        if pid in self._overdue or (trace.is_file() and trace.stat().st_size):
             return f"ran past the time limit of {self._call.time_limit_s:g} s"
         return _cause(error)
-
-
-@cache
-def _end_idle_workers_at_exit() -> None:
-    """Dismiss idle workers at the end of this process; a child of ``multiprocessing`` would wait for them."""
-    Finalize(None, _dismiss_workers, exitpriority=0)
-
-
-def _dismiss_workers() -> None:
-    from joblib.executor import MemmappingExecutor
-    from joblib.externals.loky import reusable_executor
-
-    executor = (
-        reusable_executor._executor
-    )  # asking for it would make a new one where a worker has died
-    if not isinstance(executor, MemmappingExecutor):
-        return
-    executor.terminate(kill_workers=True)
-    if (
-        parent_process() is not None
-    ):  # a child of ``multiprocessing`` ends without what joblib left to ``atexit``
-        finalizers: dict[str, Callable[[], None]] = executor._temp_folder_manager._finalizers
-        while finalizers:
-            _, finalize = finalizers.popitem()
-            atexit.unregister(finalize)
-            finalize()
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Put SIGINT off, and block it in this thread: processes and threads that it starts inherit that.
-
-    A terminal sends SIGINT to workers as well; each would print a traceback of its own, and so would one that is left
-    half started.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from joblib.externals.loky.backend import resource_tracker as loky_tracker
-
-    for tracker in (
-        loky_tracker,
-        resource_tracker,
-    ):  # started within, the second would unblock SIGINT behind it
-        tracker.ensure_running()
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        with _put_off():
-            yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
-@contextmanager
-def _put_off() -> Iterator[None]:
-    """Keep a SIGINT for the end: any other thread may receive it, and Python answers it in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, former)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
-@contextmanager
-def _silent_pool() -> Iterator[None]:
-    """Keep quiet that a thread of the pool wanted to hand out a task when the pool had already been ended."""
-    from joblib.externals.loky.process_executor import ShutdownExecutorError
-
-    def says_something(record: logging.LogRecord) -> bool:
-        return not (record.exc_info and isinstance(record.exc_info[1], ShutdownExecutorError))
-
-    logger = logging.getLogger("concurrent.futures")
-    logger.addFilter(says_something)
-    try:
-        yield
-    finally:
-        logger.removeFilter(says_something)
 
 
 @contextmanager

@@ -11,7 +11,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 from collalign.engine.job import SharedTable
-from collalign.engine.local_jobs import can_start_workers, run_local
+from collalign.engine.local_jobs import run_local
+from collalign.engine.local_pool import can_start_workers
 from collalign.engine.worker import Call, Outcome, Task, run_in_process
 from data_tools.errors import OptionsError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from collalign.engine.job import Job, K, Results, T, Wanted, run_task, table_of_stored
-from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_jobs import Outcome, SharedTable, run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store

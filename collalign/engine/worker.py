@@ -261,16 +261,22 @@ def _mapped_bytes() -> int | None:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def end_with_parent(parent_pid: int) -> None:
+def end_with_parent(parent_pid: int, end: Callable[[], object] = lambda: os._exit(1)) -> None:
     """Start a thread that ends this process when its parent is gone; a worker does so before anything else.
 
     The parent is given by number because it may be gone already. Whether that number still runs would be the wrong
     question: a killed process that nobody has waited for does.
+
+    Parameters
+    ----------
+    parent_pid : int
+    end : callable
+        Ends this process, at once by default.
     """
-    threading.Thread(target=_wait_for_orphanhood, args=(parent_pid,), daemon=True).start()
+    threading.Thread(target=_wait_for_orphanhood, args=(parent_pid, end), daemon=True).start()
 
 
-def _wait_for_orphanhood(parent_pid: int) -> None:
+def _wait_for_orphanhood(parent_pid: int, end: Callable[[], object]) -> None:
     while os.getppid() == parent_pid:
         time.sleep(_ORPHAN_POLL_S)
-    os._exit(1)
+    end()

@@ -9,7 +9,6 @@ import webbrowser
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any, Literal
 
 import numpy as np
@@ -29,11 +28,14 @@ from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
 from data_tools.io.output_folder import OutputFolder
 from data_tools.io.source import inputs_of
+from data_tools.io.temporary import TemporaryFolder
 from data_tools.notes import percent
 from data_tools.surface.shape import Shape
 
 #: Shapes that a notebook shows by itself.
 _MOST_SHOWN = 12
+#: Where reports of results that are not saved lie while this process lasts: a browser may show them.
+_SHOWN: list[TemporaryFolder] = []
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,8 @@ def open_report(collection: CollectionData) -> ReportView:
     """Return the report of a result, which a terminal opens in the browser; one is written where there is none."""
     path = None if collection.folder is None else collection.folder / "report.html"
     if path is None or not path.is_file():
-        path = write_report(
-            _part(collection, np.arange(len(collection))), mkdtemp(prefix="collalign-")
-        )
+        _SHOWN.append(TemporaryFolder())
+        path = write_report(_part(collection, np.arange(len(collection))), _SHOWN[-1].path)
     if "ipykernel" not in sys.modules:
         webbrowser.open(path.absolute().as_uri())
     return ReportView(path)
@@ -200,7 +201,10 @@ class Collection(CollectionData):
         return gallery(self)
 
     def report(self) -> Any:
-        """Open the report, which a notebook shows in a frame and a terminal in the browser; ``path`` is its file."""
+        """Open the report, which a notebook shows in a frame and a terminal in the browser; ``path`` is its file.
+
+        That of a result that is not saved goes when Python ends: a script that ends at once saves the result first.
+        """
         return open_report(self)
 
     def save(

@@ -1,7 +1,9 @@
 """What a person does with a result in a notebook, just made or read from its folder."""
 
+import os
 import pickle
 import re
+import subprocess
 import sys
 from base64 import b64decode
 from dataclasses import replace
@@ -155,6 +157,25 @@ def test_the_report_opens_in_the_browser_and_in_a_frame_of_a_notebook(result, mo
     monkeypatch.setitem(sys.modules, "ipykernel", None)
     assert result.report().path != report.path
     assert len(opened) == 1
+
+
+def test_reports_of_a_result_without_one_go_with_the_process(made, tmp_path):
+    made.save(tmp_path / "out", report=False)
+    (tmp_path / "tmp").mkdir()
+    code = (
+        "import collalign, sys; result = collalign.load(sys.argv[1])\n"
+        "for _ in range(2): print(result.report().path, result.report().path.stat().st_size)"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "BROWSER": "true"}
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "out")],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.count(str(tmp_path / "tmp")) == 2
+    assert [*(tmp_path / "tmp").iterdir()] == []
 
 
 def test_lists_of_shapes_and_pairs_are_tables(result):

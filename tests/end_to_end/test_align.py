@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.local_pool import lasting_workers
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import CollectionError, InputError

@@ -72,26 +72,56 @@ def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp
 
 
 @pytest.mark.usefixtures("two_cores")
-@pytest.mark.parametrize("presses", [1, 2])
-def test_ctrl_c_says_what_is_kept_and_how_to_go_on(presses, folder, tmp_path):
-    command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path), *FLAGS]
+@pytest.mark.parametrize(
+    ("sent", "code"),
+    [
+        ([signal.SIGINT], 130),
+        ([signal.SIGINT] * 2, 130),
+        ([signal.SIGTERM], 143),
+        ([signal.SIGHUP] * 3, 129),
+    ],
+)
+def test_whatever_interrupts_a_run_it_says_what_is_kept_and_leaves_nothing_temporary(
+    sent, code, folder, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    out = tmp_path / "out"
+    command = [*COLLALIGN, "align", str(folder), "--out", str(out), *FLAGS]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     while not worker_processes(process.pid):
         assert process.poll() is None, "ended before its workers were seen"
         time.sleep(0.01)
-    for _ in range(presses):  # a terminal sends it to all processes in the foreground
-        os.killpg(process.pid, signal.SIGINT)
+    assert any((tmp_path / "tmp").iterdir())
+    for number in sent:  # a terminal sends it to all processes in the foreground
+        os.killpg(process.pid, number)
         time.sleep(0.02)
     _, errors = process.communicate(timeout=600)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in errors
     assert "Warning" not in errors
     assert errors.splitlines()[-1] == (
-        f"collalign: interrupted; everything finished is kept in {tmp_path / 'store.sqlite'}; "
+        f"collalign: interrupted; everything finished is kept in {out / 'store.sqlite'}; "
         "run the same command to go on"
     )
-    assert not (tmp_path / "alignment.json").exists()
-    run_command("status", tmp_path, ends=5)
+    assert not (out / "alignment.json").exists()
+    assert [*(tmp_path / "tmp").iterdir()] == []
+    run_command("status", out, ends=5)
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_what_a_killed_run_leaves_goes_with_the_next(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    command = [*COLLALIGN, "align", str(folder), "--out", str(tmp_path / "out"), *FLAGS]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        while not worker_processes(process.pid):
+            assert process.poll() is None, "ended before its workers were seen"
+            time.sleep(0.01)
+        process.kill()
+    assert any((tmp_path / "tmp").iterdir())
+    subprocess.run([*command[:-1], "1"], check=True, capture_output=True)
+    assert [*(tmp_path / "tmp").iterdir()] == []
 
 
 def test_ctrl_c_before_anything_began_has_a_message_too():

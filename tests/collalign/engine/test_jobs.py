@@ -14,7 +14,7 @@ import collalign.engine.job as table_module
 from collalign.engine.progress import ProgressBar
 from collalign.engine.run_jobs import SharedTable, run_jobs
 from data_tools.errors import CollalignError, InputError, OptionsError
-from tests.faults import is_running
+from tests.faults import is_running, worker_processes
 from tests.job_functions import look_up, misbehave, positions, process_id, spectrum
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -106,6 +106,28 @@ def test_tasks_that_misbehave_cost_only_themselves(tmp_path):
     assert {key for key in failures if results[key].crashed} == {"segfault", "hang", "fill"}
     assert np.isnan(results["hang"].seconds)
     assert results["r0"].seconds >= 0.01
+
+
+def test_a_worker_that_is_stopped_is_ended_and_its_task_runs_again(tmp_path):
+    tasks = [(f"r{i}", ("return", i)) for i in range(20)]
+    tasks.insert(3, ("stopped", ("stopped-once", str(tmp_path / "stopped"))))  # type: ignore[arg-type]
+    results = collect(misbehave, tasks, num_jobs=2, time_limit_s=2.5)
+    assert {result.failure for result in results.values()} == {None}
+    assert results["stopped"].value == str(tmp_path / "stopped")
+
+
+def test_tasks_go_on_where_all_workers_are_stopped_whatever_they_do(monkeypatch):
+    monkeypatch.setattr("collalign.engine.local_jobs._START_S", 15.0)
+
+    def tasks():
+        for at in range(12):
+            if at == 6:
+                for pid in worker_processes(os.getpid()):
+                    os.kill(pid, signal.SIGSTOP)
+            yield str(at), ("return", at)
+
+    results = collect(misbehave, tasks(), num_jobs=2, time_limit_s=2.5)
+    assert {result.value for result in results.values()} == {*range(12)}
 
 
 def test_failures_are_records_in_one_process_too():

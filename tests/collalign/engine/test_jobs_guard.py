@@ -1,6 +1,9 @@
 """What is concluded from deaths of workers and from the ledger, without any worker."""
 
 import faulthandler
+import os
+import threading
+import time
 
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -43,6 +46,60 @@ def test_deaths_before_the_task_has_started_are_not_its_own(tmp_path):
     run = DeadlyRun(tmp_path, "SIGSEGV(-11)", has_started=False)
     assert run._alone(TASK).crashed
     assert run.num_calls == 10
+
+
+def test_only_tasks_of_the_ledger_that_go_on_or_that_nobody_takes_end_a_worker(
+    tmp_path, monkeypatch
+):
+    guard, killed, ended = Guard(directory=tmp_path), [], threading.Event()
+    run = _LocalRun(call_of(abs, time_limit_s=60.0), guard, 2)
+    own, other = os.getpid(), 2**22 + 1
+
+    def kill(pid, number):
+        killed.append(pid)
+        ended.set()
+
+    for name, seconds in (("_WATCH_EVERY_S", 0.01), ("_GRACE_S", 0.05), ("_START_S", 0.1)):
+        monkeypatch.setattr(f"collalign.engine.local_jobs.{name}", seconds)
+    monkeypatch.setattr("collalign.engine.local_jobs.worker_pids", lambda: {own, other})
+    monkeypatch.setattr("os.kill", kill)
+
+    def watch_for(seconds):
+        killed.clear()
+        ended.clear()
+        timer = threading.Timer(seconds, ended.set)
+        timer.start()
+        run._watch(0.1, ended)
+        timer.cancel()
+        timer.join()
+        return {*killed}
+
+    def watch_twice():
+        """Return the seconds between the first kill and the next one of the same worker."""
+        times = []
+
+        def kill_and_note(pid, number):
+            times.append(time.monotonic())
+            if len(times) == 4:
+                ended.set()
+
+        ended.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr("os.kill", kill_and_note)
+            run._watch(0.1, ended)
+        return times[2] - times[0]
+
+    assert watch_for(0.5) == set(), "nothing in flight"
+    run._in_flight = lambda: {7}
+    assert watch_for(60.0) == {own, other}, "nobody takes it"
+    assert watch_twice() > 0.15, "those that follow have their own time"
+    guard.note("S", 7)
+    assert watch_for(60.0) == {own}, "it goes on"
+    assert run._cause_of_death(own, RuntimeError()) == "ran past the time limit of 60 s"
+    guard.note("E", 7)
+    assert watch_for(0.5) == set(), "it has ended"
+    guard.note("S", 8)
+    assert watch_for(0.5) == set(), "nobody waits for it"
 
 
 @pytest.mark.parametrize("function", [abs, int.from_bytes])

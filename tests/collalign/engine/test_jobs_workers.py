@@ -13,7 +13,7 @@ from joblib import Parallel, delayed
 from joblib.externals.loky import process_executor
 
 from collalign.engine.job import Job, Wanted
-from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_jobs import run_jobs
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session

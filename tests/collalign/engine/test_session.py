@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from collalign.engine.job import Job, Wanted, table_of_stored
-from collalign.engine.local_jobs import lasting_workers
+from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.engine.store import Store
