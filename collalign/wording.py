@@ -68,7 +68,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         "So few shapes do not tell left from right surely: confidences are at most "
         f"{percent(of.values['most'])}. Check one shape of each side."
     ),
-    "fewer-points": "Shapes are matched at {num} points: most have fewer than the {asked} asked for.",
+    "few-points": lambda of: (
+        f"Fewer points than the {of.values['num']} that shapes are matched at: "
+        f"{_each(of, 'counts', '{} points')}. Some of these count several times."
+    ),
+    "fewer-points": "Shapes are matched at {num} points: none has the {asked} asked for.",
     "given": lambda of: _given(**of.values),
     "incomplete": lambda of: (
         "Incomplete, and aligned on the regions shared with complete shapes: "
@@ -193,7 +197,6 @@ TOOL_TEXTS: dict[str, _Text] = {
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."
     ),
-    "too-few-points": "Left out by a run, with fewer than {num} points: {shapes}.",
 }
 _TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
 

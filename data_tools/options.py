@@ -59,8 +59,9 @@ class SamplingOptions:
     Parameters
     ----------
     num_points : int
-        Samples per shape, matched exactly. 20 are quick, 64 are right more often. Collections of point sets that have
-        fewer points are matched at those that they have.
+        Samples per shape, matched exactly. 20 are quick, 64 are right more often. Point sets that all have fewer
+        points are matched at as many as the largest has. A shape of fewer points than the others has some of them
+        again.
     metric : {"auto", "geodesic", "euclidean"}
         Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
         Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary).

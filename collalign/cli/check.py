@@ -14,10 +14,11 @@ from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
+from collalign.stages.shape_stage import common_num_points, excluded_file, few_points, odd_sizes
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
+from data_tools.embedding.sampling import check_determines_pose
 from data_tools.errors import CollectionError
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
@@ -62,6 +63,7 @@ class FileFacts:
 def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
     """Read and clean a file, inside a worker, and return what is said of it."""
     shape = read_shape(file, cleaning, name=name)
+    check_determines_pose(shape)
     return FileFacts(
         name=name,
         points=len(shape.vertices),
@@ -107,16 +109,13 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         merged = "duplicates-merged"  # every STL file repeats its vertices
         texts = [note["text"] for note in one["notes"] if note["code"] != merged]
         say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *texts]))
-    num = common_num_points([one["points"] for one in facts], options.sampling.num_points)
+    asked = options.sampling.num_points
+    counts = {one["name"]: asked if one["triangles"] else one["points"] for one in facts}
+    num = common_num_points([*counts.values()], asked)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]
     said = {one.name: one.notes for one in read}
     notes += [*coarse_coordinates(said), *content_not_kept(said)]
-    if num < options.sampling.num_points:
-        notes.append(
-            Note("fewer-points", values={"num": num, "asked": options.sampling.num_points})
-        )
-    if few := [one["name"] for one in facts if one["points"] < num]:
-        notes.append(Note("too-few-points", tuple(few), {"num": num}))
+    notes += few_points(counts, num, asked)
     signatures = [one.signature for one in read]
     copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])
     notes += [one.note for one in copies]
@@ -132,10 +131,9 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         warn(f"Would be left out: {item.file}: {item.reason}")
     missing = [{"file": item.file, "reason": item.reason} for item in left_out]
     add_to_summary(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
-    able = len(facts) - len(few)
-    if able < 2:
+    if len(facts) < 2:
         raise CollectionError(
-            f"{able} readable shapes, at least two are needed to align a collection"
+            f"{len(facts)} readable shapes, at least two are needed to align a collection"
         )
-    say(f"{able} of {len(listing.names)} files can be aligned.")
-    return INCOMPLETE if left_out or few else 0
+    say(f"{len(facts)} of {len(listing.names)} files can be aligned.")
+    return INCOMPLETE if left_out else 0

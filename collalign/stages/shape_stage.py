@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-import numpy as np
-
 from collalign.engine.job import Job, T, Wanted
 from collalign.engine.store_file import NUM_FILES
 from collalign.options import AUTO, AlignOptions, AlignSession
@@ -25,14 +23,11 @@ from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.outliers import odd_ratios
 
-#: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
-SMALLEST_SHARE = 0.5
-
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
 MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-18", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-19", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
@@ -64,14 +59,12 @@ def prepare_shapes(
     wanted = session.options.sampling.num_points
     own = own or {}
     shapes = _prepare(session, listing, session.options, own, extra)
-    num = common_num_points([len(item.vertex_indices) for item in shapes.samples], wanted)
+    counts = {one.name: one.num_places for one in shapes.samples}
+    num = common_num_points([*counts.values()], wanted)
     if num < wanted:
         fewer = replace(session.options.sampling, num_points=num)
         shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own, extra)
-        shapes = replace(
-            shapes, notes=(Note("fewer-points", values={"num": num, "asked": wanted}),)
-        )
-    shapes = _with_enough(shapes, num, strict=session.options.strict)
+    shapes = replace(shapes, notes=few_points(counts, num, wanted))
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
     shapes = replace(
@@ -86,10 +79,9 @@ def prepare_shapes(
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:
-    """Return at how many points all shapes are matched.
+    """Return at how many points all shapes are matched: as many as asked for, or as the shape of most points has.
 
-    As many as asked for, unless most shapes have fewer: then as many as the smallest of them has. Shapes of less than
-    half of the median do not count, or one damaged file would leave hardly any points for all others.
+    A shape of fewer points lowers nobody: some of its points stand for several of the others.
 
     Parameters
     ----------
@@ -97,9 +89,23 @@ def common_num_points(counts: Sequence[int], wanted: int) -> int:
         Points of each shape.
     wanted : int
     """
-    few = np.sort(np.minimum(counts, wanted))
-    median = int(few[(len(few) - 1) // 2]) if len(few) else wanted
-    return int(few[few >= SMALLEST_SHARE * median][0]) if median < wanted else wanted
+    return min(wanted, max(counts, default=wanted))
+
+
+def few_points(counts: Mapping[str, int], num: int, wanted: int) -> tuple[Note, ...]:
+    """Return notes where shapes are matched at fewer points than asked for, or some have fewer than the others.
+
+    Parameters
+    ----------
+    counts : mapping of str to int
+        Points of each shape.
+    num, wanted : int
+        Points that shapes are matched at, and that were asked for.
+    """
+    few = {name: count for name, count in counts.items() if count < num}
+    lowered = Note("fewer-points", values={"num": num, "asked": wanted})
+    poor = Note("few-points", tuple(few), {"num": num, "counts": tuple(few.values())})
+    return (*((lowered,) if num < wanted else ()), *((poor,) if few else ()))
 
 
 def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
@@ -118,23 +124,6 @@ def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
     return tuple(found)
 
 
-def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
-    """Leave out the shapes of fewer points than all others are matched at."""
-    counts = [len(item.vertex_indices) for item in shapes.samples]
-    small = [i for i, count in enumerate(counts) if count < num]
-    reasons = [
-        f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small
-    ]
-    if strict and small:
-        raise InputError(f"{shapes.files[small[0]]}: {reasons[0]}")
-    left_out = tuple(
-        excluded_file(shapes.files[i], shapes.names[i], reason)
-        for i, reason in zip(small, reasons, strict=True)
-    )
-    kept = shapes.some([i for i in range(len(counts)) if i not in small])
-    return replace(kept, excluded=shapes.excluded + left_out)
-
-
 def _prepare(
     session: AlignSession,
     listing: FolderListing,
@@ -142,7 +131,7 @@ def _prepare(
     own: Mapping[str, OwnPoints],
     extra: Mapping[str, ExtraSurface],
 ) -> Shapes:
-    """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
+    """Read, clean, sample and embed every file, each at as many points as asked for."""
     wanted, excluded = wanted_shapes(listing, options, own, extra)
     session.store.set_note(NUM_FILES, str(len(wanted)))
     found = session.compute(

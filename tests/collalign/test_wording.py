@@ -40,6 +40,7 @@ EXAMPLES = [
         for ignored in (False, True)
     ),
     Note("few-for-sides", values={"most": 0.8}),
+    Note("few-points", PAIR, {"num": 64, "counts": (18, 9)}),
     Note("sides-in-one-place", values={"most": 0.5}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
     Note(

@@ -146,12 +146,15 @@ def refine_rotations(
     }
     with table_of_values(samples) as table:
         poses = list(session.map_parallel("refinements", refine_pair, tasks, shared=table).values())
+    # The variance of a pose follows the number of points: shapes of few pull the others less.
+    counts = np.array([len(item.dense_positions) for item in samples])
+    shares = counts[local].min(axis=1) / counts.max()
     graph = PairGraph.of_candidates(
         local,
         [(rotation[None], np.array([energy])) for rotation, energy, _ in poses],
         num_shapes=len(samples),
         pattern=pattern,
-        weights=np.array([weight for _, _, weight in poses]),
+        weights=shares * np.array([weight for _, _, weight in poses]),
     )
     return synchronize_graph(graph, fixed=fixed).rotations
 
