@@ -1,4 +1,4 @@
-"""Collections as people reported them of other programs, with members that hold too little, or more than the shape."""
+"""Collections as people reported them of other programs: members that hold too little, or more than the shape."""
 
 import numpy as np
 
