@@ -25,6 +25,8 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "edge-geodesics": "geodesic distances follow edges, because the heat method does not suit this mesh",
     "far-points-left-out": "left out {num} {points} far from all others, up to {times:.3g} times as far from the "
     "middle",
+    "inner-walls": "{share:.0%} of the area is of walls inside",
+    "inner-walls-dropped": "walls inside, {share:.0%} of the area, were left out",
     "made-of-parts": "made of {parts}",
     "no-endsolid": "the file has no 'endsolid': it may be cut off",
     "non-finite-dropped": "dropped {vertices} vertices that are NaN or infinite, with {triangles} triangles",
@@ -124,6 +126,10 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "symmetric": lambda of: _symmetric(**of.values),
     "unconnected": "No pairs connect {num} parts of the collection. Poses can be compared within each part only.",
     "unjoined-scans": "No overlap joins all shapes. Poses can be compared within these groups only: {groups}.",
+    "walls-left-out": lambda of: (
+        "Walls inside were left out, which cannot be seen from outside and which other shapes do not have: "
+        f"{_with(of, map(percent, of.values['shares']))} of the surface. To keep them, use --cleaning.inner keep."
+    ),
     "vertex-maps-doubtful": lambda of: (
         "The maps of these shapes are more likely wrong than right: "
         f"{_with(of, map(percent, of.values['confidences']))}. The report shows where."

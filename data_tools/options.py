@@ -10,6 +10,8 @@ from data_tools.checks import check_count, check_kinds, check_number
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
 Components = Literal["auto", "largest", "all"]
+#: What becomes of surface that cannot be seen from outside.
+Inner = Literal["auto", "keep", "drop"]
 #: What one unit of length is after preprocessing.
 Normalisation = Literal["centroid", "area", "none"]
 #: Which evidence is matched.
@@ -32,10 +34,15 @@ class CleaningOptions:
         everything, as objects need that are assembled of parts, and matches the surface around all of them. auto
         keeps the largest, but where most shapes lose more than a twentieth of their area, two shapes are matched by
         all components, and a collection is if the largest ones leave poses in doubt and all components leave less.
+    inner : {"auto", "keep", "drop"}
+        Surface that cannot be seen from outside: sealed cavities, inner walls behind an opening, struts within. auto
+        leaves it out of all shapes where some have a tenth or more of it and others have none, as of scans of bones
+        beside computed tomographies.
     """
 
     merge_vertices: bool = True
     components: Components = "auto"
+    inner: Inner = "auto"
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -46,10 +53,11 @@ class CleaningKeywords(TypedDict, total=False):
 
     merge_vertices: bool
     components: Components
+    inner: Inner
 
 
 #: Files are read as stored: vertex indices are those of the file.
-AS_STORED = CleaningOptions(merge_vertices=False, components="all")
+AS_STORED = CleaningOptions(merge_vertices=False, components="all", inner="keep")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,7 +93,9 @@ def place_templates(
     """
     placed, notes, systems = {}, list[Note](), set()
     for name, marks in given.items():
-        surface = _Surface(read_shape(files[name], CleaningOptions(components="all"), name=name))
+        surface = _Surface(
+            read_shape(files[name], CleaningOptions(components="all", inner="keep"), name=name)
+        )
         declared = declared_system(files[name])
         system = declared or _system_on(marks, surface)
         placed[name], codes = _without(name, _in_system(marks, system), surface, _is_code)

@@ -21,6 +21,7 @@ from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.extra import ExtraSurface
+from data_tools.surface.hidden import WALLS_LEFT_OUT, differ_in_walls
 from data_tools.surface.outliers import odd_ratios
 
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
@@ -68,7 +69,14 @@ def prepare_shapes(
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
     shapes = replace(
-        shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said))
+        shapes,
+        notes=(
+            *shapes.notes,
+            *odd,
+            *coarse_coordinates(said),
+            *content_not_kept(said),
+            *walls_left_out(said),
+        ),
     )
     if len(shapes.names) < 2:
         reasons = "".join(f"\n  {item.file}: {item.reason}" for item in shapes.excluded)
@@ -76,6 +84,46 @@ def prepare_shapes(
             f"{len(shapes.names)} readable shapes, at least two are needed to align a collection{reasons}"
         )
     return shapes
+
+
+def without_walls(session: AlignSession, shapes: Shapes) -> AlignSession:
+    """Return the session that leaves walls inside surfaces out, where some shapes have them and others none.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+        As :func:`prepare_shapes` read them with this session.
+    """
+    options = session.options
+    are_sided = [len(item.dense_normals) > 0 for item in shapes.samples]
+    if options.cleaning.inner != AUTO or not differ_in_walls(
+        [item.notes for item in shapes.samples], are_sided
+    ):
+        return session
+    cleaning = replace(options.cleaning, inner="drop")
+    return replace(session, options=replace(options, cleaning=cleaning))
+
+
+def walls_left_out(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
+    """Return the note that names the shapes whose walls inside were left out; none if there are none.
+
+    Parameters
+    ----------
+    shapes : mapping of str to sequence of Note
+        The notes of each shape by its name.
+    """
+    shares = {
+        name: float(str(one.values["share"]))
+        for name, own in shapes.items()
+        for one in own
+        if one.code == WALLS_LEFT_OUT
+    }
+    return (
+        (Note("walls-left-out", tuple(shares), {"shares": tuple(shares.values())}),)
+        if shares
+        else ()
+    )
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:

@@ -128,7 +128,9 @@ class ExportRequest:
             If it is no longer there.
         """
         path = self.collection.file(at)
-        return read_shape(path, CleaningOptions(components="all"), name=self.collection.names[at])
+        return read_shape(
+            path, CleaningOptions(components="all", inner="keep"), name=self.collection.names[at]
+        )
 
     def path(self, name: str) -> Path:
         """Return the path of one file, whose folder exists then; names that would lead elsewhere are refused."""
