@@ -31,6 +31,7 @@ from collalign.stages.components import pose_with_components
 from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
 from collalign.stages.match_pairs import num_reused_pairs
+from collalign.stages.mixed_sides import sides_of_result
 from collalign.stages.own_knowledge import (
     given_constraints,
     own_notes,
@@ -237,6 +238,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions
     )
     session = with_group(run, matched.group).session
+    reflected = np.linalg.det(posed.transforms[:, :3, :3]) < 0
     signatures, notes = [item.signature for item in samples], [item.notes for item in samples]
     copies = find_copies(shapes.names, shapes.digests, signatures, notes)
     return Collection(
@@ -256,7 +258,9 @@ def _collected(run: Run, matched: Matched, posed: Posed, skipped: tuple[str, ...
         notes=(
             *solution.warnings,
             *shapes.notes,
-            *matched.notes,
+            *sides_of_result(
+                matched.notes, shapes.names, posed.pairs, reflected, posed.side_limits
+            ),
             *posed.notes,
             *_unknown_confidence(solution.confidence, wanted.synchronization),
             *(one.note for one in copies),

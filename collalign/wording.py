@@ -32,6 +32,7 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "non-finite-dropped": "dropped {vertices} vertices that are NaN or infinite, with {triangles} triangles",
     "not-kept": "the file also has {things}, which are not kept",
     "outside-component": "{num} of {total} vertices are outside the largest component and are not matched",
+    "plain-pieces": "the object is not the largest piece: larger ones, {share:.0%} of the area, are flat or boxes",
     "points-without-coordinates": "left out {num} of {total} points without coordinates",
     "stray-points-left-out": "left out {num} stray points off the surface",
     "subsampled": "computed on {kept} of {total} points",
@@ -122,6 +123,7 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         f"like this too, so confidences are at most {percent(of.values['most'])}. "
         "If no specimen should be reflected, use --group SO."
     ),
+    "sides-not-confirmed": lambda of: _not_confirmed(of, **of.values),
     "sides-sampled": "Left and right specimens were looked for among {num} of {total} shapes.",
     "symmetric": lambda of: _symmetric(**of.values),
     "unconnected": "No pairs connect {num} parts of the collection. Poses can be compared within each part only.",
@@ -197,6 +199,11 @@ TOOL_TEXTS: dict[str, _Text] = {
     "not-shapes": lambda of: (
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
         f"{_joined(of.values['files'])}."
+    ),
+    "plain-left-out": lambda of: (
+        "Taken as the object beside larger pieces that are flat or boxes, such as a table: "
+        f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
+        "--cleaning.components all."
     ),
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "size-not-tested": lambda of: (
@@ -421,6 +428,15 @@ def _symmetric(num: int, total: int, rotations: str, up_to: float, absolute: flo
         f"{num} of {total} shapes have a symmetry: they fit as well in other poses. Their poses are defined only up "
         f"to these rotations of the common frame: {rotations}. The median confidence is {percent(up_to)} up to "
         f"these, and {percent(absolute)} without them."
+    )
+
+
+def _not_confirmed(note: Note, num_better: int, num_pairs: int, most: float) -> str:
+    at_most = f" So confidences are at most {percent(most)}." if most < 1.0 else ""
+    return (
+        f"The surfaces of {listed(note.shapes)} look like mirror images of the others, but no shape was reflected: "
+        f"the mirror image fits better in {num_better} of {num_pairs} pairs.{at_most} To forbid reflections, use "
+        "--group SO."
     )
 
 

@@ -14,7 +14,13 @@ from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.shape_stage import common_num_points, excluded_file, few_points, odd_sizes
+from collalign.stages.shape_stage import (
+    common_num_points,
+    excluded_file,
+    few_points,
+    left_out_of,
+    odd_sizes,
+)
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
@@ -114,7 +120,7 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
     num = common_num_points([*counts.values()], asked)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]
     said = {one.name: one.notes for one in read}
-    notes += [*coarse_coordinates(said), *content_not_kept(said)]
+    notes += [*coarse_coordinates(said), *content_not_kept(said), *left_out_of(said)]
     notes += few_points(counts, num, asked)
     signatures = [one.signature for one in read]
     copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])

@@ -20,6 +20,7 @@ from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
+from data_tools.surface.cleaning import PLAIN_LEFT_OUT
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.hidden import WALLS_LEFT_OUT, differ_in_walls
 from data_tools.surface.outliers import odd_ratios
@@ -75,7 +76,7 @@ def prepare_shapes(
             *odd,
             *coarse_coordinates(said),
             *content_not_kept(said),
-            *walls_left_out(said),
+            *left_out_of(said),
         ),
     )
     if len(shapes.names) < 2:
@@ -105,25 +106,25 @@ def without_walls(session: AlignSession, shapes: Shapes) -> AlignSession:
     return replace(session, options=replace(options, cleaning=cleaning))
 
 
-def walls_left_out(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
-    """Return the note that names the shapes whose walls inside were left out; none if there are none.
+def left_out_of(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
+    """Return the notes that name the shapes whose walls inside, or larger plain pieces, were left out.
 
     Parameters
     ----------
     shapes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    shares = {
-        name: float(str(one.values["share"]))
-        for name, own in shapes.items()
-        for one in own
-        if one.code == WALLS_LEFT_OUT
-    }
-    return (
-        (Note("walls-left-out", tuple(shares), {"shares": tuple(shares.values())}),)
-        if shares
-        else ()
-    )
+    found = []
+    for code, of_one in (("walls-left-out", WALLS_LEFT_OUT), ("plain-left-out", PLAIN_LEFT_OUT)):
+        shares = {
+            name: float(str(one.values["share"]))
+            for name, own in shapes.items()
+            for one in own
+            if one.code == of_one
+        }
+        if shares:
+            found.append(Note(code, tuple(shares), {"shares": tuple(shares.values())}))
+    return tuple(found)
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:

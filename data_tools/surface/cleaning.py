@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import fast_simplification
 import numpy as np
@@ -21,7 +22,13 @@ from data_tools.errors import InputError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas, mesh_components, vertex_components
+from data_tools.surface.topology import (
+    face_areas,
+    face_crosses,
+    mesh_components,
+    spread_over_faces,
+    vertex_components,
+)
 
 #: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together. A
 #: generated bone of 600 000 triangles, decimated to 4000, then lies 3.6e-4 sqrt(area) from the original (root mean
@@ -110,8 +117,8 @@ NEAR_TIE = 0.8
 #: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
 #: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
 MOST_DROPPED = 0.05
-#: The code of the note of a mesh of several components.
-COMPONENTS_KEPT = "components-kept"
+#: The codes of the notes of a mesh of several components, and of one that lies beside larger plain pieces.
+COMPONENTS_KEPT, PLAIN_LEFT_OUT = "components-kept", "plain-pieces"
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
@@ -192,7 +199,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
                 f"{shape.file or shape.name}: every one of its {len(shape.faces)} triangles has zero area"
             )
         if options.components != "all":
-            faces = _largest_components(len(vertices), faces, areas, notes)
+            faces = _largest_components(vertices, faces, areas, notes)
         vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
     if not notes:
         return shape
@@ -272,13 +279,18 @@ def _drop_degenerate(
 
 
 def _largest_components(
-    num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]
+    vertices: FloatArray, faces: IntArray, face_area: FloatArray, notes: list[Note]
 ) -> IntArray:
-    """Return the triangles of the largest component, and of those nearly as large."""
-    _, labels = mesh_components(num_vertices, faces)
+    """Return the triangles of the largest component, and of those nearly as large; plain ones are no object."""
+    _, labels = mesh_components(len(vertices), faces)
     of_face = labels[faces[:, 0]]
     areas = np.bincount(of_face, weights=face_area)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
+    beside = object_beside(vertices, faces, of_face, areas)
+    if beside is not None:
+        kept = np.arange(len(areas)) == beside
+        share = float(areas[areas > areas[beside]].sum() / areas.sum())
+        notes.append(Note(PLAIN_LEFT_OUT, values={"share": share}))
     good = kept[of_face]
     if kept.sum() > 1 or not good.all():
         share = float(100.0 * areas[kept].sum() / areas.sum())
@@ -289,6 +301,92 @@ def _largest_components(
         }
         notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share}))
     return faces[good]
+
+
+class PlainTuning(NamedTuple):
+    """Numbers by which an object is told from plain pieces that it was scanned with.
+
+    Set once, on generated scenes; the objects that are assembled of boards are those of the families.
+    """
+
+    smallest: float = 0.02
+    """Pieces of less than this share of the largest one's area are no object."""
+    most_larger: int = 3
+    """An object may lie beside so many larger plain pieces: a table, a wall, a cube."""
+    num_points: int = 600
+    """Points of a piece that are looked at."""
+    flat: float = 0.1
+    """A piece is flat if it is thinner than this share of its width, as standard deviations, ..."""
+    num_sides: int = 6
+    """... and a box if its normals lie around so many directions, ..."""
+    within_cosine: float = 0.966
+    """... within 15 degrees, ..."""
+    of_box: float = 0.9
+    """... so many of them."""
+    times: float = 10.0
+    """A larger box is a calibration cube if the object has so many times as many triangles; boards of furniture have
+    as few as its other parts."""
+
+
+#: The numbers in use.
+PLAIN = PlainTuning()
+
+
+def object_beside(
+    vertices: FloatArray, faces: IntArray, of_face: IntArray, areas: FloatArray
+) -> int | None:
+    """Return the component that is the object where larger ones are flat or boxes; None where it is the largest.
+
+    Tables, walls, scale bars and calibration cubes are plain; an object that is assembled of boards has no single
+    component that is not.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (v, 3)
+    faces : ndarray of int, shape (f, 3)
+    of_face : ndarray of int, shape (f,)
+        The component of each triangle.
+    areas : ndarray, shape (c,)
+        Of the components.
+    """
+    order = np.argsort(-areas, kind="stable")
+    order = order[areas[order] >= PLAIN.smallest * areas[order[0]]].tolist()
+    if len(order) < 2:
+        return None
+    pieces = [faces[of_face == one] for one in order]
+    shown = range(min(len(order), PLAIN.most_larger + 1))
+    at = next((k for k in shown if not is_plain(vertices, pieces[k])), 0)
+    if at == 0 or not all(
+        is_flat(vertices, piece) or PLAIN.times * len(piece) <= len(pieces[at])
+        for piece in pieces[:at]
+    ):
+        return None
+    has_rival = any(
+        areas[other] >= NEAR_TIE * areas[order[at]] and not is_plain(vertices, piece)
+        for other, piece in zip(order[at + 1 :], pieces[at + 1 :], strict=True)
+    )
+    return None if has_rival else order[at]
+
+
+def is_flat(vertices: FloatArray, faces: IntArray) -> bool:
+    """Return whether a piece of a mesh is thin compared with its width."""
+    points, _ = spread_over_faces(vertices, faces, PLAIN.num_points)
+    spreads = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0))
+    return bool(spreads[0] < PLAIN.flat * spreads[1])
+
+
+def is_plain(vertices: FloatArray, faces: IntArray) -> bool:
+    """Return whether a piece of a mesh is flat, or a box."""
+    if is_flat(vertices, faces):
+        return True
+    _, at = spread_over_faces(vertices, faces, PLAIN.num_points)
+    crosses = face_crosses(vertices, faces).T[at]
+    normals = crosses / np.linalg.norm(crosses, axis=1, keepdims=True)
+    near = normals @ normals.T >= PLAIN.within_cosine
+    left = np.ones(len(normals), dtype=np.bool_)
+    for _ in range(PLAIN.num_sides):
+        left &= ~near[int(np.argmax(near @ left))]
+    return bool(left.mean() <= 1.0 - PLAIN.of_box)
 
 
 def are_assembled(options: CleaningOptions, notes: Sequence[Sequence[Note]]) -> bool:

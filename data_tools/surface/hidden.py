@@ -1,4 +1,4 @@
-"""Walls inside a surface, which cannot be seen from outside: sealed cavities, inner walls behind an opening, struts."""
+"""Walls inside a surface, which cannot be seen from outside: cavities, inner walls behind openings, second shells."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.rotations import half_sphere
+from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.extra import without_vertices
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import (
@@ -62,6 +63,13 @@ class HiddenTuning(NamedTuple):
     longest_rim: float = 2.0
     """... and its rim, where it joins what is seen, is shorter than this times the root of its area: .4 to .8 of a
     wall behind an opening, 5 and more of recesses."""
+    touching: float = 1e-3
+    """A component is a second shell where its points lie within the largest one, or beyond it by less than this times
+    the root of its area, ..."""
+    within: float = 0.95
+    """... so many of them, ..."""
+    num_compared: int = 300
+    """... of so many that are looked at."""
     much: float = 0.1
     """Shapes differ by their walls where one has at least this share of its area in walls, and another none."""
 
@@ -73,8 +81,8 @@ TUNED = HiddenTuning()
 def inner_walls(mesh: Shape) -> BoolArray:
     """Return which vertices (v,) are of walls inside a mesh; none where its triangles have no sides.
 
-    These are pieces of the surface that cannot be seen from outside and are joined to the rest at short rims, if at
-    all. Recesses, which have long rims, are no walls.
+    These are components within the largest one, and pieces of the surface that cannot be seen from outside and are
+    joined to the rest at short rims, if at all. Recesses, which have long rims, are no walls.
 
     Parameters
     ----------
@@ -83,6 +91,7 @@ def inner_walls(mesh: Shape) -> BoolArray:
     walls = np.zeros(len(mesh.vertices), dtype=np.bool_)
     if orientation_defects(mesh) > MAX_DEFECTS:
         return walls
+    walls = _inner_shells(mesh)
     points, normals, spacing = _spread(mesh, TUNED.num_glanced)
     glanced = _seen_shares(points, spacing, points, normals, TUNED.glances)
     if (glanced <= TUNED.seen[0]).mean() <= TUNED.worth:
@@ -94,6 +103,32 @@ def inner_walls(mesh: Shape) -> BoolArray:
     for most_seen in TUNED.seen:
         walls |= _walls_among(mesh, edges, areas, seen, most_seen)
     return walls
+
+
+def _inner_shells(mesh: Shape) -> BoolArray:
+    """Return which vertices (v,) are of components that lie within the largest one, or on it."""
+    num, piece = mesh_components(len(mesh.vertices), mesh.faces)
+    inner = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    if num < 2:
+        return inner
+    areas = np.bincount(
+        piece[mesh.faces[:, 0]], weights=face_areas(mesh.vertices, mesh.faces), minlength=num
+    )
+    largest = int(np.argmax(areas))
+    faces = mesh.faces[piece[mesh.faces[:, 0]] == largest]
+    outer = replace(mesh, faces=faces)
+    locator = SurfaceLocator(mesh.vertices, faces)
+    normals = vertex_normals(mesh.vertices, faces) * _side(outer)
+    reach = TUNED.touching * np.sqrt(areas[largest])
+    for other in np.flatnonzero(areas >= TUNED.least_piece * areas.sum()):
+        if other == largest:
+            continue
+        own = np.flatnonzero(piece == other)
+        places = mesh.vertices[own[:: -(-len(own) // TUNED.num_compared)]]
+        nearest = locator.closest(places)
+        heights = np.einsum("pa,pa->p", places - nearest.on(mesh.vertices), nearest.on(normals))
+        inner[own] = (heights <= reach).mean() >= TUNED.within
+    return inner
 
 
 def _walls_among(
