@@ -114,17 +114,19 @@ def left_out_of(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
     shapes : mapping of str to sequence of Note
         The notes of each shape by its name.
     """
-    found = []
-    for code, of_one in (("walls-left-out", WALLS_LEFT_OUT), ("plain-left-out", PLAIN_LEFT_OUT)):
-        shares = {
+
+    def shares_in(code: str) -> dict[str, float]:
+        return {
             name: float(str(one.values["share"]))
             for name, own in shapes.items()
             for one in own
-            if one.code == of_one
+            if one.code == code
         }
-        if shares:
-            found.append(Note(code, tuple(shares), {"shares": tuple(shares.values())}))
-    return tuple(found)
+
+    walls, plain = shares_in(WALLS_LEFT_OUT), shares_in(PLAIN_LEFT_OUT)
+    of_walls = Note("walls-left-out", tuple(walls), {"shares": tuple(walls.values())})
+    of_plain = Note("plain-left-out", tuple(plain), {"shares": tuple(plain.values())})
+    return (*((of_walls,) if walls else ()), *((of_plain,) if plain else ()))
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:

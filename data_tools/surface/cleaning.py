@@ -284,7 +284,7 @@ def _largest_components(
     """Return the triangles of the largest component, and of those nearly as large; plain ones are no object."""
     _, labels = mesh_components(len(vertices), faces)
     of_face = labels[faces[:, 0]]
-    areas = np.bincount(of_face, weights=face_area)
+    areas: FloatArray = np.bincount(of_face, weights=face_area).astype(np.float64)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
     beside = object_beside(vertices, faces, of_face, areas)
     if beside is not None:

@@ -163,7 +163,7 @@ def _walls_among(
 def _pieces(edges: IntArray, member: BoolArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the connected piece of each vertex (v,) among the members, and the weight of each piece."""
     num, piece = vertex_components(len(member), [edges[member[edges].all(axis=1)]])
-    return piece, np.bincount(piece, weights=weights, minlength=num)
+    return piece, np.bincount(piece, weights=weights, minlength=num).astype(np.float64)
 
 
 def wall_share(mesh: Shape, walls: BoolArray) -> float:
