@@ -41,7 +41,7 @@ from collalign.stages.own_knowledge import (
 )
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
-from collalign.stages.shape_stage import prepare_shapes, without_walls
+from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
@@ -185,7 +185,7 @@ def align_listing(
     def posed_with(session: AlignSession) -> tuple[Run, Matched, Posed]:
         with steps.timed(session, times_s, "shapes"):
             shapes = prepare_shapes(session, listing, given)
-            decided = without_walls(session, shapes)
+            decided = decided_reading(session, shapes)
             if decided is not session:
                 session, shapes = decided, prepare_shapes(decided, listing, given)
             constraints = given_constraints(shapes, session.options, own, fixed, kept)

@@ -34,6 +34,7 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "outside-component": "{num} of {total} vertices are outside the largest component and are not matched",
     "plain-pieces": "the object is not the largest piece: larger ones, {share:.0%} of the area, are flat or boxes",
     "points-without-coordinates": "left out {num} of {total} points without coordinates",
+    "shared-piece": "the object is the piece that the other files have; {share:.0%} of the area was left out",
     "stray-points-left-out": "left out {num} stray points off the surface",
     "subsampled": "computed on {kept} of {total} points",
     "tufted-laplacian": "computed with a tufted Laplacian, because of needles or edges of more than two triangles",
@@ -112,6 +113,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "resembles-none": lambda of: _resembles_none(of, **of.values),
     "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
     "holds several kinds, use --clusters 0 to align each by itself.",
+    "shared-pieces": lambda of: (
+        "Taken as the object, as the other files show it, beside pieces as large or larger: "
+        f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
+        "--cleaning.components all."
+    ),
     "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful, and some of the "
     "others. alignment.json, pairs.csv and the exports hold all.",
     "sides-by-fit": "In {num_between} pairs between the sides the mirror image fits better, by a median factor of "
@@ -317,8 +323,11 @@ def _tuple(note: Note, field: str) -> tuple[Any, ...]:
     return value
 
 
-def _components_kept(kept: int, total: int, share: float, dropped: int) -> str:
+def _components_kept(
+    kept: int, total: int, share: float, dropped: int, chosen: bool = False
+) -> str:
     which = "the largest" if kept == 1 else f"the {kept} largest, which are nearly of one size,"
+    which = "this" if chosen else which
     lost = f", dropped {dropped} triangles" if dropped else ""
     return f"kept {which} of {total} components ({share:.3g} % of the area){lost}"
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypedDict
 
+import numpy as np
+
 from data_tools.checks import check_count, check_kinds, check_number
+from data_tools.errors import OptionsError
 
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
@@ -16,6 +19,8 @@ Inner = Literal["auto", "keep", "drop"]
 Normalisation = Literal["centroid", "area", "none"]
 #: Which evidence is matched.
 EmbeddingKind = Literal["xyz", "xyz+lb", "xyz+invariants", "all"]
+#: Numbers that say what a piece of a mesh looks like.
+NUM_QUANTILES = 16
 #: Fewer points than this do not determine a pose.
 MIN_POINTS = 4
 
@@ -38,14 +43,23 @@ class CleaningOptions:
         Surface that cannot be seen from outside: sealed cavities, inner walls behind an opening, struts within. auto
         leaves it out of all shapes where some have a tenth or more of it and others have none, as of scans of bones
         beside computed tomographies.
+    like : tuple of float
+        What the object looks like, where some files hold larger pieces: 16 quantiles of the distances of its surface
+        from its centroid, in root mean square radii. A run finds them in the pieces that files share.
     """
 
     merge_vertices: bool = True
     components: Components = "auto"
     inner: Inner = "auto"
+    like: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds(self)
+        object.__setattr__(self, "like", tuple(self.like))
+        if len(self.like) not in (0, NUM_QUANTILES) or not np.isfinite(self.like).all():
+            raise OptionsError(
+                f"like: expected {NUM_QUANTILES} numbers, or none, got {len(self.like)}"
+            )
 
 
 class CleaningKeywords(TypedDict, total=False):
@@ -54,6 +68,7 @@ class CleaningKeywords(TypedDict, total=False):
     merge_vertices: bool
     components: Components
     inner: Inner
+    like: tuple[float, ...]
 
 
 #: Files are read as stored: vertex indices are those of the file.

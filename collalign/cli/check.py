@@ -9,17 +9,19 @@ import numpy as np
 
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, warn
-from collalign.engine.job import Job, Wanted
+from collalign.engine.job import Job, Results, Wanted
 from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.stages.shape_stage import (
     common_num_points,
+    decided_cleaning,
     excluded_file,
     few_points,
     left_out_of,
     odd_sizes,
+    pieces_of_file,
 )
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray, Holds, read_only
@@ -31,7 +33,9 @@ from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions
+from data_tools.surface.cleaning import hold_pieces, piece_signature
+from data_tools.surface.shape import Shape, outward_normals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +53,10 @@ class FileFacts:
         Of the file's content.
     signature : ndarray, shape (18,)
         See :func:`data_tools.embedding.copies.shape_signature`.
+    is_sided : bool
+        Whether its triangles agree on a side.
+    pieces : ndarray, shape (p, 16)
+        See :func:`data_tools.surface.cleaning.piece_signatures`.
     """
 
     name: str
@@ -58,10 +66,12 @@ class FileFacts:
     notes: tuple[Note, ...]
     digest: str
     signature: Annotated[FloatArray, Holds(shape="18")]
+    is_sided: bool
+    pieces: Annotated[FloatArray, Holds(shape="p 16")]
 
     def record(self) -> dict[str, Any]:
         """Return the facts in JSON types, without what only finds copies."""
-        hidden = ("digest", "signature")
+        hidden = ("digest", "signature", "is_sided", "pieces")
         shown = {field: value for field, value in asdict(self).items() if field not in hidden}
         return shown | {"notes": note_records(self.notes)}
 
@@ -78,11 +88,22 @@ def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileF
         notes=shape.notes,
         digest=hash_shape(file),
         signature=shape_signature(shape),
+        is_sided=len(outward_normals(shape)) > 0,
+        pieces=read_only(_looks(file, name, shape, cleaning)),
     )
 
 
+def _looks(file: Origin, name: str, shape: Shape, cleaning: CleaningOptions) -> FloatArray:
+    """Return what the pieces of a shape that may be the object look like, shape (p, 16)."""
+    if not shape.is_mesh:
+        return np.empty((0, NUM_QUANTILES))
+    if hold_pieces(shape.notes):
+        return pieces_of_file(file, name, None, cleaning).signatures
+    return piece_signature(shape.vertices, shape.faces)[None]
+
+
 #: Reads a file and keeps nothing of it, within the limits of a run.
-_LOOKING = Job(kind="shapes", version="check-1", run=look_at_file, reader=FileFacts)
+_LOOKING = Job(kind="shapes", version="check-2", run=look_at_file, reader=FileFacts)
 
 
 def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> int:
@@ -96,17 +117,30 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         If fewer than two files can be read.
     """
     files = dict(zip(listing.names, listing.files, strict=True))
-    wanted = {
-        name: Wanted(
-            key=_LOOKING.key(None, name),
-            label=name,
-            arguments={"file": file.absolute(), "cleaning": options.cleaning, "name": name},
-        )
-        for name, file in files.items()
-    }
     with Session.open(options, replace(run, store=None), progress_display(True)) as session:
-        found = session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
+
+        def looked_at(cleaning: CleaningOptions) -> Results[str, FileFacts]:
+            wanted = {
+                name: Wanted(
+                    key=_LOOKING.key({"cleaning": cleaning}, name),
+                    label=name,
+                    arguments={"file": file.absolute(), "cleaning": cleaning, "name": name},
+                )
+                for name, file in files.items()
+            }
+            return session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
+
+        found = looked_at(options.cleaning)
         read = [*found.values()]
+        decided = decided_cleaning(
+            options.cleaning,
+            [one.notes for one in read],
+            [one.is_sided for one in read],
+            lambda: [one.pieces for one in read],
+        )
+        if decided != options.cleaning:
+            found = looked_at(decided)
+            read = [*found.values()]
     facts = [one.record() for one in read]
     left_out = [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     for one in facts:

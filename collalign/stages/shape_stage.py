@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Annotated
+
+import numpy as np
 
 from collalign.engine.job import Job, T, Wanted
 from collalign.engine.store_file import NUM_FILES
 from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
+from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
@@ -19,8 +23,14 @@ from data_tools.io.listing import FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import PLAIN_LEFT_OUT
+from data_tools.options import NUM_QUANTILES, CleaningOptions
+from data_tools.surface.cleaning import (
+    PLAIN_LEFT_OUT,
+    SHARED_TAKEN,
+    hold_pieces,
+    piece_signatures,
+    shared_object,
+)
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.hidden import WALLS_LEFT_OUT, differ_in_walls
 from data_tools.surface.outliers import odd_ratios
@@ -87,8 +97,35 @@ def prepare_shapes(
     return shapes
 
 
-def without_walls(session: AlignSession, shapes: Shapes) -> AlignSession:
-    """Return the session that leaves walls inside surfaces out, where some shapes have them and others none.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """What the pieces of a shape that may be the object look like.
+
+    Attributes
+    ----------
+    signatures : ndarray, shape (p, 16)
+        As :func:`data_tools.surface.cleaning.piece_signatures` returns them.
+    """
+
+    signatures: Annotated[FloatArray, Holds(shape="p 16")]
+
+
+def pieces_of_file(
+    path: Origin, name: str, digest: str | None, cleaning: CleaningOptions
+) -> Pieces:
+    """Return what the pieces of a file look like; runs inside a worker."""
+    every = replace(cleaning, components="all", inner="keep")
+    shape = read_shape(path, every, name=name, digest=digest)
+    found = piece_signatures(shape) if shape.is_mesh else np.empty((0, NUM_QUANTILES))
+    return Pieces(signatures=read_only(found))
+
+
+#: Looks at the pieces of a file. The version changes whenever the same file would give another result.
+LOOKING = Job(kind="surfaces", version="pieces-1", run=pieces_of_file, reader=Pieces)
+
+
+def decided_reading(session: AlignSession, shapes: Shapes) -> AlignSession:
+    """Return the session that reads shapes as they are alike: the same piece of each, with walls inside or without.
 
     Parameters
     ----------
@@ -96,18 +133,55 @@ def without_walls(session: AlignSession, shapes: Shapes) -> AlignSession:
     shapes : Shapes
         As :func:`prepare_shapes` read them with this session.
     """
-    options = session.options
-    are_sided = [len(item.dense_normals) > 0 for item in shapes.samples]
-    if options.cleaning.inner != AUTO or not differ_in_walls(
-        [item.notes for item in shapes.samples], are_sided
-    ):
+
+    def signatures() -> list[FloatArray]:
+        wanted = {i: wanted_file(LOOKING, session, shapes, i) for i in range(len(shapes.names))}
+        limit_s = session.run.shape_time_limit_s
+        found = session.compute(LOOKING, wanted, time_limit_s=limit_s).values()
+        return [one.signatures for one in found]
+
+    before = session.options.cleaning
+    cleaning = decided_cleaning(
+        before,
+        [item.notes for item in shapes.samples],
+        [len(item.dense_normals) > 0 for item in shapes.samples],
+        signatures,
+    )
+    if cleaning == before:
         return session
-    cleaning = replace(options.cleaning, inner="drop")
-    return replace(session, options=replace(options, cleaning=cleaning))
+    return replace(session, options=replace(session.options, cleaning=cleaning))
+
+
+def decided_cleaning(
+    cleaning: CleaningOptions,
+    notes: Sequence[Sequence[Note]],
+    are_sided: Sequence[bool],
+    signatures: Callable[[], Sequence[FloatArray]],
+) -> CleaningOptions:
+    """Return how shapes are to be read that were read once.
+
+    Parameters
+    ----------
+    cleaning : CleaningOptions
+        How they were read.
+    notes : sequence of sequence of Note
+        What was said of each shape.
+    are_sided : sequence of bool
+        Whether the triangles of each agree on a side.
+    signatures : callable
+        Returns what the pieces of each shape look like; asked where some shapes hold several.
+    """
+    if cleaning.inner == AUTO and differ_in_walls(notes, are_sided):
+        cleaning = replace(cleaning, inner="drop")
+    several = [hold_pieces(own) for own in notes]
+    if cleaning.components != "all" and not cleaning.like and any(several) and not all(several):
+        found = [of_one for of_one in signatures() if len(of_one)]
+        cleaning = replace(cleaning, like=shared_object(found))
+    return cleaning
 
 
 def left_out_of(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
-    """Return the notes that name the shapes whose walls inside, or larger plain pieces, were left out.
+    """Return the notes that name the shapes whose walls inside, or larger pieces, were left out.
 
     Parameters
     ----------
@@ -124,9 +198,11 @@ def left_out_of(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
         }
 
     walls, plain = shares_in(WALLS_LEFT_OUT), shares_in(PLAIN_LEFT_OUT)
+    shared = shares_in(SHARED_TAKEN)
     of_walls = Note("walls-left-out", tuple(walls), {"shares": tuple(walls.values())})
     of_plain = Note("plain-left-out", tuple(plain), {"shares": tuple(plain.values())})
-    return (*((of_walls,) if walls else ()), *((of_plain,) if plain else ()))
+    of_shared = Note("shared-pieces", tuple(shared), {"shares": tuple(shared.values())})
+    return tuple(note for note in (of_walls, of_plain, of_shared) if note.shapes)
 
 
 def common_num_points(counts: Sequence[int], wanted: int) -> int:

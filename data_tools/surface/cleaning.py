@@ -20,7 +20,7 @@ from data_tools.arrays import (
 )
 from data_tools.errors import InputError
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import (
     face_areas,
@@ -117,8 +117,15 @@ NEAR_TIE = 0.8
 #: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
 #: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
 MOST_DROPPED = 0.05
-#: The codes of the notes of a mesh of several components, and of one that lies beside larger plain pieces.
-COMPONENTS_KEPT, PLAIN_LEFT_OUT = "components-kept", "plain-pieces"
+#: The codes of the notes of a mesh of several components, and of one that lies beside larger pieces that are plain,
+#: or beside pieces that the other files do not have.
+COMPONENTS_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN = "components-kept", "plain-pieces", "shared-piece"
+#: Components of less than this share of the largest one's area are not taken for the object.
+LEAST_PIECE = 0.1
+#: What files share tells the object if so many of them hold one piece, and another piece is the object if it is less
+#: unlike what the others hold than this, as a share of the largest one. Set once, on generated bodies beside
+#: cylinders, bent bars and bodies of another kind.
+LEAST_SINGLE, MUCH_LIKER = 1 / 3, 0.5
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
@@ -199,7 +206,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
                 f"{shape.file or shape.name}: every one of its {len(shape.faces)} triangles has zero area"
             )
         if options.components != "all":
-            faces = _largest_components(vertices, faces, areas, notes)
+            faces = _largest_components(vertices, faces, areas, notes, options.like)
         vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
     if not notes:
         return shape
@@ -279,18 +286,32 @@ def _drop_degenerate(
 
 
 def _largest_components(
-    vertices: FloatArray, faces: IntArray, face_area: FloatArray, notes: list[Note]
+    vertices: FloatArray,
+    faces: IntArray,
+    face_area: FloatArray,
+    notes: list[Note],
+    like: tuple[float, ...],
 ) -> IntArray:
-    """Return the triangles of the largest component, and of those nearly as large; plain ones are no object."""
-    _, labels = mesh_components(len(vertices), faces)
-    of_face = labels[faces[:, 0]]
-    areas: FloatArray = np.bincount(of_face, weights=face_area).astype(np.float64)
+    """Return the triangles of the largest component, and of those nearly as large; plain ones are no object.
+
+    Of several that may be the object, those of the one most ``like`` it are returned, where that is known.
+    """
+    of_face, areas = _components(vertices, faces, face_area)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
     beside = object_beside(vertices, faces, of_face, areas)
     if beside is not None:
         kept = np.arange(len(areas)) == beside
         share = float(areas[areas > areas[beside]].sum() / areas.sum())
         notes.append(Note(PLAIN_LEFT_OUT, values={"share": share}))
+    elif like:
+        pieces = _may_be_object(vertices, faces, of_face, areas)
+        signs = np.array([piece_signature(vertices, faces[of_face == one]) for one in pieces])
+        chosen = pieces[int(np.argmin(np.linalg.norm(signs - np.array(like), axis=1)))]
+        others = (kept | (areas > areas[chosen])) & (np.arange(len(areas)) != chosen)
+        if others.any():
+            kept = np.arange(len(areas)) == chosen
+            share = float(areas[others].sum() / areas.sum())
+            notes.append(Note(SHARED_TAKEN, values={"share": share}))
     good = kept[of_face]
     if kept.sum() > 1 or not good.all():
         share = float(100.0 * areas[kept].sum() / areas.sum())
@@ -299,8 +320,86 @@ def _largest_components(
             "total": int((areas > 0).sum()),
             "dropped": int((~good).sum()),
         }
-        notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share}))
+        which = (
+            {"chosen": True} if notes and notes[-1].code in (PLAIN_LEFT_OUT, SHARED_TAKEN) else {}
+        )
+        notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share, **which}))
     return faces[good]
+
+
+def _components(
+    vertices: FloatArray, faces: IntArray, face_area: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the component of each triangle (f,) and the areas of the components (c,)."""
+    _, labels = mesh_components(len(vertices), faces)
+    of_face = labels[faces[:, 0]]
+    return of_face, np.bincount(of_face, weights=face_area).astype(np.float64)
+
+
+def _may_be_object(
+    vertices: FloatArray, faces: IntArray, of_face: IntArray, areas: FloatArray
+) -> list[int]:
+    """Return the components that may be the object: the largest one, and others that are large and not plain."""
+    order = np.argsort(-areas, kind="stable")
+    first, *others = order[areas[order] >= LEAST_PIECE * areas[order[0]]].tolist()
+    return [first, *(one for one in others if not is_plain(vertices, faces[of_face == one]))]
+
+
+def piece_signature(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return what a piece of a mesh looks like, whatever its pose and size, shape (16,).
+
+    These are quantiles of the distances of its surface from its centroid, in root mean square radii.
+    """
+    points, _ = spread_over_faces(vertices, faces, PLAIN.num_points)
+    radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    return np.quantile(radii, (np.arange(NUM_QUANTILES) + 0.5) / NUM_QUANTILES) / np.sqrt(
+        (radii**2).mean()
+    )
+
+
+def piece_signatures(mesh: Shape) -> FloatArray:
+    """Return the signatures of the pieces that may be the object, shape (p, 16), the one taken by itself first.
+
+    Parameters
+    ----------
+    mesh : Shape
+        With all of its components.
+    """
+    of_face, areas = _components(mesh.vertices, mesh.faces, face_areas(mesh.vertices, mesh.faces))
+    beside = object_beside(mesh.vertices, mesh.faces, of_face, areas)
+    pieces = (
+        _may_be_object(mesh.vertices, mesh.faces, of_face, areas) if beside is None else [beside]
+    )
+    return np.array([piece_signature(mesh.vertices, mesh.faces[of_face == one]) for one in pieces])
+
+
+def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
+    """Return the signature of the object that shapes share, where some hold larger pieces; empty elsewhere.
+
+    At least :data:`LEAST_SINGLE` of the shapes hold one piece only. Of another shape, a smaller piece is the object
+    where it is much more like what the others hold than its largest piece is.
+
+    Parameters
+    ----------
+    signatures : sequence of ndarray, each (p, 16)
+        As of :func:`piece_signatures`, for each shape.
+    """
+    if np.mean([len(one) == 1 for one in signatures]) < LEAST_SINGLE:
+        return ()
+    chosen = []
+    for i, own in enumerate(signatures):
+        gaps = [
+            np.linalg.norm(own[:, None] - other, axis=2).min(axis=1)
+            for j, other in enumerate(signatures)
+            if j != i
+        ]
+        unlike = np.median(gaps, axis=0)
+        best = int(np.argmin(unlike))
+        chosen.append(best if unlike[best] < MUCH_LIKER * unlike[0] else 0)
+    if not any(chosen):
+        return ()
+    objects = [own[at] for own, at in zip(signatures, chosen, strict=True)]
+    return tuple(np.median(objects, axis=0).tolist())
 
 
 class PlainTuning(NamedTuple):
@@ -415,6 +514,12 @@ def _drop_unreferenced(
         return vertices, faces, kept
     notes.append(Note("unreferenced-dropped", values={"num": int((~used).sum())}))
     return vertices[used], (np.cumsum(used) - 1)[faces], kept[used]
+
+
+def hold_pieces(notes: Sequence[Note]) -> bool:
+    """Return whether a shape has another component that may be the object, by its notes."""
+    kept = [note.values["kept"] for note in notes if note.code == COMPONENTS_KEPT]
+    return share_kept(notes) < 1.0 / (1.0 + LEAST_PIECE) or any(num != 1 for num in kept)
 
 
 def share_kept(notes: Sequence[Note]) -> float:

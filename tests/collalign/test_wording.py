@@ -10,7 +10,7 @@ from collalign.wording import COLLECTION_TEXTS, SHAPE_TEXTS, TOOL_TEXTS, note_re
 from data_tools.io.formats.raw_shape import NOT_KEPT
 from data_tools.io.shapes import COARSE
 from data_tools.notes import Note
-from data_tools.surface.cleaning import COMPONENTS_KEPT, PLAIN_LEFT_OUT
+from data_tools.surface.cleaning import COMPONENTS_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN
 from data_tools.surface.hidden import WALLS, WALLS_LEFT_OUT
 from tests.test_layers import sources
 
@@ -49,6 +49,11 @@ EXAMPLES = [
         "given",
         values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1},
     ),
+    Note(
+        "components-kept",
+        values={"kept": 1, "total": 2, "share": 40.0, "dropped": 8, "chosen": True},
+    ),
+    Note("shared-pieces", PAIR, {"shares": (0.8, 0.7)}),
     Note("plain-left-out", PAIR, {"shares": (0.8, 0.7)}),
     Note("walls-left-out", PAIR, {"shares": (0.4, 0.3)}),
     *(
@@ -161,7 +166,7 @@ def test_notes_that_are_made_have_a_text_and_texts_have_notes():
         for code in TEXTS
         if code.startswith(("arrangement-", "coordinates-", "landmarks-", "much-"))
     }
-    named = {COARSE, COMPONENTS_KEPT, NOT_KEPT, PLAIN_LEFT_OUT, WALLS, WALLS_LEFT_OUT}
+    named = {COARSE, COMPONENTS_KEPT, NOT_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN, WALLS, WALLS_LEFT_OUT}
     assert TEXTS.keys() - made - composed == named | {MIXED, BY_FIT}
     assert {code for code in made if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)} <= TEXTS.keys()
 

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from collalign import align_collection
+from collalign import align_collection, load
 from collalign.products.trust import DOUBT
 from collalign.tools.match.rigid import match_rigid
 from data_tools.io.shapes import write_mesh
@@ -160,3 +160,25 @@ def test_two_shapes_match_though_one_has_a_second_wall(tmp_path, rng):
     assert "inner-walls-dropped" in codes(found.source.notes)
     back = found.transform[:3, :3] @ turn
     assert angles_deg(np.stack([back / np.cbrt(np.linalg.det(back)), np.eye(3)])).max() < 1.0
+
+
+def test_an_object_beside_a_larger_piece_is_the_one_that_the_others_show(tmp_path, rng):
+    folder, (shapes, turns) = tmp_path / "shapes", posed_bumpy(5, rng)
+    bar = trimesh.creation.icosphere(subdivisions=3)
+    bent = bar.vertices * [4.0, 0.9, 0.8]
+    bent[:, 2] += 0.1 * bent[:, 0] ** 2
+    for name in ("s1", "s3"):
+        (points, faces), turn = shapes[name], random_rotation(rng)
+        beside = np.concatenate([points, bent + np.array([0.0, 6.0, 0.0])])
+        shapes[name] = (beside @ turn.T, np.concatenate([faces, bar.faces + len(points)]))
+        turns[name] = turn @ turns[name]
+    for name, (points, faces) in shapes.items():
+        write_mesh(folder / f"{name}.ply", Shape.from_arrays(points, faces))
+    found = align(folder)
+    assert only(found.notes, "shared-pieces").shapes == ("s1", "s3")
+    assert errors_deg(found, turns).max() < 2.0
+    assert (found.confidence >= DOUBT).all()
+    found.save(tmp_path / "out", report=False)
+    assert load(tmp_path / "out").options == found.options
+    said = run_command("align", folder, "--check", "--jobs", "1").out
+    assert "as the other files show it, beside pieces as large or larger: s1" in said

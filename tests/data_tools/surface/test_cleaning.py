@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError, OptionsError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface import cleaning
-from data_tools.surface.cleaning import clean
+from data_tools.surface.cleaning import clean, hold_pieces, piece_signatures, shared_object
 from data_tools.surface.shape import Shape
 from tests.data_tools.surface.test_joined import boxes
 from tests.notes import codes, only
@@ -195,3 +196,43 @@ def test_a_box_among_coarse_parts_is_an_object():
     cushion, faces = sphere_mesh(20)
     cleaned = clean(together((sofa.vertices, sofa.faces), (0.8 * cushion + [0, 0, 3], faces)))
     assert cleaned.area == pytest.approx(sofa.area)
+
+
+def bar_beside(body):
+    """Return the body with a larger, bent bar beside it."""
+    ball, faces = sphere_mesh(500)
+    bar = ball * [4.0, 0.9, 0.8]
+    bar[:, 2] += 0.1 * bar[:, 0] ** 2
+    return together((bar + np.array([0.0, 6.0, 0.0]), faces), (body.vertices, body.faces))
+
+
+def test_the_object_is_the_piece_that_files_share(rng):
+    base = blob(np.random.default_rng(5), num_vertices=400)
+    bodies = deformed_family(base, 4, rng, rms=0.02)
+    scenes = [bar_beside(bodies[0]), bodies[1], bar_beside(bodies[2]), bodies[3]]
+    signatures = [piece_signatures(scene) for scene in scenes]
+    assert [len(one) for one in signatures] == [2, 1, 2, 1]
+    like = shared_object(signatures)
+    assert len(like) == 16
+    for scene, body in zip(scenes, bodies, strict=True):
+        cleaned = clean(scene, CleaningOptions(like=like))
+        assert cleaned.area == pytest.approx(body.area)
+    taken = clean(scenes[0], CleaningOptions(like=like))
+    assert codes(taken.notes)[:2] == ["shared-piece", "components-kept"]
+    assert hold_pieces(clean(scenes[0]).notes)
+    assert not hold_pieces(clean(scenes[1]).notes)
+
+
+def test_nothing_is_shared_where_all_files_hold_several_pieces_or_their_largest_is_alike(rng):
+    body = blob(np.random.default_rng(5), num_vertices=400)
+    scene = piece_signatures(bar_beside(body))
+    assert shared_object([scene, scene, scene]) == ()
+    alone, small = piece_signatures(body), blob(np.random.default_rng(6), num_vertices=400)
+    beside = together((body.vertices, body.faces), (0.7 * small.vertices + [4, 0, 0], small.faces))
+    assert shared_object([piece_signatures(beside), alone, alone]) == ()
+
+
+def test_what_the_object_looks_like_is_sixteen_numbers():
+    with pytest.raises(OptionsError, match="like: expected 16 numbers, or none, got 3"):
+        CleaningOptions(like=(1.0, 2.0, 3.0))
+    assert CleaningOptions(like=[1.0] * 16).like == (1.0,) * 16
