@@ -57,12 +57,16 @@ def without_extra(
 
 
 def without_vertices(
-    shape: Shape, goes: BoolArray, options: CleaningOptions | None = None
+    shape: Shape,
+    goes: BoolArray,
+    options: CleaningOptions | None = None,
+    *,
+    apart: bool = False,
 ) -> Shape:
     """Return a shape without some of its vertices.
 
     A hole in a mesh is closed by the corners of its border: each vertex that goes collapses to the nearest one of
-    them. Triangles that would join two borders go.
+    them.
 
     Parameters
     ----------
@@ -70,6 +74,8 @@ def without_vertices(
     goes : ndarray of bool, shape (v,)
     options : CleaningOptions, optional
         What the rest is cleaned by.
+    apart : bool
+        Whether several holes are closed one by one: triangles that would join their borders go.
     """
     place, faces = np.arange(len(goes)), shape.faces
     if shape.is_mesh:
@@ -86,7 +92,9 @@ def without_vertices(
         faces = place[faces]
         rings = ring[faces]
         kept = ~goes[faces].any(axis=1) & (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        faces = faces[kept & (~closes | (rings == rings[:, :1]).all(axis=1))]
+        if apart:
+            kept &= ~closes | (rings == rings[:, :1]).all(axis=1)
+        faces = faces[kept]
     starts = np.cumsum([0, *(size for _, size in shape.parts)])
     parts = [
         (name, int((~goes[start : start + size]).sum()))

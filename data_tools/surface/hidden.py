@@ -191,7 +191,7 @@ def as_seen(shape: Shape, options: CleaningOptions) -> Shape:
     if share <= TUNED.worth:
         return shape
     if options.inner == "drop":
-        rest = without_vertices(shape, walls, replace(options, components="all"))
+        rest = without_vertices(shape, walls, replace(options, components="all"), apart=True)
         return replace(rest, notes=(*shape.notes, Note(WALLS_LEFT_OUT, values={"share": share})))
     return replace(shape, notes=(*shape.notes, Note(WALLS, values={"share": share})))
 
