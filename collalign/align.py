@@ -31,6 +31,7 @@ from collalign.stages.components import pose_with_components
 from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
 from collalign.stages.match_pairs import num_reused_pairs
+from collalign.stages.mixed_sides import sides_of_result
 from collalign.stages.own_knowledge import (
     given_constraints,
     own_notes,
@@ -42,7 +43,7 @@ from collalign.stages.own_knowledge import (
 )
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
-from collalign.stages.shape_stage import prepare_shapes
+from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, read_only
@@ -197,6 +198,9 @@ def align_listing(
     def posed_with(session: AlignSession) -> tuple[Run, Matched, Posed]:
         with steps.timed(session, times_s, "shapes"):
             shapes = prepare_shapes(session, listing, given)
+            decided = decided_reading(session, shapes)
+            if decided is not session:
+                session, shapes = decided, prepare_shapes(decided, listing, given)
             constraints = given_constraints(shapes, session.options, own, fixed, kept)
         run = Run(
             session=session,
@@ -247,6 +251,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing)
         np.asarray(np.linalg.inv(posed.transforms), dtype=np.float64), positions
     )
     session = with_group(run, matched.group).session
+    reflected = np.linalg.det(posed.transforms[:, :3, :3]) < 0
     signatures, notes = [item.signature for item in samples], [item.notes for item in samples]
     copies = find_copies(shapes.names, shapes.digests, signatures, notes)
     return Collection(
@@ -266,7 +271,9 @@ def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing)
         notes=(
             *solution.warnings,
             *shapes.notes,
-            *matched.notes,
+            *sides_of_result(
+                matched.notes, shapes.names, posed.pairs, reflected, posed.side_limits
+            ),
             *posed.notes,
             *_unknown_confidence(solution.confidence, wanted.synchronization),
             *(one.note for one in copies),

@@ -26,12 +26,16 @@ SHAPE_TEXTS: dict[str, _Text] = {
     "edge-geodesics": "geodesic distances follow edges, because the heat method does not suit this mesh",
     "far-points-left-out": "left out {num} {points} far from all others, up to {times:.3g} times as far from the "
     "middle",
+    "inner-walls": "{share:.0%} of the area is of walls inside",
+    "inner-walls-dropped": "walls inside, {share:.0%} of the area, were left out",
     "made-of-parts": "made of {parts}",
     "no-endsolid": "the file has no 'endsolid': it may be cut off",
     "non-finite-dropped": "dropped {vertices} vertices that are NaN or infinite, with {triangles} triangles",
     "not-kept": "the file also has {things}, which are not kept",
     "outside-component": "{num} of {total} vertices are outside the largest component and are not matched",
+    "plain-pieces": "the object is not the largest piece: larger ones, {share:.0%} of the area, are flat or boxes",
     "points-without-coordinates": "left out {num} of {total} points without coordinates",
+    "shared-piece": "the object is the piece that the other files have; {share:.0%} of the area was left out",
     "stray-points-left-out": "left out {num} stray points off the surface",
     "subsampled": "computed on {kept} of {total} points",
     "tufted-laplacian": "computed with a tufted Laplacian, because of needles or edges of more than two triangles",
@@ -69,7 +73,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         "So few shapes do not tell left from right surely: confidences are at most "
         f"{percent(of.values['most'])}. Check one shape of each side."
     ),
-    "fewer-points": "Shapes are matched at {num} points: most have fewer than the {asked} asked for.",
+    "few-points": lambda of: (
+        f"Fewer points than the {of.values['num']} that shapes are matched at: "
+        f"{_each(of, 'counts', '{} points')}. Some of these count several times."
+    ),
+    "fewer-points": "Shapes are matched at {num} points: none has the {asked} asked for.",
     "given": lambda of: _given(**of.values),
     "incomplete": lambda of: (
         "Incomplete, and aligned on the regions shared with complete shapes: "
@@ -110,6 +118,11 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     ),
     "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
     "holds several kinds, use --clusters 0 to align each by itself.",
+    "shared-pieces": lambda of: (
+        "Taken as the object, as the other files show it, beside pieces as large or larger: "
+        f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
+        "--cleaning.components all."
+    ),
     "shown-in-part": "The page shows {num} of {total} shapes: the {num_doubtful} most doubtful, and some of the "
     "others. alignment.json, pairs.csv and the exports hold all.",
     "sides-by-fit": "In {num_between} pairs between the sides the mirror image fits better, by a median factor of "
@@ -121,10 +134,15 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         f"like this too, so confidences are at most {percent(of.values['most'])}. "
         "If no specimen should be reflected, use --group SO."
     ),
+    "sides-not-confirmed": lambda of: _not_confirmed(of, **of.values),
     "sides-sampled": "Left and right specimens were looked for among {num} of {total} shapes.",
     "symmetric": lambda of: _symmetric(**of.values),
     "unconnected": "No pairs connect {num} parts of the collection. Poses can be compared within each part only.",
     "unjoined-scans": "No overlap joins all shapes. Poses can be compared within these groups only: {groups}.",
+    "walls-left-out": lambda of: (
+        "Walls inside were left out, which cannot be seen from outside and which other shapes do not have: "
+        f"{_with(of, map(percent, of.values['shares']))} of the surface. To keep them, use --cleaning.inner keep."
+    ),
     "vertex-maps-doubtful": lambda of: (
         "The maps of these shapes are more likely wrong than right: "
         f"{_with(of, map(percent, of.values['confidences']))}. The report shows where."
@@ -249,6 +267,11 @@ TOOL_TEXTS: dict[str, _Text] = {
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
         f"{_joined(of.values['files'])}."
     ),
+    "plain-left-out": lambda of: (
+        "Taken as the object beside larger pieces that are flat or boxes, such as a table: "
+        f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
+        "--cleaning.components all."
+    ),
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "size-not-tested": lambda of: (
         "Size is not tested, because some files are probably in another unit: "
@@ -258,7 +281,6 @@ TOOL_TEXTS: dict[str, _Text] = {
     "matter, as on worn or broken surfaces, use --partial, which keeps them.",
     "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
     "--include.",
-    "too-few-points": "Left out by a run, with fewer than {num} points: {shapes}.",
 }
 _TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
 
@@ -399,8 +421,11 @@ def _tuple(note: Note, field: str) -> tuple[Any, ...]:
     return value
 
 
-def _components_kept(kept: int, total: int, share: float, dropped: int) -> str:
+def _components_kept(
+    kept: int, total: int, share: float, dropped: int, chosen: bool = False
+) -> str:
     which = "the largest" if kept == 1 else f"the {kept} largest, which are nearly of one size,"
+    which = "this" if chosen else which
     lost = f", dropped {dropped} triangles" if dropped else ""
     return f"kept {which} of {total} components ({share:.3g} % of the area){lost}"
 
@@ -533,6 +558,15 @@ def _symmetric(num: int, total: int, rotations: str, up_to: float, absolute: flo
         f"{num} of {total} shapes have a symmetry: they fit as well in other poses. Their poses are defined only up "
         f"to these rotations of the common frame: {rotations}. The median confidence is {percent(up_to)} up to "
         f"these, and {percent(absolute)} without them."
+    )
+
+
+def _not_confirmed(note: Note, num_better: int, num_pairs: int, most: float) -> str:
+    at_most = f" So confidences are at most {percent(most)}." if most < 1.0 else ""
+    return (
+        f"The surfaces of {listed(note.shapes)} look like mirror images of the others, but no shape was reflected: "
+        f"the mirror image fits better in {num_better} of {num_pairs} pairs.{at_most} To forbid reflections, use "
+        "--group SO."
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, TypedDict
 
+import numpy as np
 from cyclopts import Parameter
 
 from data_tools.checks import check_count, check_kinds, check_number
@@ -13,10 +14,14 @@ from data_tools.errors import OptionsError
 #: How distances between samples are measured.
 Metric = Literal["auto", "geodesic", "euclidean"]
 Components = Literal["auto", "largest", "all"]
+#: What becomes of surface that cannot be seen from outside.
+Inner = Literal["auto", "keep", "drop"]
 #: What one unit of length is after preprocessing.
 Normalisation = Literal["centroid", "area", "none"]
 #: Which evidence is matched.
 EmbeddingKind = Literal["xyz", "xyz+lb", "xyz+invariants", "all"]
+#: Numbers that say what a piece of a mesh looks like.
+NUM_QUANTILES = 16
 #: Fewer points than this do not determine a pose.
 MIN_POINTS = 4
 
@@ -39,11 +44,20 @@ class CleaningOptions:
         Names of the columns of text tables, in their order and separated by commas, among them x, y and z:
         class,x,y,z. Further columns need no name. It is needed where a table has no heading and columns that are not
         those of a documented format.
+    inner : {"auto", "keep", "drop"}
+        Surface that cannot be seen from outside: sealed cavities, inner walls behind an opening, struts within. auto
+        leaves it out of all shapes where some have a tenth or more of it and others have none, as of scans of bones
+        beside computed tomographies.
+    like : tuple of float
+        What the object looks like, where some files hold larger pieces: 16 quantiles of the distances of its surface
+        from its centroid, in root mean square radii. A run finds them in the pieces that files share.
     """
 
     merge_vertices: bool = True
     components: Components = "auto"
     columns: Annotated[str, Parameter(alias="--columns")] = ""
+    inner: Inner = "auto"
+    like: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -55,11 +69,16 @@ class CleaningOptions:
                 f"columns: expected names separated by commas, with x, y and z once each, such as class,x,y,z; got "
                 f"{self.columns!r}"
             )
+        object.__setattr__(self, "like", tuple(self.like))
+        if len(self.like) not in (0, NUM_QUANTILES) or not np.isfinite(self.like).all():
+            raise OptionsError(
+                f"like: expected {NUM_QUANTILES} numbers, or none, got {len(self.like)}"
+            )
 
     @property
     def as_stored(self) -> CleaningOptions:
         """Options under which files are read as stored: vertex indices are those of the file."""
-        return replace(self, merge_vertices=False, components="all")
+        return replace(self, merge_vertices=False, components="all", inner="keep")
 
 
 class CleaningKeywords(TypedDict, total=False):
@@ -68,6 +87,8 @@ class CleaningKeywords(TypedDict, total=False):
     merge_vertices: bool
     components: Components
     columns: str
+    inner: Inner
+    like: tuple[float, ...]
 
 
 #: Files are read as stored: vertex indices are those of the file.
@@ -81,8 +102,9 @@ class SamplingOptions:
     Parameters
     ----------
     num_points : int
-        Samples per shape, matched exactly. 20 are quick, 64 are right more often. Collections of point sets that have
-        fewer points are matched at those that they have.
+        Samples per shape, matched exactly. 20 are quick, 64 are right more often. Point sets that all have fewer
+        points are matched at as many as the largest has. A shape of fewer points than the others has some of them
+        again.
     metric : {"auto", "geodesic", "euclidean"}
         Distance of farthest point sampling; "auto" is geodesic on closed surfaces (reaches the tips of limbs) and
         Euclidean on open surfaces and point clouds (geodesic samples crowd at their boundary).

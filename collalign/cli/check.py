@@ -9,15 +9,24 @@ import numpy as np
 
 from collalign.console.interruption import INCOMPLETE
 from collalign.console.messages import add_to_summary, say, warn
-from collalign.engine.job import Job, Wanted
+from collalign.engine.job import Job, Results, Wanted
 from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.shape_stage import common_num_points, excluded_file, odd_sizes
+from collalign.stages.shape_stage import (
+    common_num_points,
+    decided_cleaning,
+    excluded_file,
+    few_points,
+    left_out_of,
+    odd_sizes,
+    pieces_of_file,
+)
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.copies import find_copies, shape_signature
+from data_tools.embedding.sampling import check_determines_pose
 from data_tools.errors import CollectionError
 from data_tools.io.formats.raw_shape import content_not_kept
 from data_tools.io.listing import FolderListing, hash_shape
@@ -25,7 +34,9 @@ from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin
 from data_tools.landmark_tables import notes_beside
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions
+from data_tools.surface.cleaning import hold_pieces, piece_signature
+from data_tools.surface.shape import Shape, outward_normals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +54,10 @@ class FileFacts:
         Of the file's content.
     signature : ndarray, shape (18,)
         See :func:`data_tools.embedding.copies.shape_signature`.
+    is_sided : bool
+        Whether its triangles agree on a side.
+    pieces : ndarray, shape (p, 16)
+        See :func:`data_tools.surface.cleaning.piece_signatures`.
     """
 
     name: str
@@ -52,10 +67,12 @@ class FileFacts:
     notes: tuple[Note, ...]
     digest: str
     signature: Annotated[FloatArray, Holds(shape="18")]
+    is_sided: bool
+    pieces: Annotated[FloatArray, Holds(shape="p 16")]
 
     def record(self) -> dict[str, Any]:
         """Return the facts in JSON types, without what only finds copies."""
-        hidden = ("digest", "signature")
+        hidden = ("digest", "signature", "is_sided", "pieces")
         shown = {field: value for field, value in asdict(self).items() if field not in hidden}
         return shown | {"notes": note_records(self.notes)}
 
@@ -63,6 +80,7 @@ class FileFacts:
 def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileFacts:
     """Read and clean a file, inside a worker, and return what is said of it."""
     shape = read_shape(file, cleaning, name=name)
+    check_determines_pose(shape)
     return FileFacts(
         name=name,
         points=len(shape.vertices),
@@ -71,11 +89,22 @@ def look_at_file(file: Origin, cleaning: CleaningOptions, *, name: str) -> FileF
         notes=shape.notes,
         digest=hash_shape(file),
         signature=shape_signature(shape),
+        is_sided=len(outward_normals(shape)) > 0,
+        pieces=read_only(_looks(file, name, shape, cleaning)),
     )
 
 
+def _looks(file: Origin, name: str, shape: Shape, cleaning: CleaningOptions) -> FloatArray:
+    """Return what the pieces of a shape that may be the object look like, shape (p, 16)."""
+    if not shape.is_mesh:
+        return np.empty((0, NUM_QUANTILES))
+    if hold_pieces(shape.notes):
+        return pieces_of_file(file, name, None, cleaning).signatures
+    return piece_signature(shape.vertices, shape.faces)[None]
+
+
 #: Reads a file and keeps nothing of it, within the limits of a run.
-_LOOKING = Job(kind="shapes", version="check-1", run=look_at_file, reader=FileFacts)
+_LOOKING = Job(kind="shapes", version="check-2", run=look_at_file, reader=FileFacts)
 
 
 def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> int:
@@ -89,17 +118,30 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         If fewer than two files can be read.
     """
     files = dict(zip(listing.names, listing.files, strict=True))
-    wanted = {
-        name: Wanted(
-            key=_LOOKING.key(None, name),
-            label=name,
-            arguments={"file": file.absolute(), "cleaning": options.cleaning, "name": name},
-        )
-        for name, file in files.items()
-    }
     with Session.open(options, replace(run, store=None), progress_display(True)) as session:
-        found = session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
+
+        def looked_at(cleaning: CleaningOptions) -> Results[str, FileFacts]:
+            wanted = {
+                name: Wanted(
+                    key=_LOOKING.key({"cleaning": cleaning}, name),
+                    label=name,
+                    arguments={"file": file.absolute(), "cleaning": cleaning, "name": name},
+                )
+                for name, file in files.items()
+            }
+            return session.compute(_LOOKING, wanted, time_limit_s=run.shape_time_limit_s)
+
+        found = looked_at(options.cleaning)
         read = [*found.values()]
+        decided = decided_cleaning(
+            options.cleaning,
+            [one.notes for one in read],
+            [one.is_sided for one in read],
+            lambda: [one.pieces for one in read],
+        )
+        if decided != options.cleaning:
+            found = looked_at(decided)
+            read = [*found.values()]
     facts = [one.record() for one in read]
     left_out = [excluded_file(files[name], name, reason) for name, reason in found.failures.items()]
     for one in facts:
@@ -108,16 +150,13 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         merged = "duplicates-merged"  # every STL file repeats its vertices
         texts = [note["text"] for note in one["notes"] if note["code"] != merged]
         say("; ".join([f"{one['name']}: {one['points']} points{triangles}, {size}", *texts]))
-    num = common_num_points([one["points"] for one in facts], options.sampling.num_points)
+    asked = options.sampling.num_points
+    counts = {one["name"]: asked if one["triangles"] else one["points"] for one in facts}
+    num = common_num_points([*counts.values()], asked)
     notes = [*odd_sizes({one["name"]: float(np.linalg.norm(one["size"])) for one in facts})]
     said = {one.name: one.notes for one in read}
-    notes += [*coarse_coordinates(said), *content_not_kept(said)]
-    if num < options.sampling.num_points:
-        notes.append(
-            Note("fewer-points", values={"num": num, "asked": options.sampling.num_points})
-        )
-    if few := [one["name"] for one in facts if one["points"] < num]:
-        notes.append(Note("too-few-points", tuple(few), {"num": num}))
+    notes += [*coarse_coordinates(said), *content_not_kept(said), *left_out_of(said)]
+    notes += few_points(counts, num, asked)
     signatures = [one.signature for one in read]
     copies = find_copies([*said], [one.digest for one in read], signatures, [*said.values()])
     notes += [*(one.note for one in copies), *notes_beside(listing)]
@@ -133,10 +172,9 @@ def check_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions)
         warn(f"Would be left out: {item.file}: {item.reason}")
     missing = [{"file": item.file, "reason": item.reason} for item in left_out]
     add_to_summary(shapes=facts, left_out=missing, skipped=skipped, notes=note_records(notes))
-    able = len(facts) - len(few)
-    if able < 2:
+    if len(facts) < 2:
         raise CollectionError(
-            f"{able} readable shapes, at least two are needed to align a collection"
+            f"{len(facts)} readable shapes, at least two are needed to align a collection"
         )
-    say(f"{able} of {len(listing.names)} files can be aligned.")
-    return INCOMPLETE if left_out or few else 0
+    say(f"{len(facts)} of {len(listing.names)} files can be aligned.")
+    return INCOMPLETE if left_out else 0

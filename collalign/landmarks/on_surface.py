@@ -97,7 +97,7 @@ def place_templates(
         If landmarks do not lie on their template, with the remedy where one is found.
     """
     placed, notes, systems = {}, list[Note](), set()
-    cleaning = replace(cleaning, components="all")
+    cleaning = replace(cleaning, components="all", inner="keep")
     for name, marks in given.items():
         surface = _Surface(read_shape(files[name], cleaning, name=name))
         declared = declared_system(files[name])

@@ -143,6 +143,13 @@ def surface_points(samples: Samples, *, first: int) -> tuple[FloatArray, FloatAr
     return _normalised(samples.dense_positions)[chosen], samples.dense_normals[chosen]
 
 
+def all_points(samples: Samples) -> tuple[FloatArray, FloatArray]:
+    """Return the dense points of a cloud, or its samples without any, as :func:`surface_points`, without normals."""
+    dense = samples.dense_positions
+    points = dense if len(dense) > 1 else samples.positions
+    return _normalised(points)[: 2 * NUM_POINTS], np.empty((0, 3))
+
+
 def _normalised(points: FloatArray) -> FloatArray:
     """Return points of mean zero and root mean square radius 1."""
     centred = points - points.mean(axis=0)

@@ -10,7 +10,7 @@ unless the collection is so large that the pilot looked at a part of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
@@ -30,7 +30,7 @@ from collalign.confidence.side_model import (
 )
 from collalign.engine.job import Shared, table_of_values
 from collalign.options import AlignSession
-from collalign.products.pair import FormerPairs, Pair
+from collalign.products.pair import AlignedPair, FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.match_pairs import match_pairs
@@ -51,6 +51,9 @@ FIRST_STEPS = 4
 #: Most confidence in a pose whose mirror image is as likely, or if one place of each surface tells its side; and in
 #: those of a folder so small that surfaces alone named the sides.
 ONE_OF_TWO, OF_FEW = 0.5, 0.8
+#: Codes of notes that say that both sides are there, and that fits showed it; and of all that are about mixed sides.
+MIXED, BY_FIT = "left-right-mixed", "sides-by-fit"
+ABOUT_MIXED = {MIXED, BY_FIT, "sides-by-surface", "sides-in-one-place", "few-for-sides"}
 #: The group; notes that say why, none where the user decided; and the most that may be stated of shapes whose side is
 #: in doubt, by position.
 GroupChoice: TypeAlias = tuple[Literal["SO", "O"], tuple[Note, ...], Mapping[int, float]]
@@ -276,12 +279,67 @@ def _notes_of_both(sides: Sides, names: tuple[str, ...]) -> tuple[Note, ...]:
         "factor": float(np.exp(sides.median_between)),
         "contradicted": float(sides.contradicted),
     }
-    return _mixed(sides.mirrored, names), Note("sides-by-fit", values=numbers)
+    return _mixed(sides.mirrored, names), Note(BY_FIT, values=numbers)
+
+
+def sides_of_result(
+    notes: Sequence[Note],
+    names: Sequence[str],
+    pairs: Sequence[AlignedPair],
+    reflected: BoolArray,
+    limits: Mapping[int, float],
+) -> tuple[Note, ...]:
+    """Return notes in which those about mixed sides say what the poses say.
+
+    The pilot only decides whether shapes may be reflected; pairs and poses decide which are.
+
+    Parameters
+    ----------
+    notes : sequence of Note
+        As :func:`decide_group` made them, among others.
+    names : sequence of str
+    pairs : sequence of AlignedPair
+    reflected : ndarray of bool, shape (N,)
+        By the poses.
+    limits : mapping of int to float
+        The most that is stated of shapes whose side is in doubt.
+    """
+    meant = [note for note in notes if note.code == MIXED]
+    if not meant:
+        return tuple(notes)
+    between, preferences = [], []
+    for pair in pairs:
+        signs = np.sign(np.linalg.det(pair.rotations[:, :3, :3]))
+        plain, mirrored = (pair.energies[signs == sign].min(initial=np.inf) for sign in (1, -1))
+        if 0.0 < plain < np.inf and 0.0 < mirrored < np.inf:
+            between.append(bool(reflected[pair.target] != reflected[pair.source]))
+            preferences.append(float(np.log(plain / mirrored)))
+    if not 0 < reflected.sum() < len(reflected):
+        numbers = {
+            "num_better": sum(one > 0 for one in preferences),
+            "num_pairs": len(preferences),
+            "most": max(limits.values(), default=1.0),
+        }
+        others = [note for note in notes if note.code not in ABOUT_MIXED]
+        return Note("sides-not-confirmed", meant[0].shapes, numbers), *others
+    few = reflected if 2 * reflected.sum() <= len(reflected) else ~reflected
+    ratios = np.where(between, preferences, np.negative(preferences))
+    total = float(np.abs(ratios).sum())
+    by_fit = {
+        "num_between": int(np.sum(between)),
+        "factor": float(np.exp(np.median(ratios[between]))) if any(between) else float("nan"),
+        "contradicted": float(np.maximum(-ratios, 0.0).sum() / total) if total else 0.0,
+    }
+    said = {MIXED: _mixed(few, tuple(names)), BY_FIT: Note(BY_FIT, values=by_fit)}
+    return tuple(
+        said[note.code] if note.code == MIXED or (note.code == BY_FIT and any(between)) else note
+        for note in notes
+    )
 
 
 def _mixed(mirrored: BoolArray, names: tuple[str, ...]) -> Note:
     few = tuple(name for name, is_meant in zip(names, mirrored, strict=True) if is_meant)
-    return Note("left-right-mixed", few, {"total": len(names)})
+    return Note(MIXED, few, {"total": len(names)})
 
 
 def _note_of_none(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from collalign.engine.job import Job, Results, T, Wanted
 from collalign.engine.store_file import NUM_FILES
 from collalign.options import AUTO, AlignOptions, AlignSession
 from collalign.products.shapes import Excluded, Shapes
+from data_tools.arrays import FloatArray, Holds, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
@@ -22,18 +24,23 @@ from data_tools.io.listing import TABLES, FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source, location
 from data_tools.notes import Note, listed
-from data_tools.options import CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions
+from data_tools.surface.cleaning import (
+    PLAIN_LEFT_OUT,
+    SHARED_TAKEN,
+    hold_pieces,
+    piece_signatures,
+    shared_object,
+)
 from data_tools.surface.extra import ExtraSurface
+from data_tools.surface.hidden import WALLS_LEFT_OUT, differ_in_walls
 from data_tools.surface.outliers import apart_ratios, odd_ratios
-
-#: Where most shapes have fewer points than asked for, those of less than this share of the median are left out.
-SMALLEST_SHARE = 0.5
 
 #: Shapes of a larger collection that the pilot looks at: a side with a twentieth of the shapes is among so many.
 MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-19", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-20", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
@@ -65,18 +72,23 @@ def prepare_shapes(
     wanted = session.options.sampling.num_points
     own = own or {}
     shapes = _prepare(session, listing, session.options, own, extra)
-    num = common_num_points([len(item.vertex_indices) for item in shapes.samples], wanted)
+    counts = {one.name: one.num_places for one in shapes.samples}
+    num = common_num_points([*counts.values()], wanted)
     if num < wanted:
         fewer = replace(session.options.sampling, num_points=num)
         shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own, extra)
-        shapes = replace(
-            shapes, notes=(Note("fewer-points", values={"num": num, "asked": wanted}),)
-        )
-    shapes = _with_enough(shapes, num, strict=session.options.strict)
+    shapes = replace(shapes, notes=few_points(counts, num, wanted))
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
     shapes = replace(
-        shapes, notes=(*shapes.notes, *odd, *coarse_coordinates(said), *content_not_kept(said))
+        shapes,
+        notes=(
+            *shapes.notes,
+            *odd,
+            *coarse_coordinates(said),
+            *content_not_kept(said),
+            *left_out_of(said),
+        ),
     )
     if len(shapes.names) < 2:
         reasons = [f"{item.file}: {item.reason}" for item in shapes.excluded]
@@ -92,11 +104,118 @@ def prepare_shapes(
     return shapes
 
 
-def common_num_points(counts: Sequence[int], wanted: int) -> int:
-    """Return at how many points all shapes are matched.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """What the pieces of a shape that may be the object look like.
 
-    As many as asked for, unless most shapes have fewer: then as many as the smallest of them has. Shapes of less than
-    half of the median do not count, or one damaged file would leave hardly any points for all others.
+    Attributes
+    ----------
+    signatures : ndarray, shape (p, 16)
+        As :func:`data_tools.surface.cleaning.piece_signatures` returns them.
+    """
+
+    signatures: Annotated[FloatArray, Holds(shape="p 16")]
+
+
+def pieces_of_file(
+    path: Origin, name: str, digest: str | None, cleaning: CleaningOptions
+) -> Pieces:
+    """Return what the pieces of a file look like; runs inside a worker."""
+    every = replace(cleaning, components="all", inner="keep")
+    shape = read_shape(path, every, name=name, digest=digest)
+    found = piece_signatures(shape) if shape.is_mesh else np.empty((0, NUM_QUANTILES))
+    return Pieces(signatures=read_only(found))
+
+
+#: Looks at the pieces of a file. The version changes whenever the same file would give another result.
+LOOKING = Job(kind="surfaces", version="pieces-1", run=pieces_of_file, reader=Pieces)
+
+
+def decided_reading(session: AlignSession, shapes: Shapes) -> AlignSession:
+    """Return the session that reads shapes as they are alike: the same piece of each, with walls inside or without.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+        As :func:`prepare_shapes` read them with this session.
+    """
+
+    def signatures() -> list[FloatArray]:
+        wanted = {i: wanted_file(LOOKING, session, shapes, i) for i in range(len(shapes.names))}
+        limit_s = session.run.shape_time_limit_s
+        found = session.compute(LOOKING, wanted, time_limit_s=limit_s).values()
+        return [one.signatures for one in found]
+
+    before = session.options.cleaning
+    cleaning = decided_cleaning(
+        before,
+        [item.notes for item in shapes.samples],
+        [len(item.dense_normals) > 0 for item in shapes.samples],
+        signatures,
+    )
+    if cleaning == before:
+        return session
+    return replace(session, options=replace(session.options, cleaning=cleaning))
+
+
+def decided_cleaning(
+    cleaning: CleaningOptions,
+    notes: Sequence[Sequence[Note]],
+    are_sided: Sequence[bool],
+    signatures: Callable[[], Sequence[FloatArray]],
+) -> CleaningOptions:
+    """Return how shapes are to be read that were read once.
+
+    Parameters
+    ----------
+    cleaning : CleaningOptions
+        How they were read.
+    notes : sequence of sequence of Note
+        What was said of each shape.
+    are_sided : sequence of bool
+        Whether the triangles of each agree on a side.
+    signatures : callable
+        Returns what the pieces of each shape look like; asked where some shapes hold several.
+    """
+    if cleaning.inner == AUTO and differ_in_walls(notes, are_sided):
+        cleaning = replace(cleaning, inner="drop")
+    several = [hold_pieces(own) for own in notes]
+    if cleaning.components != "all" and not cleaning.like and any(several) and not all(several):
+        found = [of_one for of_one in signatures() if len(of_one)]
+        cleaning = replace(cleaning, like=shared_object(found))
+    return cleaning
+
+
+def left_out_of(shapes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
+    """Return the notes that name the shapes whose walls inside, or larger pieces, were left out.
+
+    Parameters
+    ----------
+    shapes : mapping of str to sequence of Note
+        The notes of each shape by its name.
+    """
+
+    def shares_in(code: str) -> dict[str, float]:
+        return {
+            name: float(str(one.values["share"]))
+            for name, own in shapes.items()
+            for one in own
+            if one.code == code
+        }
+
+    walls, plain = shares_in(WALLS_LEFT_OUT), shares_in(PLAIN_LEFT_OUT)
+    shared = shares_in(SHARED_TAKEN)
+    of_walls = Note("walls-left-out", tuple(walls), {"shares": tuple(walls.values())})
+    of_plain = Note("plain-left-out", tuple(plain), {"shares": tuple(plain.values())})
+    of_shared = Note("shared-pieces", tuple(shared), {"shares": tuple(shared.values())})
+    return tuple(note for note in (of_walls, of_plain, of_shared) if note.shapes)
+
+
+def common_num_points(counts: Sequence[int], wanted: int) -> int:
+    """Return at how many points all shapes are matched: as many as asked for, or as the shape of most points has.
+
+    A shape of fewer points lowers nobody: some of its points stand for several of the others.
 
     Parameters
     ----------
@@ -104,9 +223,23 @@ def common_num_points(counts: Sequence[int], wanted: int) -> int:
         Points of each shape.
     wanted : int
     """
-    few = np.sort(np.minimum(counts, wanted))
-    median = int(few[(len(few) - 1) // 2]) if len(few) else wanted
-    return int(few[few >= SMALLEST_SHARE * median][0]) if median < wanted else wanted
+    return min(wanted, max(counts, default=wanted))
+
+
+def few_points(counts: Mapping[str, int], num: int, wanted: int) -> tuple[Note, ...]:
+    """Return notes where shapes are matched at fewer points than asked for, or some have fewer than the others.
+
+    Parameters
+    ----------
+    counts : mapping of str to int
+        Points of each shape.
+    num, wanted : int
+        Points that shapes are matched at, and that were asked for.
+    """
+    few = {name: count for name, count in counts.items() if count < num}
+    lowered = Note("fewer-points", values={"num": num, "asked": wanted})
+    poor = Note("few-points", tuple(few), {"num": num, "counts": tuple(few.values())})
+    return (*((lowered,) if num < wanted else ()), *((poor,) if few else ()))
 
 
 def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
@@ -127,23 +260,6 @@ def odd_sizes(sizes: Mapping[str, float]) -> tuple[Note, ...]:
     return tuple(found)
 
 
-def _with_enough(shapes: Shapes, num: int, *, strict: bool) -> Shapes:
-    """Leave out the shapes of fewer points than all others are matched at."""
-    counts = [len(item.vertex_indices) for item in shapes.samples]
-    small = [i for i, count in enumerate(counts) if count < num]
-    reasons = [
-        f"{counts[i]} points, {num} samples were asked for (sampling.num_points)" for i in small
-    ]
-    if strict and small:
-        raise InputError(f"{shapes.files[small[0]]}: {reasons[0]}")
-    left_out = tuple(
-        excluded_file(shapes.files[i], shapes.names[i], reason)
-        for i, reason in zip(small, reasons, strict=True)
-    )
-    kept = shapes.some([i for i in range(len(counts)) if i not in small])
-    return replace(kept, excluded=shapes.excluded + left_out)
-
-
 def _prepare(
     session: AlignSession,
     listing: FolderListing,
@@ -151,7 +267,7 @@ def _prepare(
     own: Mapping[str, OwnPoints],
     extra: Mapping[str, ExtraSurface],
 ) -> Shapes:
-    """Read, clean, sample and embed every file, each at as many points as asked for or as it has."""
+    """Read, clean, sample and embed every file, each at as many points as asked for."""
     wanted, excluded = wanted_shapes(listing, options, own, extra)
     session.store.set_note(NUM_FILES, str(len(wanted)))
     found = session.compute(

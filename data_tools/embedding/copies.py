@@ -65,13 +65,24 @@ def shape_signature(shape: Shape) -> FloatArray:
     return read_only(np.array([*np.quantile(radii, _LEVELS), np.linalg.norm(skew), hand]))
 
 
+#: How near signatures of copies are. Those of teeth, mouse skulls and nine classes of SHREC07 change by less than
+#: 1e-5 where a copy is rotated and saved in single precision or with five decimals; the nearest different specimens
+#: of these are .007 apart, the nearest different models (glasses) .0009.
+COPIES_TOL = 3e-5
+
+
+def is_copy(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether signatures (18,) are those of one shape, or of mirror images."""
+    return bool(np.linalg.norm(one[:-1] - other[:-1]) <= COPIES_TOL)
+
+
 def find_copies(
     names: Sequence[str],
     digests: Sequence[str],
     signatures: Sequence[FloatArray],
     notes: Sequence[Sequence[Note]],
     *,
-    tol: float = 3e-5,
+    tol: float = COPIES_TOL,
 ) -> tuple[Copies, ...]:
     """Find the shapes that are there more than once.
 
@@ -85,9 +96,7 @@ def find_copies(
         Of all shapes. Where cleaning kept some components, copies have the same share of their area in these: alike
         bodies of two guitars with other strings are no copies.
     tol : float
-        How near signatures of copies are. Those of teeth, mouse skulls and nine classes of SHREC07 change by less
-        than 1e-5 where a copy is rotated and saved in single precision or with five decimals; the nearest different
-        specimens of these are .007 apart, the nearest different models (glasses) .0009.
+        How near signatures of copies are.
     """
     if not names:
         return ()

@@ -12,7 +12,7 @@ from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.chirality import NO_CHIRALITY, SurfaceChirality, surface_chirality
 from data_tools.embedding.copies import shape_signature
 from data_tools.embedding.invariants import NUM_SPECTRUM, heat_kernel_signature, standardised
-from data_tools.embedding.sampling import OwnPoints
+from data_tools.embedding.sampling import OwnPoints, check_determines_pose
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import InputError
@@ -20,7 +20,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.local_surface import LocalSurface
 from data_tools.notes import Note
-from data_tools.options import MIN_POINTS, CleaningOptions, EmbeddingOptions, SamplingOptions
+from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from data_tools.surface.extra import ExtraSurface, without_extra
 from data_tools.surface.laplacian import Spectrum
 from data_tools.surface.shape import Shape
@@ -45,11 +45,11 @@ class Samples:
     name : str
         Of the shape.
     vertex_indices : ndarray of int, shape (k,)
-        The samples, as vertices of the shape, in the order of farthest point sampling; the nearest vertices where
-        components were joined, and then not always distinct.
+        The samples, as vertices of the shape, in the order of farthest point sampling. Not always distinct: the
+        nearest vertices where components were joined, or a mesh has few; points of a cloud that has few come again.
     positions : ndarray, shape (k, 3)
-        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0. Where components were joined, they
-        lie on triangles, between these vertices.
+        ``(vertices[vertex_indices] - offset) / scale``; their mean is 0. Where components were joined, or a
+        mesh has few vertices, they lie on triangles, between these vertices.
     coordinates : ndarray, shape (k, d)
         The positions, then the weighted Laplace-Beltrami block if there is one.
     block_sizes : tuple of int
@@ -106,6 +106,16 @@ class Samples:
                 f"block_sizes: expected (3,) or (3, m) of {dim} coordinates, got {blocks}"
             )
 
+    @property
+    def num_places(self) -> int:
+        """Samples that lie apart: all of a mesh; a cloud of few points has some of them again."""
+        return len(np.unique(self.vertex_indices)) if self.rim == "unknown" else len(self.positions)
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the shape has less than half as many points as it is matched at: its pairs say little of others."""
+        return 2 * self.num_places < len(self.positions)
+
 
 @one_blas_thread()
 def sample_shape(
@@ -138,15 +148,16 @@ def sample_shape(
     Raises
     ------
     InputError
-        If the shape has fewer points than samples, or no extent, or a surface too poor for the embedding.
+        If the shape has fewer points than determine a pose, or no extent, or a surface too poor for the embedding.
     """
     sampling = SamplingOptions() if sampling is None else sampling
     embedding = EmbeddingOptions() if embedding is None else embedding
-    surface = WorkingSurface(shape, sampling) if surface is None else surface
+    check_determines_pose(shape)
+    surface = WorkingSurface(shape, sampling, split=True) if surface is None else surface
     if own is None or own.samples is None:
         chosen = _choose_samples(surface, sampling)
         indices = _distinct(surface, chosen, shape)
-        points = surface.places(chosen) if surface.is_joined else shape.vertices[indices]
+        points = surface.places(chosen) if surface.lies_between else shape.vertices[indices]
     else:
         indices = own.samples
         points = shape.vertices[indices]
@@ -193,20 +204,26 @@ def _local_surface(shape: Shape) -> LocalSurface | None:
 
 
 def _choose_samples(surface: WorkingSurface, options: SamplingOptions) -> IntArray:
-    """Return the samples as vertices of the working surface; over several components they are spread by area."""
+    """Return the samples as vertices of the working surface; over several components they are spread by area.
+
+    A cloud of few points has some of them again, the first ones first.
+    """
     metric = options.metric
     if metric == "auto":
         metric = "geodesic" if surface.rim == "closed" and surface.is_connected else "euclidean"
-    return surface.farthest_points(options.num_points, metric, seeded=True)
+    num, points = options.num_points, surface.shape.vertices
+    if not surface.shape.is_mesh and len(points) < num:
+        return np.resize(surface.farthest_points(len(points), metric, seeded=True), num)
+    return surface.farthest_points(num, metric, seeded=True)
 
 
 def _distinct(surface: WorkingSurface, chosen: IntArray, shape: Shape) -> IntArray:
     """Return the vertex nearest to each sample; where two share one, as across a thin wall, the nearest free one.
 
-    The samples of joined components lie anywhere on triangles, and may share a vertex.
+    Samples between vertices may share one, as may those of a cloud that has fewer points.
     """
     indices = surface.to_original[chosen]
-    if surface.is_joined:
+    if surface.lies_between or len(chosen) > len(surface.shape.vertices):
         return indices
     again = np.setdiff1d(np.arange(len(chosen)), np.unique(indices, return_index=True)[1])
     if len(again):
@@ -301,7 +318,7 @@ def _choose_dense(surface: WorkingSurface, options: SamplingOptions) -> IntArray
     if not num:
         return np.empty(0, dtype=np.int64)
     chosen = surface.farthest_points(num, "euclidean", seeded=False)
-    if surface.is_joined:
+    if surface.lies_between:
         return chosen
     _, first = np.unique(surface.to_original[chosen], return_index=True)
     return chosen[np.sort(first)]
@@ -320,8 +337,6 @@ def sample_file(
     with_chirality: bool = False,
 ) -> Samples:
     """Read, clean, sample and embed one shape; ``vertex_indices`` count the vertices of the file.
-
-    A shape of fewer points than ``sampling.num_points`` is sampled at all that it has.
 
     Parameters
     ----------
@@ -347,12 +362,10 @@ def sample_file(
     shape = read_shape(file, cleaning, name=name, digest=digest)
     if extra is not None:
         shape = without_extra(shape, extra, cleaning)
-    surface = WorkingSurface(shape, sampling, joined=cleaning.components == "all")
-    num = len(surface.shape.vertices)
-    fewer = MIN_POINTS <= num < sampling.num_points
+    surface = WorkingSurface(shape, sampling, joined=cleaning.components == "all", split=True)
     samples = sample_shape(
         shape,
-        replace(sampling, num_points=num) if fewer else sampling,
+        sampling,
         embedding,
         surface=surface,
         own=None if own is None else own.of_shape(shape),
@@ -367,6 +380,6 @@ def sample_file(
 def _chirality(shape: Shape, surface: WorkingSurface) -> SurfaceChirality:
     """Return which way a surface turns; nothing of one that is too poor for eigenfunctions."""
     try:
-        return surface_chirality(shape, surface)
+        return surface_chirality(shape, None if surface.is_split else surface)
     except InputError:
         return NO_CHIRALITY

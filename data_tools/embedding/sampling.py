@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, as_indices, read_only
 from data_tools.errors import InputError, OptionsError
+from data_tools.options import MIN_POINTS
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.shape import Shape
 
@@ -66,6 +67,19 @@ def farthest_points(
     else:
         first = as_indices(seeds, f"{shape.name}: seeds", upper=len(shape.vertices), shape=(None,))
     return read_only(_choose(distance_from, first[:num], num, shape))
+
+
+def check_determines_pose(shape: Shape) -> None:
+    """Refuse a shape of so few points that they do not determine a pose.
+
+    Raises
+    ------
+    InputError
+    """
+    if (num := len(shape.vertices)) < MIN_POINTS:
+        raise InputError(
+            f"{shape.file or shape.name}: {num} points do not determine a pose; {MIN_POINTS} are needed"
+        )
 
 
 def central_extreme(points: FloatArray) -> int:

@@ -17,7 +17,12 @@ from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.options import SamplingOptions
 from data_tools.sight import lines_of_sight
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
-from data_tools.surface.topology import boundary_edges, face_crosses, is_open_surface
+from data_tools.surface.topology import (
+    boundary_edges,
+    face_crosses,
+    is_open_surface,
+    spread_over_faces,
+)
 
 #: Points that are spread over each cell of a mesh, and the least and largest number over all.
 POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
@@ -111,15 +116,7 @@ def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatA
     areas = np.linalg.norm(crosses, axis=1)
     total = float(areas.sum())
     num = int(np.clip(POINTS_A_CELL * 0.5 * total / cell**2, FEWEST_SPREAD, MOST_SPREAD))
-    numbers = np.arange(num)
-    faces = np.searchsorted(np.cumsum(areas), (numbers + 0.5) / num * total)
-    faces = np.minimum(faces, len(areas) - 1)
-    # A low-discrepancy sequence in the unit square (Roberts 2018), folded onto the triangle.
-    first, second = (numbers * 0.7548776662466927) % 1.0, (numbers * 0.5698402909980532) % 1.0
-    beyond = first + second > 1.0
-    first, second = np.where(beyond, 1.0 - first, first), np.where(beyond, 1.0 - second, second)
-    corner, one, other = np.moveaxis(shape.vertices[shape.faces[faces]], 1, 0)
-    points = corner + (one - corner) * first[:, None] + (other - corner) * second[:, None]
+    points, faces = spread_over_faces(shape.vertices, shape.faces, num)
     normals = (crosses / np.maximum(areas, np.finfo(float).tiny)[:, None])[faces]
     arms = points - points.mean(axis=0)
     outwards = np.vdot(normals, arms) / max(

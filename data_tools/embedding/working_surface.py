@@ -57,6 +57,8 @@ class WorkingSurface:
     joined : bool
         Whether the copy is the surface around all components of a mesh, where there are several. Views from one side
         stay as they are.
+    split : bool
+        Whether the triangles of a mesh of fewer vertices than samples are split, so that samples lie between these.
 
     Attributes
     ----------
@@ -66,16 +68,28 @@ class WorkingSurface:
         The vertex of the given shape nearest to each vertex of the copy.
     notes : tuple of Note
         What differs from the given shape, and which operators were used so far.
+    is_split : bool
+        Whether triangles were split.
+    lies_between : bool
+        Whether vertices of the copy lie between those of the given shape.
     """
 
-    def __init__(self, shape: Shape, options: SamplingOptions, *, joined: bool = False) -> None:
+    def __init__(
+        self, shape: Shape, options: SamplingOptions, *, joined: bool = False, split: bool = False
+    ) -> None:
         self._given = shape
-        self.is_joined = joined and _is_assembled(shape)
-        if self.is_joined:
-            self.shape, _, note = _reduce(joined_surface(shape), options)
+        is_joined = joined and _is_assembled(shape)
+        self.is_split = (
+            split and not is_joined and shape.is_mesh and len(_used(shape)) < options.num_points
+        )
+        self.shape, self.to_original, note = _reduce(
+            joined_surface(shape) if is_joined else shape, options
+        )
+        if self.is_split:
+            self.shape = _split(self.shape, max(options.num_points, options.num_dense_points))
+        self.lies_between = is_joined or self.is_split
+        if self.lies_between:
             self.to_original = _nearest_used(shape, self.shape.vertices)
-        else:
-            self.shape, self.to_original, note = _reduce(shape, options)
         self._notes = [note] if note else []
         self._spectra: dict[int, Spectrum] = {}
         self._farthest: dict[tuple[int, str, bool], IntArray] = {}
@@ -83,16 +97,16 @@ class WorkingSurface:
     def places(self, chosen: IntArray) -> FloatArray:
         """Return where vertices (k,) of the copy lie on the given shape, shape (k, 3).
 
-        These are its nearest vertices, or, around several components, its nearest points: a board has few vertices.
+        These are its nearest vertices, or its nearest points where the copy lies between them: a board has few.
         """
-        if not self.is_joined:
+        if not self.lies_between:
             return self._given.vertices[self.to_original[chosen]]
         given = SurfaceLocator(self._given.vertices, self._given.faces)
         return given.closest(self.shape.vertices[chosen]).on(self._given.vertices)
 
     def normals(self, chosen: IntArray) -> FloatArray:
         """Return the outward normals at vertices (k,) of the copy, (k, 3); (0, 3) where the shape has no sides."""
-        if self.is_joined:
+        if self.lies_between:
             return outward_normals(self.shape, at=chosen, max_defects=MAX_DEFECTS)
         return outward_normals(self._given, at=self.to_original[chosen])
 
@@ -191,6 +205,16 @@ def _reduce(shape: Shape, options: SamplingOptions) -> tuple[Shape, IntArray, No
             None,
         )
     return shape, np.arange(len(shape.vertices)), None
+
+
+def _split(mesh: Shape, num: int) -> Shape:
+    """Return a mesh with all triangles split into four until it has so many vertices."""
+    import trimesh
+
+    vertices, faces = mesh.vertices, mesh.faces
+    while len(vertices) < num:
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    return Shape.from_arrays(vertices, faces, name=mesh.name, file=mesh.file)
 
 
 def _used(shape: Shape) -> IntArray:

@@ -22,6 +22,7 @@ from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import are_assembled, clean, drop_non_finite
+from data_tools.surface.hidden import as_seen
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
 
@@ -227,9 +228,10 @@ def shape_from_source(
         ) from error
     if digest is not None and source.digest != digest:
         raise UnavailableError(f"{path}: has changed since the run began; run again")
+    cleaning = CleaningOptions() if cleaning is None else cleaning
     shape = clean(_checked(source, raw, name or readable_stem(path)), cleaning)
-    keeps_all = cleaning is not None and cleaning.components == "all"
-    return shape if keeps_all else without_outliers(shape, cleaning)
+    shape = shape if cleaning.components == "all" else without_outliers(shape, cleaning)
+    return as_seen(shape, cleaning)
 
 
 def _other_content(source: Source) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import fast_simplification
 import numpy as np
@@ -19,9 +20,15 @@ from data_tools.arrays import (
 )
 from data_tools.errors import InputError
 from data_tools.notes import Note
-from data_tools.options import CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import face_areas, mesh_components, vertex_components
+from data_tools.surface.topology import (
+    face_areas,
+    face_crosses,
+    mesh_components,
+    spread_over_faces,
+    vertex_components,
+)
 
 #: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together. A
 #: generated bone of 600 000 triangles, decimated to 4000, then lies 3.6e-4 sqrt(area) from the original (root mean
@@ -110,8 +117,15 @@ NEAR_TIE = 0.8
 #: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
 #: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
 MOST_DROPPED = 0.05
-#: The code of the note of a mesh of several components.
-COMPONENTS_KEPT = "components-kept"
+#: The codes of the notes of a mesh of several components, and of one that lies beside larger pieces that are plain,
+#: or beside pieces that the other files do not have.
+COMPONENTS_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN = "components-kept", "plain-pieces", "shared-piece"
+#: Components of less than this share of the largest one's area are not taken for the object.
+LEAST_PIECE = 0.1
+#: What files share tells the object if so many of them hold one piece, and another piece is the object if it is less
+#: unlike what the others hold than this, as a share of the largest one. Set once, on generated bodies beside
+#: cylinders, bent bars and bodies of another kind.
+LEAST_SINGLE, MUCH_LIKER = 1 / 3, 0.5
 #: Odd numbers that the bits of x, y and z are multiplied with, modulo 2^64.
 _HASH_FACTORS = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
@@ -192,7 +206,7 @@ def clean(shape: Shape, options: CleaningOptions | None = None) -> Shape:
                 f"{shape.file or shape.name}: every one of its {len(shape.faces)} triangles has zero area"
             )
         if options.components != "all":
-            faces = _largest_components(len(vertices), faces, areas, notes)
+            faces = _largest_components(vertices, faces, areas, notes, options.like)
         vertices, faces, kept = _drop_unreferenced(vertices, faces, kept, notes)
     if not notes:
         return shape
@@ -272,13 +286,32 @@ def _drop_degenerate(
 
 
 def _largest_components(
-    num_vertices: int, faces: IntArray, face_area: FloatArray, notes: list[Note]
+    vertices: FloatArray,
+    faces: IntArray,
+    face_area: FloatArray,
+    notes: list[Note],
+    like: tuple[float, ...],
 ) -> IntArray:
-    """Return the triangles of the largest component, and of those nearly as large."""
-    _, labels = mesh_components(num_vertices, faces)
-    of_face = labels[faces[:, 0]]
-    areas = np.bincount(of_face, weights=face_area)
+    """Return the triangles of the largest component, and of those nearly as large; plain ones are no object.
+
+    Of several that may be the object, those of the one most ``like`` it are returned, where that is known.
+    """
+    of_face, areas = _components(vertices, faces, face_area)
     kept: BoolArray = np.asarray(areas >= NEAR_TIE * areas.max())
+    beside = object_beside(vertices, faces, of_face, areas)
+    if beside is not None:
+        kept = np.arange(len(areas)) == beside
+        share = float(areas[areas > areas[beside]].sum() / areas.sum())
+        notes.append(Note(PLAIN_LEFT_OUT, values={"share": share}))
+    elif like:
+        pieces = _may_be_object(vertices, faces, of_face, areas)
+        signs = np.array([piece_signature(vertices, faces[of_face == one]) for one in pieces])
+        chosen = pieces[int(np.argmin(np.linalg.norm(signs - np.array(like), axis=1)))]
+        others = (kept | (areas > areas[chosen])) & (np.arange(len(areas)) != chosen)
+        if others.any():
+            kept = np.arange(len(areas)) == chosen
+            share = float(areas[others].sum() / areas.sum())
+            notes.append(Note(SHARED_TAKEN, values={"share": share}))
     good = kept[of_face]
     if kept.sum() > 1 or not good.all():
         share = float(100.0 * areas[kept].sum() / areas.sum())
@@ -287,8 +320,172 @@ def _largest_components(
             "total": int((areas > 0).sum()),
             "dropped": int((~good).sum()),
         }
-        notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share}))
+        which = (
+            {"chosen": True} if notes and notes[-1].code in (PLAIN_LEFT_OUT, SHARED_TAKEN) else {}
+        )
+        notes.append(Note(COMPONENTS_KEPT, values={**numbers, "share": share, **which}))
     return faces[good]
+
+
+def _components(
+    vertices: FloatArray, faces: IntArray, face_area: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the component of each triangle (f,) and the areas of the components (c,)."""
+    _, labels = mesh_components(len(vertices), faces)
+    of_face = labels[faces[:, 0]]
+    return of_face, np.bincount(of_face, weights=face_area).astype(np.float64)
+
+
+def _may_be_object(
+    vertices: FloatArray, faces: IntArray, of_face: IntArray, areas: FloatArray
+) -> list[int]:
+    """Return the components that may be the object: the largest one, and others that are large and not plain."""
+    order = np.argsort(-areas, kind="stable")
+    first, *others = order[areas[order] >= LEAST_PIECE * areas[order[0]]].tolist()
+    return [first, *(one for one in others if not is_plain(vertices, faces[of_face == one]))]
+
+
+def piece_signature(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return what a piece of a mesh looks like, whatever its pose and size, shape (16,).
+
+    These are quantiles of the distances of its surface from its centroid, in root mean square radii.
+    """
+    points, _ = spread_over_faces(vertices, faces, PLAIN.num_points)
+    radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    return np.quantile(radii, (np.arange(NUM_QUANTILES) + 0.5) / NUM_QUANTILES) / np.sqrt(
+        (radii**2).mean()
+    )
+
+
+def piece_signatures(mesh: Shape) -> FloatArray:
+    """Return the signatures of the pieces that may be the object, shape (p, 16), the one taken by itself first.
+
+    Parameters
+    ----------
+    mesh : Shape
+        With all of its components.
+    """
+    of_face, areas = _components(mesh.vertices, mesh.faces, face_areas(mesh.vertices, mesh.faces))
+    beside = object_beside(mesh.vertices, mesh.faces, of_face, areas)
+    pieces = (
+        _may_be_object(mesh.vertices, mesh.faces, of_face, areas) if beside is None else [beside]
+    )
+    return np.array([piece_signature(mesh.vertices, mesh.faces[of_face == one]) for one in pieces])
+
+
+def shared_object(signatures: Sequence[FloatArray]) -> tuple[float, ...]:
+    """Return the signature of the object that shapes share, where some hold larger pieces; empty elsewhere.
+
+    At least :data:`LEAST_SINGLE` of the shapes hold one piece only. Of another shape, a smaller piece is the object
+    where it is much more like what the others hold than its largest piece is.
+
+    Parameters
+    ----------
+    signatures : sequence of ndarray, each (p, 16)
+        As of :func:`piece_signatures`, for each shape.
+    """
+    if np.mean([len(one) == 1 for one in signatures]) < LEAST_SINGLE:
+        return ()
+    chosen = []
+    for i, own in enumerate(signatures):
+        gaps = [
+            np.linalg.norm(own[:, None] - other, axis=2).min(axis=1)
+            for j, other in enumerate(signatures)
+            if j != i
+        ]
+        unlike = np.median(gaps, axis=0)
+        best = int(np.argmin(unlike))
+        chosen.append(best if unlike[best] < MUCH_LIKER * unlike[0] else 0)
+    if not any(chosen):
+        return ()
+    objects = [own[at] for own, at in zip(signatures, chosen, strict=True)]
+    return tuple(np.median(objects, axis=0).tolist())
+
+
+class PlainTuning(NamedTuple):
+    """Numbers by which an object is told from plain pieces that it was scanned with.
+
+    Set once, on generated scenes; the objects that are assembled of boards are those of the families.
+    """
+
+    smallest: float = 0.02
+    """Pieces of less than this share of the largest one's area are no object."""
+    most_larger: int = 3
+    """An object may lie beside so many larger plain pieces: a table, a wall, a cube."""
+    num_points: int = 600
+    """Points of a piece that are looked at."""
+    flat: float = 0.1
+    """A piece is flat if it is thinner than this share of its width, as standard deviations, ..."""
+    num_sides: int = 6
+    """... and a box if its normals lie around so many directions, ..."""
+    within_cosine: float = 0.966
+    """... within 15 degrees, ..."""
+    of_box: float = 0.9
+    """... so many of them."""
+    times: float = 10.0
+    """A larger box is a calibration cube if the object has so many times as many triangles; boards of furniture have
+    as few as its other parts."""
+
+
+#: The numbers in use.
+PLAIN = PlainTuning()
+
+
+def object_beside(
+    vertices: FloatArray, faces: IntArray, of_face: IntArray, areas: FloatArray
+) -> int | None:
+    """Return the component that is the object where larger ones are flat or boxes; None where it is the largest.
+
+    Tables, walls, scale bars and calibration cubes are plain; an object that is assembled of boards has no single
+    component that is not.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (v, 3)
+    faces : ndarray of int, shape (f, 3)
+    of_face : ndarray of int, shape (f,)
+        The component of each triangle.
+    areas : ndarray, shape (c,)
+        Of the components.
+    """
+    order = np.argsort(-areas, kind="stable")
+    order = order[areas[order] >= PLAIN.smallest * areas[order[0]]].tolist()
+    if len(order) < 2:
+        return None
+    pieces = [faces[of_face == one] for one in order]
+    shown = range(min(len(order), PLAIN.most_larger + 1))
+    at = next((k for k in shown if not is_plain(vertices, pieces[k])), 0)
+    if at == 0 or not all(
+        is_flat(vertices, piece) or PLAIN.times * len(piece) <= len(pieces[at])
+        for piece in pieces[:at]
+    ):
+        return None
+    has_rival = any(
+        areas[other] >= NEAR_TIE * areas[order[at]] and not is_plain(vertices, piece)
+        for other, piece in zip(order[at + 1 :], pieces[at + 1 :], strict=True)
+    )
+    return None if has_rival else order[at]
+
+
+def is_flat(vertices: FloatArray, faces: IntArray) -> bool:
+    """Return whether a piece of a mesh is thin compared with its width."""
+    points, _ = spread_over_faces(vertices, faces, PLAIN.num_points)
+    spreads = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0))
+    return bool(spreads[0] < PLAIN.flat * spreads[1])
+
+
+def is_plain(vertices: FloatArray, faces: IntArray) -> bool:
+    """Return whether a piece of a mesh is flat, or a box."""
+    if is_flat(vertices, faces):
+        return True
+    _, at = spread_over_faces(vertices, faces, PLAIN.num_points)
+    crosses = face_crosses(vertices, faces).T[at]
+    normals = crosses / np.linalg.norm(crosses, axis=1, keepdims=True)
+    near = normals @ normals.T >= PLAIN.within_cosine
+    left = np.ones(len(normals), dtype=np.bool_)
+    for _ in range(PLAIN.num_sides):
+        left &= ~near[int(np.argmax(near @ left))]
+    return bool(left.mean() <= 1.0 - PLAIN.of_box)
 
 
 def are_assembled(options: CleaningOptions, notes: Sequence[Sequence[Note]]) -> bool:
@@ -317,6 +514,12 @@ def _drop_unreferenced(
         return vertices, faces, kept
     notes.append(Note("unreferenced-dropped", values={"num": int((~used).sum())}))
     return vertices[used], (np.cumsum(used) - 1)[faces], kept[used]
+
+
+def hold_pieces(notes: Sequence[Note]) -> bool:
+    """Return whether a shape has another component that may be the object, by its notes."""
+    kept = [note.values["kept"] for note in notes if note.code == COMPONENTS_KEPT]
+    return share_kept(notes) < 1.0 / (1.0 + LEAST_PIECE) or any(num != 1 for num in kept)
 
 
 def share_kept(notes: Sequence[Note]) -> float:

@@ -13,7 +13,7 @@ from data_tools.arrays import BoolArray, FloatArray, Holds, read_only
 from data_tools.options import CleaningOptions
 from data_tools.surface.cleaning import clean
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import mesh_edges
+from data_tools.surface.topology import mesh_edges, vertex_components
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,10 +44,7 @@ class ExtraSurface:
 def without_extra(
     shape: Shape, extra: ExtraSurface, options: CleaningOptions | None = None
 ) -> Shape:
-    """Return a shape without its extra material.
-
-    The hole in a mesh is closed by the corners of its border: each vertex of the extra material collapses to the
-    nearest one of them.
+    """Return a shape without its extra material, as :func:`without_vertices` does.
 
     Parameters
     ----------
@@ -56,7 +53,30 @@ def without_extra(
     options : CleaningOptions, optional
         What the rest is cleaned by.
     """
-    goes = extra.holds(shape.vertices)
+    return without_vertices(shape, extra.holds(shape.vertices), options)
+
+
+def without_vertices(
+    shape: Shape,
+    goes: BoolArray,
+    options: CleaningOptions | None = None,
+    *,
+    apart: bool = False,
+) -> Shape:
+    """Return a shape without some of its vertices.
+
+    A hole in a mesh is closed by the corners of its border: each vertex that goes collapses to the nearest one of
+    them.
+
+    Parameters
+    ----------
+    shape : Shape
+    goes : ndarray of bool, shape (v,)
+    options : CleaningOptions, optional
+        What the rest is cleaned by.
+    apart : bool
+        Whether several holes are closed one by one: triangles that would join their borders go.
+    """
     place, faces = np.arange(len(goes)), shape.faces
     if shape.is_mesh:
         edges = mesh_edges(faces)
@@ -65,8 +85,16 @@ def without_extra(
         if len(border):
             nearest = cKDTree(shape.vertices[border]).query(shape.vertices[goes])[1]
             place[goes] = border[nearest]
+        at_border = np.zeros(len(goes), dtype=np.bool_)
+        at_border[border] = True
+        ring = vertex_components(len(goes), [edges[at_border[edges].all(axis=1)]])[1]
+        closes = goes[faces].any(axis=1)
         faces = place[faces]
-        faces = faces[~goes[faces].any(axis=1) & (faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        rings = ring[faces]
+        kept = ~goes[faces].any(axis=1) & (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        if apart:
+            kept &= ~closes | (rings == rings[:, :1]).all(axis=1)
+        faces = faces[kept]
     starts = np.cumsum([0, *(size for _, size in shape.parts)])
     parts = [
         (name, int((~goes[start : start + size]).sum()))

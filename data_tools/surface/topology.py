@@ -52,6 +52,22 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(0.5 * np.sqrt(np.square(crosses, out=crosses).sum(axis=0)))
 
 
+def spread_over_faces(
+    vertices: FloatArray, faces: IntArray, num: int
+) -> tuple[FloatArray, IntArray]:
+    """Return points (num, 3) spread over triangles evenly by area, and the triangle of each (num,)."""
+    areas = face_areas(vertices, faces)
+    numbers = np.arange(num)
+    at = np.searchsorted(np.cumsum(areas), (numbers + 0.5) / num * areas.sum())
+    at = np.minimum(at, len(areas) - 1)
+    # A low-discrepancy sequence in the unit square (Roberts 2018), folded onto the triangle.
+    first, second = (numbers * 0.7548776662466927) % 1.0, (numbers * 0.5698402909980532) % 1.0
+    beyond = first + second > 1.0
+    first, second = np.where(beyond, 1.0 - first, first), np.where(beyond, 1.0 - second, second)
+    corner, one, other = np.moveaxis(vertices[faces[at]], 1, 0)
+    return corner + (one - corner) * first[:, None] + (other - corner) * second[:, None], at
+
+
 def vertex_components(num_vertices: int, edges: Iterable[IntArray]) -> tuple[int, IntArray]:
     """Return the number of connected components and each vertex's label, shape (v,), in the order of first vertices.
 

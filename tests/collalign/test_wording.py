@@ -5,11 +5,13 @@ import re
 
 import pytest
 
+from collalign.stages.mixed_sides import BY_FIT, MIXED
 from collalign.wording import COLLECTION_TEXTS, SHAPE_TEXTS, TOOL_TEXTS, note_records, note_text
 from data_tools.io.formats.raw_shape import NOT_KEPT
 from data_tools.io.shapes import COARSE
 from data_tools.notes import Note
-from data_tools.surface.cleaning import COMPONENTS_KEPT
+from data_tools.surface.cleaning import COMPONENTS_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN
+from data_tools.surface.hidden import WALLS, WALLS_LEFT_OUT
 from tests.test_layers import sources
 
 TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
@@ -40,11 +42,23 @@ EXAMPLES = [
         for ignored in (False, True)
     ),
     Note("few-for-sides", values={"most": 0.8}),
+    Note("few-points", PAIR, {"num": 64, "counts": (18, 9)}),
     Note("sides-in-one-place", values={"most": 0.5}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
     Note(
         "given",
         values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1},
+    ),
+    Note(
+        "components-kept",
+        values={"kept": 1, "total": 2, "share": 40.0, "dropped": 8, "chosen": True},
+    ),
+    Note("shared-pieces", PAIR, {"shares": (0.8, 0.7)}),
+    Note("plain-left-out", PAIR, {"shares": (0.8, 0.7)}),
+    Note("walls-left-out", PAIR, {"shares": (0.4, 0.3)}),
+    *(
+        Note("sides-not-confirmed", PAIR, {"num_better": 3, "num_pairs": 9, "most": most})
+        for most in (0.5, 1.0)
     ),
     Note("groups-of-one", PAIR, {"column": "x", "groups": ("f", "m")}),
     Note("mirror-part-fits-better", PAIR[:1], {"chance": 0.62}),
@@ -178,7 +192,8 @@ def test_notes_that_are_made_have_a_text_and_texts_have_notes():
         for code in TEXTS
         if code.startswith(("arrangement-", "coordinates-", "landmarks-", "much-"))
     }
-    assert TEXTS.keys() - made - composed == {COARSE, COMPONENTS_KEPT, NOT_KEPT}
+    named = {COARSE, COMPONENTS_KEPT, NOT_KEPT, PLAIN_LEFT_OUT, SHARED_TAKEN, WALLS, WALLS_LEFT_OUT}
+    assert TEXTS.keys() - made - composed == named | {MIXED, BY_FIT}
     assert {code for code in made if re.fullmatch(r"[a-z]+(-[a-z]+)+", code)} <= TEXTS.keys()
 
 

@@ -92,6 +92,10 @@ def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequenc
         return options.maps == "always"
     if are_assembled(options.cleaning, [item.notes for item in samples]):
         return False  # a map is of one component
+    rich = [
+        pair for pair in pairs if not (samples[pair.target].is_poor or samples[pair.source].is_poor)
+    ]
+    pairs = rich or pairs
     is_weak = float(np.median([pair.energies.min() for pair in pairs])) > BENT_ENERGY
     return (
         is_weak and closing_share(pairs) < CLOSING_CYCLES and not _overlap_rigidly(samples, pairs)

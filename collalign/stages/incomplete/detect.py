@@ -108,15 +108,16 @@ def find_incomplete(
     """Return the shapes beyond whose rim those that match them best go on, and the code of that reason.
 
     Works on the dense samples at the poses (N, 4, 4) that they have as if all were complete, from which each shape is
-    first refined on its partners; nothing is found where shapes have too few of them. A mesh can only be incomplete
+    first refined on its partners; shapes that have too few of them are not looked at. A mesh can only be incomplete
     if its surface is open.
     """
     samples = shapes.samples
     if not may_be_broken(session.options, shapes):
         return {}
-    are_dense = all(len(item.dense_positions) >= NUM_POINTS for item in samples)
-    if len(samples) < MIN_SHAPES or not are_dense or all(item.rim == "closed" for item in samples):
+    are_dense = [len(item.dense_positions) >= NUM_POINTS for item in samples]
+    if sum(are_dense) < MIN_SHAPES or all(item.rim == "closed" for item in samples):
         return {}
+    pairs = [pair for pair in pairs if are_dense[pair.target] and are_dense[pair.source]]
     nearest = _nearest(pairs, len(samples))
     points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
     with table_of_values(points) as table:

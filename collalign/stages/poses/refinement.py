@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 
 import networkx as nx
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.engine.records import Record, from_record
@@ -98,15 +100,37 @@ def refine_poses(
     if not all(len(item.dense_indices) > 1 for item in samples):
         return rotations
     within = [pair for pair in pairs if part[pair.target] == part[pair.source]]
+    edges = np.array([(pair.target, pair.source) for pair in within])
+    energies = np.array([match_at(samples, pair, rotations)[1] for pair in within])
+    poor = np.array([item.is_poor for item in samples])
+    if (
+        poor.any() and not poor.all()
+    ):  # shapes of few points are refined on the others, and move none of these
+        among_rich = ~poor[edges].any(axis=1)
+        held = {int(i): rotations[i] for i in np.flatnonzero(poor)}
+        held |= {i: rotations[i] for i in _loose(edges[among_rich], len(samples), kept)}
+        rotations = refine_rotations(
+            session,
+            samples,
+            rotations,
+            edges[among_rich],
+            energies[among_rich],
+            group=options.group,
+            fixed=held | kept,
+        )
+        kept |= {int(i): rotations[i] for i in np.flatnonzero(~poor)}
+        edges, energies = edges[~among_rich], energies[~among_rich]
     return refine_rotations(
-        session,
-        samples,
-        rotations,
-        np.array([(pair.target, pair.source) for pair in within]),
-        np.array([match_at(samples, pair, rotations)[1] for pair in within]),
-        group=options.group,
-        fixed=kept,
+        session, samples, rotations, edges, energies, group=options.group, fixed=kept
     )
+
+
+def _loose(edges: IntArray, num: int, fixed: Mapping[int, FloatArray]) -> list[int]:
+    """Return the first shape of each part that the edges (e, 2) connect, where none of the part is fixed."""
+    links = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num))
+    parts = connected_components(links, directed=False)[1]
+    firsts = np.unique(parts, return_index=True)[1]
+    return np.setdiff1d(firsts, firsts[parts[list(fixed)]]).tolist()
 
 
 def refine_rotations(

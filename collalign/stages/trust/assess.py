@@ -73,7 +73,8 @@ def gather_trust(
 ) -> Trust:
     """Gather the evidence about every pose.
 
-    Pairs with a shape that resembles no other one say nothing about the poses of the others, and are not counted.
+    Pairs with a shape that resembles no other one, or has less than half as many points as the others, say little
+    about the poses of the others, and are not counted.
 
     Parameters
     ----------
@@ -97,7 +98,9 @@ def gather_trust(
         np.concatenate([pose[None], rivals[i], turns[i] @ pose]) for i, pose in enumerate(rotations)
     ]
     costs = _costs(session, samples, rotations, partners, poses)
-    partners, costs = _among_relatives(partners, costs, resembles_none(_fits(costs, components)))
+    poor = np.array([one.is_poor for one in samples], dtype=np.bool_)
+    left_out = poor | resembles_none(_fits(costs, components, poor))
+    partners, costs = _among_relatives(partners, costs, left_out)
     excess, local_excess = ([_excess(cost[kind]) for cost in costs] for kind in (GAP, LOCAL))
     leads = [
         leads_over(pose, other[: len(rises)], own)
@@ -120,9 +123,9 @@ def gather_trust(
     apart = [np.eye(3)[None]] * len(samples)
     return replace(
         trust,
-        evidence=_evidence(trust, costs, rotations, turns, partners, components, apart),
+        evidence=_evidence(trust, costs, rotations, turns, partners, components, apart, poor),
         up_to_symmetry=_evidence(
-            trust, costs, rotations, turns, partners, components, trust.symmetries
+            trust, costs, rotations, turns, partners, components, trust.symmetries, poor
         ),
     )
 
@@ -181,12 +184,14 @@ def _evidence(
     partners: Sequence[Sequence[Partner]],
     components: Sequence[IntArray],
     alike: Sequence[FloatArray],
+    poor: BoolArray,
 ) -> FloatArray:
     """Return the evidence about every pose, one row per shape; poses that ``alike`` (t, 3, 3) part count as one.
 
-    ``turns`` are those of :func:`_turns_of_parts`, whose poses are the last that have costs.
+    ``turns`` are those of :func:`_turns_of_parts`, whose poses are the last that have costs. Of what the shapes of a
+    part say together, ``poor`` ones (N,) say nothing.
     """
-    evidence = _fits(costs, components)
+    evidence = _fits(costs, components, poor)
     agreeing = [_agreeing(alike[i] @ rotations[i], own) for i, own in enumerate(partners)]
     for i, own in enumerate(partners):
         poses = alike[i] @ rotations[i]
@@ -198,7 +203,7 @@ def _evidence(
             )
             evidence[i, [MARGIN, LEAD, LOCAL_MARGIN]] = tuple(margins)
             evidence[i, VOTES] = (agreeing[i].sum() + PRIOR_VOTES) / (len(own) + 2.0 * PRIOR_VOTES)
-    strange = resembles_none(evidence)
+    strange = poor | resembles_none(evidence)
     for members in components:
         known = members[~np.isnan(evidence[members, VOTES])]
         if len(known):
@@ -208,7 +213,12 @@ def _evidence(
             evidence[known, CYCLES] = _cycles(heard.tolist(), partners, agreeing)
             angles = pose_angle_deg(turns[known[0]][:, None], alike[known[0]])
             others = np.asarray((angles > APART_DEG).all(axis=1))
-            for some in (related, heard):  # what its own pairs contradict is in nobody's block
+            every = (known,) if poor[known].any() else ()
+            for some in (
+                *every,
+                related,
+                heard,
+            ):  # what its own pairs contradict is in nobody's block
                 evidence[some, BLOCK_MARGIN] = _block_margins(some, costs, partners, others)
     return read_only(evidence)
 
@@ -245,7 +255,9 @@ def _block_margins(
     return margins
 
 
-def _fits(costs: Sequence[FloatArray], components: Sequence[IntArray]) -> FloatArray:
+def _fits(
+    costs: Sequence[FloatArray], components: Sequence[IntArray], poor: BoolArray
+) -> FloatArray:
     """Return how well each shape fits its partners, as evidence of which nothing else is known."""
     evidence = np.full((len(costs), len(KINDS)), np.nan)
     for i, cost in enumerate(costs):
@@ -256,19 +268,20 @@ def _fits(costs: Sequence[FloatArray], components: Sequence[IntArray]) -> FloatA
     for members in components:
         known = members[~np.isnan(evidence[members, MISFIT])]
         if len(known):
+            usual = known[~poor[known]] if not poor[known].all() else known
             for kind in (MISFIT, LOCAL_MISFIT):
-                evidence[known, kind] -= np.median(evidence[known, kind])
+                evidence[known, kind] -= np.median(evidence[usual, kind])
     return evidence
 
 
 def _among_relatives(
-    partners: Sequence[list[Partner]], costs: Sequence[FloatArray], strange: BoolArray
+    partners: Sequence[list[Partner]], costs: Sequence[FloatArray], left_out: BoolArray
 ) -> tuple[list[list[Partner]], list[FloatArray]]:
-    """Return the partners of each shape that are not strange, and its costs against these; a strange one has all."""
+    """Return the partners of each shape that are not left out, and its costs against these; one left out has all."""
     of_shapes, against = [], []
     for i, (own, cost) in enumerate(zip(partners, costs, strict=True)):
-        related = np.array([not strange[partner.shape] for partner in own], dtype=np.bool_)
-        if strange[i] or not related[:MAX_PARTNERS].any():
+        related = np.array([not left_out[partner.shape] for partner in own], dtype=np.bool_)
+        if left_out[i] or not related[:MAX_PARTNERS].any():
             related[:] = True
         of_shapes.append(
             [partner for partner, is_related in zip(own, related, strict=True) if is_related]

@@ -13,8 +13,15 @@ from typing import TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.local_evidence import local_evidence, point_gaps, surface_gap, surface_points
+from collalign.stages.local_evidence import (
+    all_points,
+    local_evidence,
+    point_gaps,
+    surface_gap,
+    surface_points,
+)
 from data_tools.arrays import BoolArray, FloatArray
+from data_tools.embedding.copies import is_copy
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -30,6 +37,9 @@ NUM_COMPARED = 100
 SUPPORT_POWER = 4.0
 #: No pose of a pair is less plausible than by these log-odds; one that it did not find is as plausible as its last.
 LEAST_LOG_ODDS = -8.0
+#: Squared distance, in squared radii, at which all points of a cloud lie exactly on those of another one: a surface
+#: may look alike in several poses, but points that coincide are the same points.
+EXACT = 1e-6
 #: Rotations onto itself that are looked at, at so many points, and the best that are refined, in so many steps.
 NUM_ROTATIONS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
 #: Turns that are kept, the best ones (the cube has 23); so many about one axis are taken for any angle about it.
@@ -158,13 +168,18 @@ def pose_costs(
     -------
     ndarray, shape (2, r, p)
         Mean squared distance of closest points and normals, both ways, in squared radii; and the mismatch of the
-        descriptors of neighbourhoods, NaN where either shape has none.
+        descriptors of neighbourhoods, NaN where either shape has none. Clouds that lie exactly on each other at one
+        of the poses are compared by all of their points.
     """
     own = surface_points(shape, first=0)
     costs = np.empty((2, len(poses), len(partners)))
     for p, (partner, partner_pose) in enumerate(zip(partners, partner_poses, strict=True)):
         relative = partner_pose.T @ poses
         costs[0, :, p] = surface_gap(surface_points(partner, first=1), own, relative)
+        if shape.rim == partner.rim == "unknown" and is_copy(shape.signature, partner.signature):
+            whole = surface_gap(all_points(partner), all_points(shape), relative)
+            if whole.min() < EXACT:
+                costs[0, :, p] = whole
         costs[1, :, p] = local_evidence(partner, shape, relative, num_points=NUM_COMPARED)[0]
     return costs
 

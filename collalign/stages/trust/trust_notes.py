@@ -131,7 +131,11 @@ def remedies(
         said.append(Note("several-kinds", values={"num": len(kinds), "groups": groups}))
     elif options.incomplete == AUTO:
         may_be_cut = [i for i in _doubted(confidence) if not strange[i]][:MAX_NAMED]
-        cut = [shapes.names[i] for i in may_be_cut if shapes.samples[i].rim != "closed"]
+        cut = [
+            shapes.names[i]
+            for i in may_be_cut
+            if shapes.samples[i].rim != "closed" and not shapes.samples[i].is_poor
+        ]
         if cut:
             said.append(Note("open-borders", tuple(cut)))
     said += components_left_out(shapes, in_doubt.tolist())

@@ -127,7 +127,9 @@ class ExportRequest:
             If it is no longer there.
         """
         path = self.collection.file(at)
-        cleaning = replace(self.collection.options.cleaning, merge_vertices=True, components="all")
+        cleaning = replace(
+            self.collection.options.cleaning, merge_vertices=True, components="all", inner="keep"
+        )
         return read_shape(path, cleaning, name=self.collection.names[at])
 
     def path(self, name: str) -> Path:

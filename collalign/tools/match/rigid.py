@@ -21,6 +21,7 @@ from data_tools.io.source import Origin, location
 from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity, scales_of
 from data_tools.surface.cleaning import are_assembled
+from data_tools.surface.hidden import differ_in_walls
 from data_tools.threads import one_blas_thread
 from pairwise.dense import RefinedPose, ranked_on_dense
 from pairwise.matching import match_problem
@@ -208,7 +209,10 @@ def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[
     if options.cleaning.components == AUTO and are_assembled(
         options.cleaning, [one.notes for one in found]
     ):
-        found = sampled(replace(options.cleaning, components="all"))
+        return sampled(replace(options.cleaning, components="all"))
+    notes, are_sided = [one.notes for one in found], [len(one.dense_normals) > 0 for one in found]
+    if options.cleaning.inner == AUTO and differ_in_walls(notes, are_sided):
+        found = sampled(replace(options.cleaning, inner="drop"))
     return found
 
 

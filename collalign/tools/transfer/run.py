@@ -51,6 +51,7 @@ from data_tools.io.shapes import CoordinateSystem, read_shape
 from data_tools.landmark_files import Landmarks, SemilandmarkRows
 from data_tools.names import by_known_names
 from data_tools.notes import Note
+from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
 from data_tools.surface.closest import lies_beyond
 from data_tools.surface.shape import Shape
@@ -464,7 +465,8 @@ class LandmarkCarrier:
     def _surface(self, name: str) -> RegistrationSurface:
         """Read a specimen's surface, as its file has it, in the common frame."""
         at = self._collection.index(name)
-        shape = read_shape(self._collection.file(at), name=name).transformed(
+        cleaning = CleaningOptions(inner=self._collection.options.cleaning.inner)
+        shape = read_shape(self._collection.file(at), cleaning, name=name).transformed(
             self._collection.transforms[at]
         )
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))

@@ -79,14 +79,19 @@ def test_a_check_reads_every_file_and_writes_nothing(folder):
     assert "at least two are needed" in said.err
 
 
-def test_a_check_says_who_has_too_few_points(folder):
-    np.savetxt(folder / "left" / "few.xyz", np.eye(3))
+def test_a_check_says_who_has_few_points(folder):
+    np.savetxt(
+        folder / "left" / "few.xyz", np.eye(3)[[0, 0, 0, 1, 2]] + np.diag([1, 2, 3, 4, 5])[:, :3]
+    )
+    np.savetxt(folder / "left" / "three.xyz", np.eye(3))
     places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
     said = run_command(
         "align", *places, "--out", folder.parent / "out", "--jobs", "1", "--check", ends=3
-    ).out
-    assert "Shapes are matched at 40 points: " in said
-    assert "Left out by a run, with fewer than 40 points: few." in said
+    )
+    assert "three.xyz: 3 points do not determine a pose; 4 are needed" in said.err
+    said = said.out
+    assert "Shapes are matched at 40 points: none has the 64 asked for." in said
+    assert "Fewer points than the 40 that shapes are matched at: few (5 points)." in said
 
 
 def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder):

@@ -20,6 +20,7 @@ from collalign.stages.mixed_sides import (
     chirality_energies,
     group_of_shapes,
     nearest_pairs,
+    sides_of_result,
 )
 from data_tools.datasets.synthetic import bumped, deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
@@ -253,6 +254,55 @@ def test_added_shapes_keep_what_was_decided(
     assert (added.group, added.reflected.any()) == ("SO", False)
     assert "added-not-reflected" in codes(added.notes)
     assert any("late" in note.shapes for note in added.notes)
+
+
+FLIP = np.diag([-1.0, 1.0, 1.0])
+#: What a pilot may have said of four shapes.
+PILOT = (
+    Note("left-right-mixed", ("a",), {"total": 4}),
+    Note("sides-by-fit", values={"num_between": 9, "factor": 7.0, "contradicted": 0.5}),
+    Note("few-for-sides", values={"most": 0.8}),
+    Note("sides-sampled", values={"num": 4, "total": 9}),
+)
+
+
+def pairs_of(energies):
+    """Return pairs with a plain and a mirrored candidate of these energies."""
+    rotations = np.stack([np.eye(3), FLIP])
+    return [
+        pair_of(rotations, each, target=target, source=source)
+        for (target, source), each in energies.items()
+    ]
+
+
+def test_notes_on_sides_say_what_the_poses_say():
+    pairs = pairs_of({(0, 1): (1.0, 2.0), (0, 2): (4.0, 1.0), (1, 3): (1.0, 3.0)})
+    reflected = np.array([False, False, True, True])
+    mixed, fit, *others = sides_of_result(PILOT, "abcd", pairs, reflected, {})
+    assert mixed == Note("left-right-mixed", ("c", "d"), {"total": 4})
+    assert fit.values["num_between"] == 2
+    assert fit.values["factor"] == pytest.approx(np.sqrt(4.0 / 3.0))
+    total = np.log([2.0, 4.0, 3.0]).sum()
+    assert fit.values["contradicted"] == pytest.approx(np.log(3.0) / total)
+    assert tuple(others) == PILOT[2:]
+
+
+def test_the_rarer_side_is_named_whichever_is_reflected():
+    reflected = np.array([True, False, True, True])
+    mixed = sides_of_result(PILOT[:1], "abcd", [], reflected, {})
+    assert mixed == (Note("left-right-mixed", ("b",), {"total": 4}),)
+
+
+def test_no_sides_are_claimed_where_no_shape_is_reflected():
+    pairs = pairs_of({(0, 1): (1.0, 2.0), (0, 2): (4.0, 1.0)})
+    said = sides_of_result(PILOT, "abcd", pairs, np.zeros(4, dtype=bool), {0: 0.5})
+    expected = {"num_better": 1, "num_pairs": 2, "most": 0.5}
+    assert said == (Note("sides-not-confirmed", ("a",), expected), PILOT[3])
+
+
+def test_other_notes_stay_as_they_are():
+    notes = (Note("not-reflected-few", values={"num": 3}),)
+    assert sides_of_result(notes, "abc", [], np.zeros(3, dtype=bool), {}) == notes
 
 
 def write_copy(file, copy):

@@ -151,25 +151,37 @@ def test_a_file_that_is_lost_after_its_first_reading_ends_the_run(folder, again,
             READING_AGAIN[again](session, shapes)
 
 
-def test_point_sets_of_fewer_points_are_matched_at_those_they_have(tmp_path, rng):
-    for name, num in (("a", 10), ("b", 9), ("c", 11), ("damaged", 4), ("huge", 50)):
+def test_point_sets_of_fewer_points_are_matched_at_those_of_the_largest(tmp_path, rng):
+    for name, num in (("a", 10), ("b", 9), ("c", 11), ("poor", 4)):
         np.savetxt(tmp_path / f"{name}.xyz", rng.standard_normal((num, 3)))
     shapes = prepare(
         tmp_path, tmp_path / "store", replace(OPTIONS, embedding=EmbeddingOptions(kind="xyz"))
     )
-    assert shapes.names == ("a", "b", "c", "huge")
-    assert [sorted(item.vertex_indices) for item in shapes.samples][1] == list(range(9))
-    assert {len(item.vertex_indices) for item in shapes.samples} == {9}
-    assert shapes.notes[0] == Note("fewer-points", values={"num": 9, "asked": 12})
-    assert shapes.excluded[0].file == "damaged.xyz"
-    assert "4 points, 9 samples were asked for" in shapes.excluded[0].reason
+    assert shapes.names == ("a", "b", "c", "poor")
+    assert {len(item.vertex_indices) for item in shapes.samples} == {11}
+    assert [item.num_places for item in shapes.samples] == [10, 9, 11, 4]
+    assert [item.is_poor for item in shapes.samples] == [False, False, False, True]
+    assert sorted(np.bincount(shapes.samples[3].vertex_indices)) == [2, 3, 3, 3]
+    assert shapes.notes[:2] == (
+        Note("fewer-points", values={"num": 11, "asked": 12}),
+        Note("few-points", ("a", "b", "poor"), {"num": 11, "counts": (10, 9, 4)}),
+    )
+    assert not shapes.excluded
 
 
-def test_the_number_of_points_follows_the_typical_shape():
+def test_one_poor_shape_lowers_nobody(tmp_path, folder, rng):
+    np.savetxt(folder / "poor.xyz", rng.standard_normal((31, 3)))
+    with_poor = prepare(folder)
+    (folder / "poor.xyz").unlink()
+    alone = prepare(folder, tmp_path / "other")
+    for one, other in zip(with_poor.samples[1:], alone.samples, strict=True):
+        np.testing.assert_array_equal(one.positions, other.positions)
+
+
+def test_the_number_of_points_follows_the_shape_of_most_points():
     assert common_num_points([41] * 9 + [3], 64) == 41
-    assert common_num_points([39, 45, 41, 64], 64) == 39
-    assert common_num_points([41, 64, 64], 64) == 64
-    assert common_num_points([41, 64], 64) == 41
+    assert common_num_points([39, 45, 41, 64], 64) == 64
+    assert common_num_points([41, 80], 64) == 64
     assert common_num_points([], 64) == 64
 
 

@@ -156,8 +156,8 @@ def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():
 
 def test_unusable_shapes_are_refused_by_name(shape):
     small = Shape.from_arrays(*sphere_mesh(20), name="small")
-    with pytest.raises(InputError, match="small: 20 vertices, 24 samples"):
-        sample_shape(small, FEW)
+    with pytest.raises(InputError, match="small: 3 points do not determine a pose; 4 are needed"):
+        sample_shape(Shape.from_arrays(np.eye(3), name="small"), FEW)
     few = SamplingOptions(num_points=8, num_dense_points=0)
     with pytest.raises(InputError, match="small: too few vertices for 30 eigenfunctions"):
         sample_shape(small, few, EmbeddingOptions(kind="xyz+lb", num_eigenfunctions=30))
@@ -181,6 +181,32 @@ def test_samples_of_joined_components_lie_between_their_few_vertices(tmp_path):
     on_top = (top[:, 2] > 2.49) & (np.abs(top[:, :2] - [2.0, 1.5]) < [1.7, 1.2]).all(axis=1)
     assert on_top.sum() > 5
     assert (found.dense_normals[on_top, 2] > 0.9).all()
+
+
+def test_samples_of_a_mesh_of_few_vertices_lie_between_them(tmp_path):
+    box = boxes(((4, 3, 0.5), (0, 0, 2)))
+    file = write_mesh(tmp_path / "box.ply", box)
+    found = sample_file(
+        file, CleaningOptions(), FEW, EmbeddingOptions(), name="a", with_chirality=True
+    )
+    assert (found.num_places, found.is_poor) == (24, False)
+    assert len(found.dense_positions) == len(found.dense_normals) == 60
+    assert found.vertex_indices.max() < 8
+    places = found.positions * found.scale + found.offset
+    assert len(np.unique(places.round(6), axis=0)) == 24
+    on_box = SurfaceLocator(box.vertices, box.faces).closest(places).on(box.vertices)
+    np.testing.assert_allclose(places, on_box, atol=1e-6)
+    assert not len(found.chirality.faces), "so coarse a surface turns neither way"
+
+
+def test_points_of_a_small_cloud_count_several_times(rng):
+    cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="small")
+    found = sample_shape(cloud, SamplingOptions(num_points=64))
+    assert found.positions.shape == (64, 3)
+    assert sorted({*np.bincount(found.vertex_indices).tolist()}) == [2, 3]
+    assert (found.num_places, found.is_poor) == (30, True)
+    np.testing.assert_allclose(found.positions.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(found.positions), 1.0)
 
 
 def test_one_component_is_not_joined(tmp_path, shape):

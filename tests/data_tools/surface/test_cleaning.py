@@ -1,14 +1,16 @@
 import numpy as np
 import pytest
 
+from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.errors import InputError, OptionsError
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.surface import cleaning
-from data_tools.surface.cleaning import clean
+from data_tools.surface.cleaning import clean, hold_pieces, piece_signatures, shared_object
 from data_tools.surface.shape import Shape
-from tests.notes import codes
+from tests.data_tools.surface.test_joined import boxes
+from tests.notes import codes, only
 
 
 def test_clean_shape_is_returned_as_it_is(rng):
@@ -132,3 +134,105 @@ def test_shapes_are_assembled_where_most_lose_much_with_smaller_components(share
     notes = [[Note(cleaning.COMPONENTS_KEPT, values={"share": 100.0 * share})] for share in shares]
     assert cleaning.are_assembled(CleaningOptions(components="largest"), notes) == assembled
     assert cleaning.are_assembled(CleaningOptions(components="all"), notes)
+
+
+def plate(size, num, noise, rng):
+    """Return a flat piece with a little relief, as a scanned table."""
+    x, y = np.meshgrid(np.linspace(-size, size, num), np.linspace(-size, size, num))
+    at = np.arange((num - 1) * num).reshape(num - 1, num)[:, :-1].ravel()
+    faces = np.concatenate(
+        [np.stack([at, at + 1, at + num], 1), np.stack([at + 1, at + num + 1, at + num], 1)]
+    )
+    return np.column_stack([x.ravel(), y.ravel(), noise * rng.standard_normal(x.size)]), faces
+
+
+def together(*pieces):
+    starts = np.cumsum([0, *(len(points) for points, _ in pieces)])
+    return Shape.from_arrays(
+        np.concatenate([points for points, _ in pieces]),
+        np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)]),
+    )
+
+
+def test_an_object_lies_beside_larger_flat_pieces_and_cubes(rng):
+    body = blob(rng, num_vertices=400)
+    table, wall = plate(5.0, 30, 0.01, rng), plate(3.0, 20, 0.01, rng)
+    upright = (wall[0][:, [0, 2, 1]] + [0.0, 6.0, 3.0], wall[1])
+    cube = boxes(((3, 3, 3), (8, 0, 0)))
+    scene = together(
+        (table[0] - [0, 0, 2], table[1]),
+        (body.vertices, body.faces),
+        upright,
+        (cube.vertices, cube.faces),
+    )
+    cleaned = clean(scene)
+    assert cleaned.area == pytest.approx(body.area)
+    share = only(cleaned.notes, "plain-pieces").values["share"]
+    assert share == pytest.approx(1.0 - body.area / scene.area, abs=1e-6)
+    assert clean(scene, CleaningOptions(components="all")).area == pytest.approx(scene.area)
+
+
+def test_plain_pieces_alone_or_below_the_object_change_nothing(rng):
+    body, table = blob(rng, num_vertices=400), plate(5.0, 30, 0.01, rng)
+    smaller = together((0.1 * table[0] - [0, 0, 3], table[1]), (body.vertices, body.faces))
+    alone = together(table, (0.5 * table[0] + [0, 0, 2], table[1]))
+    speck = together(table, (0.05 * body.vertices + [0, 0, 2], body.faces))
+    for scene, expected in ((smaller, body.area), (alone, 100.0), (speck, 100.0)):
+        cleaned = clean(scene)
+        assert cleaned.area == pytest.approx(expected, rel=0.05)
+        assert "plain-pieces" not in codes(cleaned.notes)
+
+
+def test_a_chair_of_boards_and_round_legs_keeps_its_seat(rng):
+    """Several round pieces of one size are parts of furniture, not an object on a table."""
+    seat, leg = boxes(((4, 4, 0.2), (-2, -2, 0))), blob(rng, num_vertices=200)
+    legs = [(0.4 * leg.vertices + [x, y, -2], leg.faces) for x in (-1.5, 1.5) for y in (-1.5, 1.5)]
+    cleaned = clean(together((seat.vertices, seat.faces), *legs))
+    assert cleaned.area == pytest.approx(seat.area)
+
+
+def test_a_box_among_coarse_parts_is_an_object():
+    sofa = boxes(((4, 2, 1), (0, 0, 0)))
+    cushion, faces = sphere_mesh(20)
+    cleaned = clean(together((sofa.vertices, sofa.faces), (0.8 * cushion + [0, 0, 3], faces)))
+    assert cleaned.area == pytest.approx(sofa.area)
+
+
+def bar_beside(body):
+    """Return the body with a larger, bent bar beside it."""
+    ball, faces = sphere_mesh(500)
+    bar = ball * [4.0, 0.9, 0.8]
+    bar[:, 2] += 0.1 * bar[:, 0] ** 2
+    return together((bar + np.array([0.0, 6.0, 0.0]), faces), (body.vertices, body.faces))
+
+
+def test_the_object_is_the_piece_that_files_share(rng):
+    base = blob(np.random.default_rng(5), num_vertices=400)
+    bodies = deformed_family(base, 4, rng, rms=0.02)
+    scenes = [bar_beside(bodies[0]), bodies[1], bar_beside(bodies[2]), bodies[3]]
+    signatures = [piece_signatures(scene) for scene in scenes]
+    assert [len(one) for one in signatures] == [2, 1, 2, 1]
+    like = shared_object(signatures)
+    assert len(like) == 16
+    for scene, body in zip(scenes, bodies, strict=True):
+        cleaned = clean(scene, CleaningOptions(like=like))
+        assert cleaned.area == pytest.approx(body.area)
+    taken = clean(scenes[0], CleaningOptions(like=like))
+    assert codes(taken.notes)[:2] == ["shared-piece", "components-kept"]
+    assert hold_pieces(clean(scenes[0]).notes)
+    assert not hold_pieces(clean(scenes[1]).notes)
+
+
+def test_nothing_is_shared_where_all_files_hold_several_pieces_or_their_largest_is_alike(rng):
+    body = blob(np.random.default_rng(5), num_vertices=400)
+    scene = piece_signatures(bar_beside(body))
+    assert shared_object([scene, scene, scene]) == ()
+    alone, small = piece_signatures(body), blob(np.random.default_rng(6), num_vertices=400)
+    beside = together((body.vertices, body.faces), (0.7 * small.vertices + [4, 0, 0], small.faces))
+    assert shared_object([piece_signatures(beside), alone, alone]) == ()
+
+
+def test_what_the_object_looks_like_is_sixteen_numbers():
+    with pytest.raises(OptionsError, match="like: expected 16 numbers, or none, got 3"):
+        CleaningOptions(like=(1.0, 2.0, 3.0))
+    assert CleaningOptions(like=[1.0] * 16).like == (1.0,) * 16
