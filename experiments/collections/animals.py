@@ -65,7 +65,9 @@ def _surface(capsules: list[tuple[FloatArray, FloatArray, float]]) -> Shape:
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     near = sum(np.exp(-(_distance(points, a, b) - radius) / _BLEND) for a, b, radius in capsules)
     level = np.log(np.maximum(near, 1e-30))
-    vertices, faces, _, _ = marching_cubes(level, 0.0, gradient_direction="ascent")
+    vertices, faces, _, _ = marching_cubes(  # type: ignore[no-untyped-call]
+        level, 0.0, gradient_direction="ascent"
+    )
     return Shape.from_arrays(vertices * cell + low, faces.astype(np.int64), name="animal")
 
 

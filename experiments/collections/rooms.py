@@ -57,7 +57,7 @@ def room(rng: np.random.Generator, *, corridor: bool = False) -> list[Part]:
         cylinder(0.15, height, (0.4 * length, 0.4 * width, height / 2)),
     ]
     for at in range(12):
-        size = rng.uniform([0.3, 0.12, 0.1], [0.9, 0.35, 0.5])
+        size = rng.uniform([0.3, 0.12, 0.1], [0.9, 0.35, 0.5]).tolist()
         on_wall = _along_walls(length, width, size[1] / 2, at / 12 + rng.uniform(0.0, 0.08))
         parts.append(_turned(box(size, (0, 0, rng.uniform(0.6, 2.2))), *on_wall))
     names, num = list(_FURNITURE), 16 if corridor else 10

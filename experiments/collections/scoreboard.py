@@ -17,13 +17,15 @@ from collalign.engine.records import Record
 from collalign.output.collection import Collection
 from data_tools.arrays import FloatArray
 from data_tools.io.shapes import write_mesh
-from data_tools.rotations import rotation_angle_deg
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
 from experiments.collections.animals import animal
 from experiments.collections.assembled import CLASSES as ASSEMBLED
 from experiments.collections.assembled import assembled_objects
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, read_dataset
 from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
+from experiments.collections.rooms import depth_frames, room, way_round
 from experiments.confidence.families import FAMILIES, Family, numbered, pose_family
 from experiments.datasets import Dataset, read_canonical_class, read_truth_folder
 from experiments.experiment import Bench, Cell, Experiment, Outcome
@@ -39,6 +41,8 @@ NUM_DRAWS = 2
 SURE, USABLE = 0.95, 0.9
 #: Shapes of a class, of a set of landmarked or registered shapes, and of a generated family.
 OF_CLASS, OF_SET, OF_FAMILY = 12, 24, 8
+#: Depth images of a generated room.
+NUM_FRAMES = 20
 #: Folders of the data that ``truth.json`` describes.
 FOLDERS = ("staple_foot10", "turtle_crania30", "kenney_guns13", "kenney_seats10", "depth_room20")
 #: Words in names that tell the kinds of a mixed set apart.
@@ -83,7 +87,8 @@ goes on, and comments and docstrings change nothing.
 * *CPU*: of both draws, of one process, from the files to the result.
 
 Sets: {OF_CLASS} of each class of SHREC07 and CAPOD, {OF_SET} teeth, {OF_CLASS} skulls and bodies, the bunny's ten
-scans, fifteen generated views each of a horse and a piano, {OF_CLASS} generated objects of each of ten classes that
+scans, fifteen generated views each of a horse and a piano, {NUM_FRAMES} depth images each of a generated room and
+a corridor, {OF_CLASS} generated objects of each of ten classes that
 are assembled of boxes and cylinders, the folders {", ".join(f"`{name}`" for name in FOLDERS)} with all their shapes,
 and {OF_FAMILY} shapes of each of {len(GENERATED)} generated families.
 """
@@ -140,6 +145,23 @@ def _scans(name: str, data: Path, folder: Path, rng: np.random.Generator) -> Pos
     )
 
 
+def _rooms(name: str, data: Path, folder: Path, rng: np.random.Generator) -> PosedCollection:
+    is_corridor = name == "corridor"
+    parts = room(rng, corridor=is_corridor)
+    way = way_round(NUM_FRAMES, rng, corridor=is_corridor)
+    frames = depth_frames(parts, way, rng)
+    turns = np.stack([random_rotation(rng) for _ in frames])
+    for frame, turn in zip(frames, turns, strict=True):
+        moved = frame.vertices @ turn.T + rng.standard_normal(3)
+        write_mesh(folder / f"{frame.name}.ply", Shape.from_arrays(moved, frame.faces))
+    poses = np.einsum("nab,ncb->nac", way[:, :3, :3], turns)
+    return PosedCollection(
+        folder=folder,
+        names=tuple(frame.name for frame in frames),
+        relative=np.einsum("ica,jcb->ijab", poses, poses),
+    )
+
+
 def _assembled(name: str, data: Path, folder: Path, rng: np.random.Generator) -> PosedCollection:
     family = Family(members=lambda num, rng: assembled_objects(name, num, rng))
     return pose_family(family, OF_CLASS, folder, rng)
@@ -158,6 +180,7 @@ SETS: dict[str, tuple[tuple[str, ...], Draw]] = {
     "SCAPE": (("scape",), _class),
     "bunny scans": ((BUNNY,), _scans),
     "generated views": (("horse", "piano"), _scans),
+    "generated rooms": (("room", "corridor"), _rooms),
     "assembled objects": (tuple(ASSEMBLED), _assembled),
     **{name: ((name,), _folder) for name in FOLDERS},
     "generated families": (tuple(GENERATED), _family),

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import blob
@@ -19,6 +20,7 @@ from experiments.collections import scoreboard
 from experiments.collections.animals import animal
 from experiments.collections.assembled import CLASSES, assembled_objects
 from experiments.collections.posed import PosedCollection
+from experiments.collections.rooms import CAMERA, depth_frames, moved, room, way_round
 from experiments.collections.scoreboard import Drawn, compare, kinds_of, read_before, row_of
 from experiments.datasets import read_truth_folder
 from experiments.experiment import Bench
@@ -203,3 +205,22 @@ def test_the_smallest_scoreboard_is_measured_and_written(tmp_path):
     rows = read_before(tmp_path / "results" / "scoreboard.csv")
     assert [*rows] == ["generated families", "all sets"]
     assert float(rows["all sets"]["gross"]) < 10.0
+
+
+@pytest.mark.parametrize("is_corridor", [False, True])
+def test_depth_images_lie_on_the_room_and_face_the_camera(is_corridor, rng):
+    parts, way = room(rng, corridor=is_corridor), way_round(4, rng, corridor=is_corridor)
+    frames = depth_frames(parts, way, rng, CAMERA._replace(width=48, height=36, noise=0.0))
+    assert len(frames) == 4
+    surface = trimesh.util.concatenate(
+        [trimesh.Trimesh(vertices, faces, process=False) for vertices, faces in parts]
+    )
+    for frame, pose in zip(frames, way, strict=True):
+        a, b, c = (frame.vertices[frame.faces[:, i]] for i in range(3))
+        assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), -a) > 0).all()
+        assert len(frame.vertices) > 500
+        in_room = moved(pose, frame.vertices[::20])
+        gaps = trimesh.proximity.closest_point_naive(surface, in_room)[1]
+        # A pixel has one depth and is some centimetres wide.
+        assert np.median(gaps) < 0.04
+        assert np.quantile(gaps, 0.9) < 0.1
