@@ -17,7 +17,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store_file import STORE_FILE
 from collalign.landmarks.table import landmark_table
 from collalign.products.trust import DOUBT
-from collalign.tools.transfer.run import LandmarkCarrier
+from collalign.tools.transfer.carrier import LandmarkCarrier
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key

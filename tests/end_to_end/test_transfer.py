@@ -13,13 +13,13 @@ import collalign
 from collalign.output.loading import load
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import choose_template
-from collalign.tools.transfer.run import (
+from collalign.tools.transfer.carrier import _lost
+from collalign.tools.transfer.result import (
     CARRIED,
     DOUBTFUL_POSE,
     NO_COUNTERPART,
     NOT_REACHED,
     PLACED,
-    _lost,
 )
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair, sphere_mesh
