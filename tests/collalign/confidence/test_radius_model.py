@@ -1,5 +1,7 @@
 """Radii hold as often as they say where errors are as the theory assumes, and fusion follows its weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from collalign.confidence.radius_model import (
 from collalign.landmarks.carry import (
     carried,
     fuse,
+    mean_of_trusted,
     on_surface,
     template,
     template_distance,
@@ -130,6 +133,27 @@ def test_templates_nearer_to_the_specimen_count_more():
     points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
     np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
+
+
+def test_a_template_that_is_not_trusted_counts_where_no_other_is():
+    mean, faces = sphere_mesh(200)
+    marks = mean[[3, 50, 70]]
+    vertices, quality = np.stack([mean, 1.1 * mean, 1.2 * mean]), np.ones((3, 200))
+    first, second = (
+        template(at, (1 + 0.1 * at) * marks, vertices[at], faces, 1.0, SurfaceLocator(mean, faces))
+        for at in (0, 2)
+    )
+    first = replace(first, trust=np.array([0.0, 0.0, 1.0]))
+    second = replace(second, trust=np.array([1.0, 0.0, 0.5]))
+    weights = template_weights([first, second], 1, vertices, quality)
+    equal = template_weights(
+        [replace(one, trust=np.ones(3)) for one in (first, second)], 1, vertices, quality
+    )
+    assert weights[:, 0].tolist() == [0, 1]
+    np.testing.assert_allclose(weights[:, 1], equal[:, 1])
+    assert weights[1, 2] < equal[1, 2]
+    values = np.array([[1.0, 1.0, 1.0], [3.0, 3.0, 4.0]])
+    np.testing.assert_allclose(mean_of_trusted([first, second], values), [3.0, 2.0, 2.0])
 
 
 def test_a_landmark_that_the_mean_does_not_reach_is_on_the_surface_all_the_same():
