@@ -153,6 +153,17 @@ def _gap(point: FloatArray, low: FloatArray, high: FloatArray) -> float:
 
 
 @numba.njit(cache=True)
+def closest_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return barycentric coordinates of the place on each triangle (q, 3, 3) that is closest to a point (q, 3)."""
+    weights = np.empty(points.shape)
+    for at in range(len(points)):
+        weights[at, 0], weights[at, 1], weights[at, 2] = closest_on_triangle(
+            points[at], corners[at]
+        )
+    return weights
+
+
+@numba.njit(cache=True)
 def closest_on_triangle(point: FloatArray, corners: FloatArray) -> tuple[float, float, float]:
     """Return barycentric coordinates of the place on a triangle that is closest to a point.
 

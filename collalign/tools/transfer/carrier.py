@@ -16,6 +16,7 @@ from collalign.confidence.radius_model import (
     calibrate,
     radii,
 )
+from collalign.engine.session import ProgressFactory, each_shown
 from collalign.landmarks.agreement import agreement_notes, order_mistakes, template_trust
 from collalign.landmarks.carry import (
     Template,
@@ -132,12 +133,15 @@ class LandmarkCarrier:
                 found.setdefault(names[at], {})[own] = taken
         return found
 
-    def run(self, surface_points: int) -> TransferredLandmarks:
+    def run(
+        self, surface_points: int, progress: ProgressFactory | None = None
+    ) -> TransferredLandmarks:
         """Predict every specimen, and every template from the others; and spread points over all surfaces."""
         predicted, errors, evidence = self._leave_one_out()
         right = _without(errors, self._wrong)
         calibration = calibrate(right, evidence)
-        found = [self._specimen(name, calibration) for name in self._collection.names]
+        specimens = each_shown(self._collection.names, "specimens", progress)
+        found = [self._specimen(name, calibration) for name in specimens]
         names = tuple(self._dense.names[item.shape] for item in self.templates)
         unit = np.array([self._scale[name] for name in names])[:, None]
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]

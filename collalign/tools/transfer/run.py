@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
 from collalign.landmarks.on_surface import place_templates
@@ -118,7 +119,7 @@ def transfer_landmarks(
             )
             for name, pairs in renamed.items()
         )
-    found = carrier.run(wanted.surface_points)
+    found = carrier.run(wanted.surface_points, progress_display(progress))
     for name, points in table.points.items():
         notes += tuple(side_notes(name, table.labels, points))
     return replace(found, notes=(*notes, *table.notes, *found.notes), system=system)
