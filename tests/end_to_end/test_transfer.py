@@ -145,6 +145,11 @@ def test_several_templates_err_less_and_know_by_how_much(result, templates, plan
     five = collalign.transfer_landmarks(result, templates, run=run)
     assert errors(five.points, planted)[-1].mean() < 0.8 * errors(one.points, planted)[-1].mean()
     assert np.isfinite(five.radii).all()
+    for found in (one, five):
+        assert (found.ellipsoids[0] == 0).all()
+        lengths = np.linalg.norm(found.ellipsoids[-1], axis=2)
+        assert (np.diff(lengths, axis=1) <= 0).all()
+        assert (lengths > 0).all()
     assert five.left_out_errors.shape == (5, 6)
     inside = five.left_out_errors <= five.left_out_radii
     assert 0.6 <= inside.mean() <= 1
@@ -176,6 +181,9 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     rows = list(csv.DictReader((to / "transfer.csv").open()))
     assert len(rows) == 6 * NUM_SHAPES
     assert float(rows[-1]["radius"]) > 0
+    vector = [float(rows[-1][f"along_{axis}"]) for axis in "xyz"]
+    assert np.isclose(np.linalg.norm(vector), float(rows[-1]["along"]))
+    assert float(rows[-1]["along"]) >= float(rows[-1]["across"]) >= float(rows[-1]["normal"]) > 0
     left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out

@@ -14,6 +14,7 @@ from collalign.confidence.radius_model import (
     RadiusEvidence,
     beyond_range,
     calibrate,
+    ellipsoids,
     radii,
 )
 from collalign.engine.session import ProgressFactory, each_shown
@@ -108,7 +109,7 @@ class LandmarkCarrier:
         ]
         copies = [(item, dense.completed[item.shape]) for item in self.templates]
         self._holds = {
-            item.shape: holds(item.places.on(copy), copy, dense.faces, radius)
+            item.shape: holds(item.places.on(copy), copy, dense.faces, radius)[0]
             for item, copy in copies
         }
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
@@ -138,10 +139,13 @@ class LandmarkCarrier:
     ) -> TransferredLandmarks:
         """Predict every specimen, and every template from the others; and spread points over all surfaces."""
         predicted, errors, evidence = self._leave_one_out()
-        right = _without(errors, self._wrong)
+        lengths = np.linalg.norm(errors, axis=2)
+        right = _without(lengths, self._wrong)
         calibration = calibrate(right, evidence)
+        held = [one.held_errors(own) for one, own in zip(evidence, errors, strict=True)]
+        of_held = calibrate(_without(np.array(held), self._wrong), evidence)
         specimens = each_shown(self._collection.names, "specimens", progress)
-        found = [self._specimen(name, calibration) for name in specimens]
+        found = [self._specimen(name, calibration, of_held) for name in specimens]
         names = tuple(self._dense.names[item.shape] for item in self.templates)
         unit = np.array([self._scale[name] for name in names])[:, None]
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
@@ -150,20 +154,21 @@ class LandmarkCarrier:
         moved = TransferredLandmarks(
             names=self._collection.names,
             labels=self._labels,
-            points=read_only(np.stack([points for points, _, _ in found])),
-            radii=read_only(np.stack([radius for _, radius, _ in found])),
-            status=tuple(status for _, _, status in found),
+            points=read_only(np.stack([points for points, _, _, _ in found])),
+            radii=read_only(np.stack([radius for _, radius, _, _ in found])),
+            ellipsoids=read_only(np.stack([axes for _, _, axes, _ in found])),
+            status=tuple(status for _, _, _, status in found),
             templates=names,
             template_trust=read_only(self.trust),
             left_out_points=read_only(predicted),
-            left_out_errors=read_only(errors / unit),
+            left_out_errors=read_only(lengths / unit),
             left_out_radii=read_only(radius / unit),
             semilandmarks=self._semilandmarks,
             notes=agreement_notes(
                 self._mistakes,
                 names,
                 self._labels,
-                errors / unit,
+                lengths / unit,
                 self._radius / unit[:, 0],
                 self.trust,
             ),
@@ -177,7 +182,7 @@ class LandmarkCarrier:
         -------
         points : ndarray, shape (t, l, 3)
             In the coordinates of each template's file.
-        errors : ndarray, shape (t, l)
+        errors : ndarray, shape (t, l, 3)
             In the common frame.
         evidence : list of RadiusEvidence
         """
@@ -186,7 +191,7 @@ class LandmarkCarrier:
             nothing = np.full(shape[1], np.nan)
             return (
                 np.full((*shape, 3), np.nan),
-                np.full(shape, np.nan),
+                np.full((*shape, 3), np.nan),
                 [
                     RadiusEvidence(
                         spread=nothing,
@@ -197,6 +202,8 @@ class LandmarkCarrier:
                         hold=nothing,
                         slip=nothing,
                         misfit=nothing,
+                        held=np.full((shape[1], 3, 3), np.nan),
+                        held_slip=nothing,
                     )
                 ],
             )
@@ -210,12 +217,13 @@ class LandmarkCarrier:
         return np.array(predicted), np.array(errors), evidence
 
     def _specimen(
-        self, name: str, calibration: Calibration
-    ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-        """Return points and radii in the file's unit and what became of each landmark."""
+        self, name: str, calibration: Calibration, of_held: Calibration
+    ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+        """Return points, radii and ellipsoids in the file's unit, and what became of each landmark."""
         own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
         placed = np.isfinite(own).all(axis=1)
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
+        axes = np.repeat(radius, 9).reshape(-1, 3, 3)
         reason = self._abstention(name)
         known = (
             np.isfinite(np.stack([item.offsets for item in self.templates])).all(axis=2).any(axis=0)
@@ -229,10 +237,13 @@ class LandmarkCarrier:
             reasons = np.where(lost != "", lost, np.where(vague, OUT_OF_RANGE, reasons))
             points[~placed] = self._in_file(name, predicted)[~placed]
             radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
-            radius[np.isnan(points).any(axis=1)] = np.nan
+            inverse = np.linalg.inv(self._collection.transforms[self._collection.index(name)])
+            axes[~placed] = (ellipsoids(of_held, evidence) @ inverse[:3, :3].T)[~placed]
+            lacking = np.isnan(points).any(axis=1)
+            radius[lacking], axes[lacking] = np.nan, np.nan
         there = np.isfinite(points).all(axis=1)
         words = np.where(placed, PLACED, np.where(there, CARRIED, reason or reasons))
-        return points, radius, tuple(words.tolist())
+        return points, radius, axes, tuple(words.tolist())
 
     def _abstention(self, name: str) -> str | None:
         if name not in self._rows:
@@ -265,7 +276,9 @@ class LandmarkCarrier:
                 placed[rows] = on_surface(
                     spaced, [item.only(rows) for item in templates], surface.locator
                 )
-        slip, misfit = self._local_fits(templates, row, placed, surface)
+        held = holds(np.nan_to_num(placed), dense.completed[row], dense.faces, self._radius)[1]
+        slips, misfit = self._local_fits(templates, row, placed, surface)
+        seen = np.linalg.norm(np.einsum("lij,tlj->tli", held, slips), axis=2)
         evidence = RadiusEvidence(
             spread=spreads,
             distance=template_distance(templates, row, dense.vertices),
@@ -273,14 +286,16 @@ class LandmarkCarrier:
             unit=self._radius,
             variation=self._variation,
             hold=mean_of_trusted(templates, [self._holds[item.shape] for item in templates]),
-            slip=slip,
+            slip=mean_of_trusted(templates, np.linalg.norm(slips, axis=2)),
             misfit=misfit,
+            held=held,
+            held_slip=np.sqrt(mean_of_trusted(templates, seen**2)),
         )
         return placed, evidence, lost
 
     def errors(self, name: str, points: FloatArray) -> FloatArray:
-        """Return how far predicted landmarks are from a template's own, in the common frame, shape (l,)."""
-        return np.asarray(np.linalg.norm(points - self._posed(name, self._known[name]), axis=1))
+        """Return predicted landmarks less a template's own, in the common frame, shape (l, 3)."""
+        return points - self._posed(name, self._known[name])
 
     def _read_template(self, name: str, points: FloatArray) -> tuple[Template, Surroundings]:
         """Return a template and the surroundings of its landmarks, which are points (l, 3) of its file."""
@@ -300,9 +315,10 @@ class LandmarkCarrier:
         placed: FloatArray,
         surface: RegistrationSurface,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return slip and misfit of :class:`RadiusEvidence`, shape (l,) each."""
+        """Return slips (t, l, 3), and the misfit of :class:`RadiusEvidence`, shape (l,)."""
         if len(templates) >= MIN_TEMPLATES:
-            return np.full(len(placed), np.nan), np.full(len(placed), np.nan)
+            nothing = np.full((len(templates), *placed.shape), np.nan)
+            return nothing, np.full(len(placed), np.nan)
         copies, normals = self._dense.completed, surface.normals(surface.vertices)
         fits = [
             fit_surroundings(
@@ -315,9 +331,8 @@ class LandmarkCarrier:
             )
             for item in templates
         ]
-        slips = [np.linalg.norm(places - placed, axis=1) for places, _ in fits]
-        misfits = [misfit for _, misfit in fits]
-        return mean_of_trusted(templates, slips), mean_of_trusted(templates, misfits)
+        slips = np.stack([places - placed for places, _ in fits])
+        return slips, mean_of_trusted(templates, [misfit for _, misfit in fits])
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""
@@ -352,6 +367,11 @@ class LandmarkCarrier:
             labels=(*self._labels, *(f"{SURFACE}-{number}" for number in range(1, num + 1))),
             points=read_only(np.concatenate([carried.points, np.stack(places)], axis=1)),
             radii=read_only(np.concatenate([carried.radii, nothing], axis=1)),
+            ellipsoids=read_only(
+                np.concatenate(
+                    [carried.ellipsoids, np.full((*nothing.shape, 3, 3), np.nan)], axis=1
+                )
+            ),
             status=tuple((*own, *more) for own, more in zip(carried.status, words, strict=True)),
             template_trust=read_only(
                 np.concatenate([carried.template_trust, np.zeros_like(left_out)], axis=1)

@@ -52,6 +52,8 @@ from data_tools.landmark_tables import READABLE
 from data_tools.notes import MAX_NAMED
 
 TRANSFER_FILE = "transfer.csv"
+#: What the semi-axes of an ellipsoid are called, the longest first.
+AXES = ("along", "across", "normal")
 LEFT_OUT_FILE = "leave_one_out.csv"
 AGREEMENT_TABLE, AGREEMENT_FILE, AGREEMENT_PICTURE = (
     "agreement.csv",
@@ -119,12 +121,17 @@ def write_transfer(
 
 
 def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
-    """Return one row per specimen and landmark: place, radius, and what became of it."""
-    rows: list[list[object]] = [["name", "landmark", "x", "y", "z", "radius", "status"]]
+    """Return one row per specimen and landmark: place, radius, what became of it, and the ellipsoid's semi-axes."""
+    axes = [f"{axis}_{part}" for axis in AXES for part in "xyz"]
+    rows: list[list[object]] = [
+        ["name", "landmark", "x", "y", "z", "radius", "status", *AXES, *axes]
+    ]
     for at, name in enumerate(transferred.names):
         for number, label in enumerate(transferred.labels):
             place = [*transferred.points[at, number].tolist(), float(transferred.radii[at, number])]
-            rows.append([name, label, *place, transferred.status[at][number]])
+            vectors = transferred.ellipsoids[at, number]
+            shape = [*np.linalg.norm(vectors, axis=1).tolist(), *vectors.ravel().tolist()]
+            rows.append([name, label, *place, transferred.status[at][number], *shape])
     return rows
 
 

@@ -51,6 +51,10 @@ class TransferredLandmarks:
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
         0 for a template's own. With fewer than four templates, as on six other kinds of shapes where the surfaces
         around a landmark look like that.
+    ellipsoids : ndarray, shape (N, l, 3, 3)
+        Semi-axes of ellipsoids, which hold nine of ten landmarks as well. Rows are vectors in file coordinates,
+        longest first: along the direction in which the surface tells the place least, across it, and about along the
+        normal. 0 for a template's own; NaN where there is no radius.
     status : tuple of tuple of str
         What became of each landmark of each shape.
     templates : tuple of str
@@ -75,6 +79,7 @@ class TransferredLandmarks:
     labels: tuple[str, ...]
     points: FloatArray
     radii: FloatArray
+    ellipsoids: FloatArray
     status: tuple[tuple[str, ...], ...]
     templates: tuple[str, ...]
     template_trust: FloatArray

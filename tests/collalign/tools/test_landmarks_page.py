@@ -38,6 +38,7 @@ def transferred(view):
         labels=LABELS,
         points=points,
         radii=np.where(np.isnan(points).any(axis=2), np.nan, 0.05 / view.scales[:, None]),
+        ellipsoids=np.full((num, 4, 3, 3), np.nan),
         status=tuple(status),
         templates=view.names[:1],
         template_trust=np.ones((1, 4)),
