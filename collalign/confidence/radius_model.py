@@ -70,14 +70,13 @@ class RadiusEvidence:
         How well the templates' surfaces determine the place of each landmark
         (:func:`collalign.landmarks.local_fit.holds`); the mean over the templates.
     slip, misfit : ndarray, shape (l,)
-        Distance of the prediction from where a rigid fit of its surroundings on a template takes the landmark, and
-        how well these fit (:func:`collalign.landmarks.local_fit.fit_surroundings`); means over the templates. NaN
-        with four templates or more, which are calibrated on each other.
+        Distance of where the map takes the landmark from where a rigid fit of its surroundings on a template does,
+        and how well these fit (:func:`collalign.landmarks.local_fit.fit_surroundings`); means over the templates.
     held : ndarray, shape (l, 3, 3)
         Square root of the hold of the specimen's surface (:func:`collalign.landmarks.local_fit.holds`). Errors times
         it are of one size in all directions.
     held_slip : ndarray, shape (l,)
-        Slip times it; the root mean square over the templates, NaN likewise.
+        Slip times it; the root mean square over the templates.
     """
 
     spread: FloatArray

@@ -184,10 +184,15 @@ def _squared_distances(
     return np.array([one[np.isfinite(one)].mean() for one in squares])
 
 
-def fuse(
-    templates: Sequence[Template], specimen: int, vertices: FloatArray, quality: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def fuse(said: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the weighted mean of what templates say about a specimen, and its spread.
+
+    Parameters
+    ----------
+    said : ndarray, shape (t, l, 3)
+        See :func:`carried`.
+    weights : ndarray, shape (t, l)
+        See :func:`template_weights`.
 
     Returns
     -------
@@ -195,8 +200,6 @@ def fuse(
         Before they are put onto the surface; NaN where no template has the landmark, or the specimen no such place.
     spreads : ndarray, shape (l,)
     """
-    said = carried(templates, vertices[specimen])
-    weights = template_weights(templates, specimen, vertices, quality)
     filled = np.where(weights[..., None] > 0, said, 0.0)
     points = (weights[..., None] * filled).sum(axis=0)
     points[weights.sum(axis=0) == 0] = np.nan

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collalign.confidence.radius_model import (
-    MIN_TEMPLATES,
     Calibration,
     RadiusEvidence,
     beyond_range,
@@ -29,8 +28,9 @@ from collalign.landmarks.carry import (
     on_surface,
     template,
     template_distance,
+    template_weights,
 )
-from collalign.landmarks.local_fit import Surroundings, fit_surroundings, holds
+from collalign.landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
 from collalign.landmarks.table import LandmarkTable, evenly_spaced, may_be_one
 from collalign.output.collection import Collection
 from collalign.products.trust import DOUBT
@@ -264,20 +264,17 @@ class LandmarkCarrier:
         lost : ndarray of str, shape (l,)
             Why a landmark has no place on the specimen's surface; empty where it has one.
         """
-        row, dense = self._rows[name], self._dense
-        points, spreads = fuse(templates, row, dense.vertices, dense.quality)
-        surface = self._surface(name)
-        lost = np.where(off_surface(templates), "", _lost(surface, points))
-        placed = on_surface(points, templates, surface.locator)
-        for curve in self._semilandmarks:
-            rows = list(curve.rows)
-            if curve.kind != "patch" and np.isfinite(placed[rows]).all():
-                spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
-                placed[rows] = on_surface(
-                    spaced, [item.only(rows) for item in templates], surface.locator
-                )
-        held = holds(np.nan_to_num(placed), dense.completed[row], dense.faces, self._radius)[1]
-        slips, misfit = self._local_fits(templates, row, placed, surface)
+        row, dense, surface = self._rows[name], self._dense, self._surface(name)
+        said = carried(templates, dense.vertices[row])
+        weights = template_weights(templates, row, dense.vertices, dense.quality)
+        mapped, spreads = fuse(said, weights)
+        lost = np.where(off_surface(templates), "", _lost(surface, mapped))
+        mapped = on_surface(mapped, templates, surface.locator)
+        places, misfits = self._local_fits(templates, row, surface)
+        points, _ = fuse(said + FIT.share * (places - said), weights)
+        placed = self._evenly(on_surface(points, templates, surface.locator), templates, surface)
+        held = holds(np.nan_to_num(mapped), dense.completed[row], dense.faces, self._radius)[1]
+        slips = places - mapped
         seen = np.linalg.norm(np.einsum("lij,tlj->tli", held, slips), axis=2)
         evidence = RadiusEvidence(
             spread=spreads,
@@ -287,7 +284,7 @@ class LandmarkCarrier:
             variation=self._variation,
             hold=mean_of_trusted(templates, [self._holds[item.shape] for item in templates]),
             slip=mean_of_trusted(templates, np.linalg.norm(slips, axis=2)),
-            misfit=misfit,
+            misfit=mean_of_trusted(templates, misfits),
             held=held,
             held_slip=np.sqrt(mean_of_trusted(templates, seen**2)),
         )
@@ -309,16 +306,9 @@ class LandmarkCarrier:
         )
 
     def _local_fits(
-        self,
-        templates: list[Template],
-        row: int,
-        placed: FloatArray,
-        surface: RegistrationSurface,
+        self, templates: list[Template], row: int, surface: RegistrationSurface
     ) -> tuple[FloatArray, FloatArray]:
-        """Return slips (t, l, 3), and the misfit of :class:`RadiusEvidence`, shape (l,)."""
-        if len(templates) >= MIN_TEMPLATES:
-            nothing = np.full((len(templates), *placed.shape), np.nan)
-            return nothing, np.full(len(placed), np.nan)
+        """Return where rigid fits of what is around landmarks take them, (t, l, 3), and their misfits, (t, l)."""
         copies, normals = self._dense.completed, surface.normals(surface.vertices)
         fits = [
             fit_surroundings(
@@ -331,8 +321,20 @@ class LandmarkCarrier:
             )
             for item in templates
         ]
-        slips = np.stack([places - placed for places, _ in fits])
-        return slips, mean_of_trusted(templates, [misfit for _, misfit in fits])
+        return np.stack([places for places, _ in fits]), np.stack([misfit for _, misfit in fits])
+
+    def _evenly(
+        self, placed: FloatArray, templates: list[Template], surface: RegistrationSurface
+    ) -> FloatArray:
+        """Return landmarks (l, 3) with semilandmarks of curves at even distances on the surface."""
+        for curve in self._semilandmarks:
+            rows = list(curve.rows)
+            if curve.kind != "patch" and np.isfinite(placed[rows]).all():
+                spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
+                placed[rows] = on_surface(
+                    spaced, [item.only(rows) for item in templates], surface.locator
+                )
+        return placed
 
     def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
         """Add evenly spread vertices of the mean, on the surface of every shape."""

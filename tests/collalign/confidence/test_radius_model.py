@@ -177,7 +177,7 @@ def test_templates_nearer_to_the_specimen_count_more():
         < template_distance(templates, 1, vertices)
         < template_distance(templates[1:], 1, vertices)
     )
-    points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
+    points, spreads = fuse(carried(templates, vertices[1]), weights)
     np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
 
