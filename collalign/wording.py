@@ -192,6 +192,8 @@ TOOL_TEXTS: dict[str, _Text] = {
         f"Skipped {_counted(of.values['num'], 'file that is not a shape', 'files that are not shapes')}: "
         f"{_joined(of.values['files'])}."
     ),
+    "not-slid": "Semilandmarks of these specimens were not slid, because some of their landmarks are missing: "
+    "{shapes}.",
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
     "sides-exchanged": "{shapes}: {labels} lie on the other side than the other pairs of left and right landmarks. "
     "Check whether left and right are exchanged.",

@@ -50,7 +50,7 @@ def geometric_median(points: FloatArray) -> FloatArray:
     Weiszfeld, Sur le point pour lequel la somme des distances de n points donnés est minimum (1937).
     """
     median = np.full(points.shape[1:], np.nan)
-    known = np.isfinite(points).all(axis=2)
+    known = np.asarray(np.isfinite(points).all(axis=2))
     some = known.any(axis=0)
     if not some.any():
         return median
@@ -135,7 +135,7 @@ def order_mistakes(points: FloatArray) -> tuple[tuple[OrderMistake, ...], BoolAr
     Crouse, On implementing 2D rectangular assignment algorithms (2016), as in SciPy.
     """
     num, num_rows = points.shape[:2]
-    known, every = np.isfinite(points).all(axis=2), np.arange(num_rows)
+    known, every = np.asarray(np.isfinite(points).all(axis=2)), np.arange(num_rows)
     moved = np.array([[reordered(own, other) for other in points] for own in points])
     moved = moved.reshape(num, num, num_rows)
     differs = moved != every
@@ -287,7 +287,7 @@ def agreement_notes(
         rows = np.flatnonzero(far[at] & (trust[at] == 0 if several else True))
         if len(rows):
             values = {
-                "labels": tuple(labels[row] for row in rows),
+                "labels": tuple(labels[row] for row in rows.tolist()),
                 "distances": tuple(errors[at, rows].tolist()),
             }
             shapes = (name,) if several else tuple(names)

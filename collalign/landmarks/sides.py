@@ -62,7 +62,7 @@ def side_notes(name: str, labels: Sequence[str], points: FloatArray) -> list[Not
     ----------
     Klingenberg, Barluenga and Meyer, Shape analysis of symmetric structures (2002): mirroring with relabelling.
     """
-    known = np.isfinite(points).all(axis=1)
+    known = np.asarray(np.isfinite(points).all(axis=1))
     pairs = np.array([one for one in side_pairs(labels) if known[[*one]].all()], dtype=np.int64)
     if len(pairs) < _MIN_PAIRS:
         return []

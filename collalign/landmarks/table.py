@@ -236,7 +236,7 @@ class LandmarkTable:
                 points[name][numbers[taken]] = points[name][numbers[label]]
                 points[name][numbers[label]] = np.nan
         gone = {label for pairs in names.values() for label in pairs}
-        lacks = np.isnan(np.stack([*points.values()])).any(axis=2).all(axis=0)
+        lacks = np.asarray(np.isnan(np.stack([*points.values()])).any(axis=2).all(axis=0))
         kept = [at for at, label in enumerate(self.labels) if not (lacks[at] and label in gone)]
         rows = {at: number for number, at in enumerate(kept)}
         return replace(

@@ -368,11 +368,8 @@ class _FieldSolver:
         at, offsets, weights = pulls
         total = np.bincount(at, weights=weights, minlength=len(moved))
         pulled = np.flatnonzero(total)
-        toward = np.stack(
-            [np.bincount(at, weights=weights * one, minlength=len(moved)) for one in offsets.T],
-            axis=1,
-        )
-        toward += total[:, None] * (moved - self._source)
+        summed = [np.bincount(at, weights=weights * one, minlength=len(moved)) for one in offsets.T]
+        toward = np.column_stack(summed) + total[:, None] * (moved - self._source)
         root = np.sqrt(total[pulled])[:, None]
         rows = self._basis[pulled]
         rows *= root

@@ -67,7 +67,7 @@ def triangle_tree(vertices: FloatArray, faces: IntArray) -> TriangleTree:
             low[box, axis] = corners[order[first:end], :, axis].min()
             high[box, axis] = corners[order[first:end], :, axis].max()
         if end - first > _LEAF:
-            axis = np.argmax(high[box] - low[box])
+            axis = int(np.argmax(high[box] - low[box]))
             inside = order[first:end].copy()
             middles = corners[inside, 0, axis] + corners[inside, 1, axis] + corners[inside, 2, axis]
             order[first:end] = inside[np.argsort(middles, kind="mergesort")]

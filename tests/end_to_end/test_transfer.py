@@ -320,6 +320,18 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
     with pytest.raises(InputError, match="vertices"):
         collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
+    kept, slid = (
+        collalign.transfer_landmarks(
+            result, [], curves=curves, curve_points=9, surface_points=25, run=run, slide=how
+        )
+        for how in (None, "bending")
+    )
+    ends, others = [0, 8], [at for at in range(34) if at not in (0, 8)]
+    np.testing.assert_allclose(slid.points[:, ends], kept.points[:, ends])
+    assert (np.abs(slid.points - kept.points)[:, others].max(axis=(0, 2)) > 0).all()
+    sizes = [radius(shape.vertices) for shape in planted.shapes]
+    moved = np.linalg.norm(slid.points - kept.points, axis=2) / np.array(sizes)[:, None]
+    assert moved.max() < 0.3
 
 
 def test_a_landmark_that_the_registration_does_not_reach_is_told_from_one_beyond_a_rim():

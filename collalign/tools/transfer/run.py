@@ -24,6 +24,7 @@ from collalign.output.loading import load
 from collalign.tools.correspond import dense_correspondence
 from collalign.tools.transfer.carrier import LandmarkCarrier
 from collalign.tools.transfer.result import TransferredLandmarks
+from collalign.tools.transfer.slid import with_slid
 from data_tools.checks import as_options
 from data_tools.io.files import composed
 from data_tools.landmark_files import Landmarks
@@ -120,6 +121,8 @@ def transfer_landmarks(
             for name, pairs in renamed.items()
         )
     found = carrier.run(wanted.surface_points, progress_display(progress))
+    if wanted.slide is not None:
+        found = with_slid(found, collection, wanted.slide)
     for name, points in table.points.items():
         notes += tuple(side_notes(name, table.labels, points))
     return replace(found, notes=(*notes, *table.notes, *found.notes), system=system)
