@@ -17,7 +17,6 @@ from collalign.confidence.radius_model import (
     radii,
 )
 from collalign.engine.session import ProgressFactory, each_shown
-from collalign.landmarks.agreement import agreement_notes, order_mistakes, template_trust
 from collalign.landmarks.carry import (
     Template,
     at_places,
@@ -30,6 +29,7 @@ from collalign.landmarks.carry import (
     template_distance,
     template_weights,
 )
+from collalign.landmarks.consensus import agreement_notes, order_mistakes, template_trust
 from collalign.landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
 from collalign.landmarks.table import LandmarkTable, evenly_spaced, may_be_one
 from collalign.output.collection import Collection
