@@ -150,7 +150,7 @@ def template_weights(
     return _shares(weights * _counted(templates))
 
 
-def mean_of_trusted(templates: Sequence[Template], values: Sequence[FloatArray]) -> FloatArray:
+def mean_of_trusted(templates: Sequence[Template], values: FloatArray) -> FloatArray:
     """Return the mean of values (t, l) of templates, each as far as it is trusted, shape (l,); NaN where none is."""
     weights = _shares(_counted(templates))
     total = (np.where(weights > 0, values, 0.0) * weights).sum(axis=0)

@@ -282,7 +282,9 @@ class LandmarkCarrier:
             residual=mean_of_trusted(templates, at_places(templates, dense.residual[row])),
             unit=self._radius,
             variation=self._variation,
-            hold=mean_of_trusted(templates, [self._holds[item.shape] for item in templates]),
+            hold=mean_of_trusted(
+                templates, np.stack([self._holds[item.shape] for item in templates])
+            ),
             slip=mean_of_trusted(templates, np.linalg.norm(slips, axis=2)),
             misfit=mean_of_trusted(templates, misfits),
             held=held,

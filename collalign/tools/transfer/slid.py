@@ -38,7 +38,7 @@ def with_slid(
         raise InputError(
             "slide: there are no semilandmarks; give curves, patches or surface_points"
         )
-    complete = np.isfinite(found.points).all(axis=(1, 2))
+    complete = np.asarray(np.isfinite(found.points).all(axis=(1, 2)))
     if complete.sum() < 2:
         raise InputError("slide: fewer than two specimens have all landmarks")
     curves = [one for one in found.semilandmarks if one.kind != "patch"]
@@ -51,7 +51,7 @@ def with_slid(
         patches,
         criterion=criterion,
     )
-    points[complete] = each_moved_by(np.linalg.inv(poses), slid)
+    points[complete] = each_moved_by(np.linalg.inv(poses).astype(np.float64), slid)
     left = tuple(name for name, slides in zip(found.names, complete, strict=True) if not slides)
     notes = (Note("not-slid", left),) if left else ()
     return replace(found, points=read_only(points), notes=(*found.notes, *notes))
