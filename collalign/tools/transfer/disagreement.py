@@ -149,7 +149,8 @@ def _chart(figure: Figure, found: TransferredLandmarks, rows: list[int], height:
     """Draw distances of templates and landmarks in parts of their median, below the surfaces."""
     errors = found.left_out_errors[:, rows]
     axes = figure.add_axes((0.16, 0.45 * height, 0.68, 0.5 * height))
-    parts = errors / (np.nanmedian(errors) or 1.0)
+    known = errors[np.isfinite(errors)]
+    parts = errors / (float(np.median(known)) if known.any() else 1.0)
     image = axes.imshow(parts, aspect="auto", cmap="Reds", norm="log", vmin=1.0, vmax=_WORST)
     words: dict[str, Any] = {"fontsize": 7, "parse_math": False}
     axes.set_yticks(range(len(found.templates)), found.templates, **words)
