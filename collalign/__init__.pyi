@@ -94,7 +94,7 @@ from .tools.match.rigid import match_rigid as match_rigid
 from .tools.stability.run import Stability as Stability
 from .tools.stability.run import StabilityOptions as StabilityOptions
 from .tools.stability.run import check_stability as check_stability
-from .tools.transfer.run import TransferredLandmarks as TransferredLandmarks
+from .tools.transfer.result import TransferredLandmarks as TransferredLandmarks
 from .tools.transfer.run import transfer_landmarks as transfer_landmarks
 from .tools.variation.run import write_surface_variation as write_surface_variation
 from .tools.variation.shape_model import ShapeTestOptions as ShapeTestOptions

@@ -232,6 +232,10 @@ TOOL_TEXTS: dict[str, _Text] = {
         f"{_paired(of.values['labels'], (f'{one:.4g}' for one in of.values['distances']))}."
     ),
     "landmarks-renamed": "{shapes}: its landmarks have other names than those of {template}; {how}.",
+    "landmarks-renumbered": "{shapes}: {labels} was taken as {taken_as}, which other templates have at that place. "
+    "If these are two landmarks, give them names that are not numbers.",
+    "landmarks-respelt": "{shapes}: {labels} was taken as {taken_as}. Case, blanks, separators and leading zeros "
+    "are ignored in the names of landmarks.",
     "landmarks-too-far": "{shapes}: landmarks taken as missing: {labels}. They are farther from the surface than its "
     "radius.",
     "left-out-differ": lambda of: _left_out_differ(**of.values),
@@ -272,7 +276,13 @@ TOOL_TEXTS: dict[str, _Text] = {
         f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
         "--cleaning.components all."
     ),
+    "not-slid": "Semilandmarks of these specimens were not slid, because some of their landmarks are missing: "
+    "{shapes}.",
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
+    "sides-exchanged": "{shapes}: {labels} lie on the other side than the other pairs of left and right landmarks. "
+    "Check whether left and right are exchanged.",
+    "sides-reordered": "{shapes}: mirrored, the landmarks of one side lie in another order than those of the other "
+    "side. Check whether some are exchanged: {labels}.",
     "size-not-tested": lambda of: (
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."
@@ -281,6 +291,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "matter, as on worn or broken surfaces, use --partial, which keeps them.",
     "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
     "--include.",
+    "templates-disagree": lambda of: _templates_disagree(of, **of.values),
+    "templates-reordered": lambda of: _templates_reordered(of, **of.values),
 }
 _TEXTS = {**SHAPE_TEXTS, **COLLECTION_TEXTS, **TOOL_TEXTS}
 
@@ -551,6 +563,50 @@ def _resembles_none(note: Note, mismatch: float, median: float) -> str:
         f"{listed(note.shapes)} {verb} no other shape. Consider leaving {pronoun} out. The mismatch with the most "
         f"similar shape is {mismatch:.2f}; that of the median shape is {median:.2f}, and 1 is chance."
     )
+
+
+def _templates_disagree(note: Note, labels: tuple[str, ...], distances: tuple[float, ...]) -> str:
+    named = _paired(labels, (f"{one:.3g}" for one in distances))
+    if len(note.shapes) == 1:
+        return (
+            f"{note.shapes[0]} has landmarks far from where the other templates have them, and does not count there: "
+            f"{named}. Look at agreement.png."
+        )
+    which = " and ".join(note.shapes)
+    return (
+        f"Templates {which} disagree on {named}. One of them may be wrong. Look at agreement.png."
+    )
+
+
+_REORDERED = {
+    "swapped": "swapped?",
+    "reversed": "is the whole order reversed?",
+    "shifted": "are the names shifted?",
+    "exchanged": "are the names exchanged?",
+    "renamed": "one landmark under two names?",
+}
+
+
+def _templates_reordered(
+    note: Note, kind: str, labels: tuple[str, ...], places: tuple[str, ...]
+) -> str:
+    of, other = note.shapes[0], [*note.shapes[1:], "the others"][0]
+    wrong = f"in {of}" if len(note.shapes) == 1 else f"in {of} or {other}"
+    named = listed(labels) if len(labels) != 2 else " and ".join(labels)
+    said = f"Templates disagree on {named} {wrong}: {_REORDERED[kind]}"
+    said += (
+        f" There {of} has {labels[0]} at the place of {places[0]} of {other}."
+        if kind != "swapped"
+        else ""
+    )
+    if kind == "renamed":
+        return f"{said} If so, give it one name in all files."
+    done = (
+        f"{of} does not count there."
+        if len(note.shapes) == 1
+        else "No other specimen gets these landmarks."
+    )
+    return f"{said} {done} Correct the file, and run the command again."
 
 
 def _symmetric(num: int, total: int, rotations: str, up_to: float, absolute: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +27,15 @@ OptionsT = TypeVar("OptionsT")
 
 #: One step of what needs no worker, as a display counts it.
 _STEP = Outcome(key="", value=None, failure=None, seconds=0.0)
+
+
+def each_shown(items: Sequence[K], kind: str, progress: ProgressFactory | None) -> Iterator[K]:
+    """Yield items that this process deals with by itself, and show how many are done."""
+    with nullcontext() if progress is None else progress(kind, len(items), done=0) as report:
+        for item in items:
+            yield item
+            if report is not None:
+                report(_STEP)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

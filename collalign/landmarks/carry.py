@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,11 +28,14 @@ class Template:
         Where its landmarks are on the mean; row for row those of ``landmarks``, anything where there is none.
     offsets : ndarray, shape (l, 3)
         From the registered mean to each landmark, zero for landmarks on the surface; NaN where there is none.
+    trust : ndarray, shape (l,)
+        How far each landmark counts, see :func:`collalign.landmarks.consensus.template_trust`.
     """
 
     shape: int
     places: SurfacePoints
     offsets: FloatArray
+    trust: FloatArray
 
     def only(self, rows: Sequence[int]) -> Template:
         """Return the template with some of its landmarks."""
@@ -40,7 +43,7 @@ class Template:
         places = SurfacePoints(
             corners=self.places.corners[chosen], weights=self.places.weights[chosen]
         )
-        return Template(shape=self.shape, places=places, offsets=self.offsets[chosen])
+        return replace(self, places=places, offsets=self.offsets[chosen], trust=self.trust[chosen])
 
 
 def template(
@@ -74,7 +77,7 @@ def template(
     is_on = np.minimum(gaps, heights) <= OFF_SURFACE * radius
     offsets[is_on] = 0.0
     offsets[~known] = np.nan
-    return Template(shape=shape, places=places, offsets=offsets)
+    return Template(shape=shape, places=places, offsets=offsets, trust=known.astype(float))
 
 
 def carried(templates: Sequence[Template], vertices: FloatArray) -> FloatArray:
@@ -126,7 +129,8 @@ def template_weights(
     """Weigh templates for one specimen, shape (t, l); each landmark's weights sum to one, zero where unknown.
 
     A weight is the quality of the registration at the landmark, on template and specimen, over the mean squared
-    distance of the two shapes' corresponding points: deformations that have to go less far err less.
+    distance of the two shapes' corresponding points: deformations that have to go less far err less. It is multiplied
+    by the trust in the template, unless no template is trusted there.
 
     Parameters
     ----------
@@ -139,13 +143,31 @@ def template_weights(
     """
     here = at_places(templates, quality[specimen])
     rows = [at_places([item], quality[item.shape])[0] for item in templates]
-    trust = _LEAST_QUALITY + np.sqrt(np.stack(rows) * here)
+    weights = _LEAST_QUALITY + np.sqrt(np.stack(rows) * here)
     squares = _squared_distances(templates, specimen, vertices)
     largest = float(squares.max())
-    trust /= np.maximum(squares / largest, np.finfo(float).eps)[:, None] if largest > 0 else 1.0
-    trust *= np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
-    total = trust.sum(axis=0)
-    return np.asarray(trust / np.where(total > 0, total, 1.0))
+    weights /= np.maximum(squares / largest, np.finfo(float).eps)[:, None] if largest > 0 else 1.0
+    return _shares(weights * _counted(templates))
+
+
+def mean_of_trusted(templates: Sequence[Template], values: FloatArray) -> FloatArray:
+    """Return the mean of values (t, l) of templates, each as far as it is trusted, shape (l,); NaN where none is."""
+    weights = _shares(_counted(templates))
+    total = (np.where(weights > 0, values, 0.0) * weights).sum(axis=0)
+    return np.where(weights.any(axis=0), total, np.nan)
+
+
+def _counted(templates: Sequence[Template]) -> FloatArray:
+    """Return the trust in each template, shape (t, l); where none is trusted, all that have the landmark count."""
+    trust = np.stack([item.trust for item in templates])
+    known = np.stack([np.isfinite(item.offsets).all(axis=1) for item in templates])
+    return np.where(trust.any(axis=0), trust, known)
+
+
+def _shares(weights: FloatArray) -> FloatArray:
+    """Return weights (t, l) of which each landmark's sum to one, but where all are zero."""
+    total = weights.sum(axis=0)
+    return np.asarray(weights / np.where(total > 0, total, 1.0))
 
 
 def template_distance(templates: Sequence[Template], specimen: int, vertices: FloatArray) -> float:
@@ -162,10 +184,15 @@ def _squared_distances(
     return np.array([one[np.isfinite(one)].mean() for one in squares])
 
 
-def fuse(
-    templates: Sequence[Template], specimen: int, vertices: FloatArray, quality: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def fuse(said: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the weighted mean of what templates say about a specimen, and its spread.
+
+    Parameters
+    ----------
+    said : ndarray, shape (t, l, 3)
+        See :func:`carried`.
+    weights : ndarray, shape (t, l)
+        See :func:`template_weights`.
 
     Returns
     -------
@@ -173,8 +200,6 @@ def fuse(
         Before they are put onto the surface; NaN where no template has the landmark, or the specimen no such place.
     spreads : ndarray, shape (l,)
     """
-    said = carried(templates, vertices[specimen])
-    weights = template_weights(templates, specimen, vertices, quality)
     filled = np.where(weights[..., None] > 0, said, 0.0)
     points = (weights[..., None] * filled).sum(axis=0)
     points[weights.sum(axis=0) == 0] = np.nan

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -151,6 +152,54 @@ def _without_prefix(labels: Sequence[str]) -> list[str]:
     return [label.removeprefix(shared) for label in labels]
 
 
+#: What does not tell two labels apart: separators, but between digits, and zeros in front of a number.
+_SPELLING = re.compile(r"(?<!\d)[-_ .:]+|[-_ .:]+(?!\d)|(?<!\d)0+(?=\d)")
+
+
+def with_one_spelling(
+    given: Mapping[str, Landmarks],
+) -> tuple[dict[str, Landmarks], tuple[Note, ...]]:
+    """Return templates in which labels that differ only in case, separators or leading zeros are spelt alike.
+
+    The spelling of most templates is taken. Labels that a template has in two spellings stay as they are.
+
+    Returns
+    -------
+    templates : dict of str to Landmarks
+    notes : tuple of Note
+        Which labels of which template were spelt otherwise.
+    """
+    spelt: dict[str, Counter[str]] = {}
+    kept = set[str]()
+    for marks in given.values():
+        own = Counter(map(_plain, marks.labels))
+        kept |= {plain for plain, count in own.items() if count > 1}
+        for label in marks.labels:
+            spelt.setdefault(_plain(label), Counter())[label] += 1
+    usual = {plain: found.most_common(1)[0][0] for plain, found in spelt.items()}
+    templates, notes = {}, list[Note]()
+    for name, marks in given.items():
+        labels = tuple(
+            label if _plain(label) in kept else usual[_plain(label)] for label in marks.labels
+        )
+        pairs = [pair for pair in zip(marks.labels, labels, strict=True) if pair[0] != pair[1]]
+        if pairs:
+            before, after = zip(*pairs, strict=True)
+            notes.append(Note("landmarks-respelt", (name,), {"labels": before, "taken_as": after}))
+        templates[name] = replace(marks, labels=labels)
+    return templates, tuple(notes)
+
+
+def _plain(label: str) -> str:
+    return _SPELLING.sub("", label).casefold() or label
+
+
+def may_be_one(label: str, other: str) -> bool:
+    """Return whether two labels are a prefix and a number that a program counts on, such as F-3 and F-10."""
+    found, there = _NUMBERED.fullmatch(label), _NUMBERED.fullmatch(other)
+    return bool(found and there and found[1] == there[1])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LandmarkTable:
     """Landmarks of several templates.
@@ -178,6 +227,27 @@ class LandmarkTable:
         others = {row for one in self.semilandmarks for row in one.rows}
         return [row for row in range(len(self.labels)) if row not in others]
 
+    def renamed(self, names: Mapping[str, Mapping[str, str]]) -> LandmarkTable:
+        """Return the table with other labels for some landmarks of some templates, which lack these labels."""
+        numbers = {label: at for at, label in enumerate(self.labels)}
+        points = {name: np.array(own) for name, own in self.points.items()}
+        for name, pairs in names.items():
+            for label, taken in pairs.items():
+                points[name][numbers[taken]] = points[name][numbers[label]]
+                points[name][numbers[label]] = np.nan
+        gone = {label for pairs in names.values() for label in pairs}
+        lacks = np.asarray(np.isnan(np.stack([*points.values()])).any(axis=2).all(axis=0))
+        kept = [at for at, label in enumerate(self.labels) if not (lacks[at] and label in gone)]
+        rows = {at: number for number, at in enumerate(kept)}
+        return replace(
+            self,
+            labels=tuple(self.labels[at] for at in kept),
+            points={name: own[kept] for name, own in points.items()},
+            semilandmarks=tuple(
+                one._replace(rows=tuple(rows[at] for at in one.rows)) for one in self.semilandmarks
+            ),
+        )
+
 
 def landmark_table(
     given: Mapping[str, Landmarks],
@@ -187,9 +257,9 @@ def landmark_table(
 ) -> LandmarkTable:
     """Bring the landmarks of all templates into one order.
 
-    Landmarks and curves that are called as the first template's but for a prefix or a shift of their numbers are
-    the same ones. Curves are spaced evenly and counted as the first template's that has them, whichever way they were
-    drawn.
+    Labels that differ only in case, separators or leading zeros are the same one. Landmarks and curves that are
+    called as the first template's but for a prefix or a shift of their numbers are the same ones. Curves are spaced
+    evenly and counted as the first template's that has them, whichever way they were drawn.
 
     Parameters
     ----------
@@ -207,7 +277,8 @@ def landmark_table(
     """
     if not given:
         raise InputError("landmarks: no landmark file is given")
-    builder, notes = _Builder(transforms, curve_points), list[Note]()
+    given, respelt = with_one_spelling(given)
+    builder, notes = _Builder(transforms, curve_points), [*respelt]
     (first, like), *others = given.items()
     builder.add(first, like)
     for name, marks in others:

@@ -7,17 +7,20 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import Literal, TypeAlias, TypedDict, get_args
 
 import numpy as np
 
-from data_tools.checks import check_count
+from data_tools.checks import check_choice, check_count
 from data_tools.errors import InputError
 from data_tools.io.files import composed
 from data_tools.landmark_files import Landmarks, read_semilandmarks, specimen_of
 from data_tools.landmark_tables import read_specimens
 from data_tools.names import match_names, nearest_names, nearly, warn_of_near
 from data_tools.notes import listed
+
+#: To where semilandmarks slide, see :func:`collalign.analysis.sliding.slide_semilandmarks`.
+Slide: TypeAlias = Literal["bending", "procrustes"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +37,9 @@ class SemilandmarkRequest:
         Evenly spaced semilandmarks on every curve; by default so many as the first curve has points.
     surface_points : int
         Semilandmarks spread evenly over the mean surface and carried to all shapes, templates too.
+    slide : {"bending", "procrustes"}, optional
+        Slide semilandmarks along their curves and surfaces to where the bending energy of the thin-plate spline from
+        the mean is least, or the Procrustes distance.
 
     Raises
     ------
@@ -45,11 +51,14 @@ class SemilandmarkRequest:
     patches: tuple[Path, ...] = ()
     curve_points: int | None = None
     surface_points: int = 0
+    slide: Slide | None = None
 
     def __post_init__(self) -> None:
         check_count("surface_points", self.surface_points, lower=0)
         if self.curve_points is not None:
             check_count("curve_points", self.curve_points, lower=2)
+        if self.slide is not None:
+            check_choice("slide", self.slide, get_args(Slide))
 
 
 class SemilandmarkKeywords(TypedDict, total=False):
@@ -59,6 +68,7 @@ class SemilandmarkKeywords(TypedDict, total=False):
     patches: Sequence[str | Path]
     curve_points: int | None
     surface_points: int
+    slide: Slide | None
 
 
 _LOG = logging.getLogger(__name__)

@@ -17,7 +17,7 @@ from data_tools.errors import InputError
 from data_tools.notes import Note
 from data_tools.options import SamplingOptions
 from data_tools.surface.cleaning import clean
-from data_tools.surface.closest import SurfacePoints, closest_on_triangles
+from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.laplacian import Spectrum, SurfaceOperators, factor_symmetric
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, vertex_normals
 from data_tools.surface.topology import face_areas
@@ -264,6 +264,8 @@ def _matched_part(shape: Shape) -> tuple[Shape, IntArray, tuple[Note, ...]]:
 
 def _places(points: FloatArray, vertices: FloatArray) -> SurfacePoints:
     """Return the places closest to points on the triangles of the three vertices nearest to each."""
+    from data_tools.surface.triangle_tree import closest_on_triangles
+
     corners = cKDTree(vertices).query(points, 3)[1]
     return SurfacePoints(corners=corners, weights=closest_on_triangles(points, vertices[corners]))
 

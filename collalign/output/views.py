@@ -239,13 +239,12 @@ def seen_panel(
     flipped : bool
         Whether the triangles face inwards.
     """
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    points = (vertices - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
-    flat = corner + 0.5 + (0.5 - _MARGIN) * points[:, :2]
+    points = cell_places(vertices, vertices, corner)
+    flat = points[:, :2]
     colours = np.broadcast_to(colours, vertices.shape)
     if not len(faces):
         order = np.argsort(points[:, 2])
-        depth = np.clip(0.6 + 0.4 * points[order, 2:], 0.0, 1.0)
+        depth = np.clip(0.6 + 0.4 * points[order, 2:] / (0.5 - _MARGIN), 0.0, 1.0)
         return flat[order], depth * colours[order]
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -254,6 +253,21 @@ def seen_panel(
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     lit = np.clip(shades[:, None] * colours[faces].mean(axis=1), 0.0, 1.0)
     return flat[faces][order], lit[order]
+
+
+def cell_places(points: FloatArray, vertices: FloatArray, corner: FloatArray) -> FloatArray:
+    """Return where points (n, 3) lie in the cell that shows a surface, to the right, upwards and to the viewer.
+
+    Parameters
+    ----------
+    points, vertices : ndarray, shapes (n, 3) and (v, 3)
+        Rotated to the screen.
+    corner : ndarray, shape (2,)
+        Of the cell.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    places = (points - 0.5 * (low + high)) / (0.5 * (high - low)[:2].max() or 1.0)
+    return (0.5 - _MARGIN) * places + np.append(corner + 0.5, 0.0)
 
 
 def draw_panels(axes: Any, panels: list[Panel]) -> None:

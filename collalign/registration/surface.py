@@ -53,6 +53,8 @@ class RegistrationTuning(NamedTuple):
     6000, nine of ten pairs of molars fold and skulls err 5 % more; from 400 to 60 nothing changes but fewer folds."""
     num_compared: int = 4
     """Iterations after which the pose of less energy is kept. After fewer, closest points that slid look as good."""
+    num_compared_points: int = 1000
+    """Farthest points of each shape that pull until then: they say enough of a coarse deformation."""
     num_pose_points: int = 800
     """Farthest points of each surface that settle the pose."""
     pose_noise: tuple[float, ...] = (0.06,) * 3 + (0.03,) * 9
@@ -118,6 +120,10 @@ class RegistrationSurface:
         return replace(
             self, vertices=read_only(moved_by(pose, self.vertices)), radius=scale * self.radius
         )
+
+    def with_fewer(self, num_points: int) -> RegistrationSurface:
+        """Return the surface with fewer farthest points."""
+        return replace(self, spread=self.spread[:num_points])
 
     @cached_property
     def locator(self) -> SurfaceLocator:

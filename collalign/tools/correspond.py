@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -277,13 +278,14 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
     surface = RegistrationSurface.from_shape(shape)
     if target.incomplete:
         surface = with_cloud_rim(surface)
-    first = Shape.from_arrays(source.vertices, source.faces, name="mean")
-    bent = (
-        None if start is None else bent_by_map(shape, first, goals_of(*start, stored_shape(target)))
-    )
+    first = _prepared(source.vertices.tobytes(), source.faces.tobytes())
+    bent = None
+    if start is not None:
+        mean = Shape.from_arrays(source.vertices, source.faces, name="mean")
+        bent = bent_by_map(shape, mean, goals_of(*start, stored_shape(target)))
     if bent is not None:
-        first = Shape.from_arrays(bent, source.faces, name="mean")
-    found, _ = register(surface, RegistrationSurface.from_shape(first))
+        first = RegistrationSurface.from_shape(Shape.from_arrays(bent, source.faces, name="mean"))
+    found, _ = register(surface, first)
     if bent is not None:  # the pose lays the source onto its copy, wherever it was registered from
         pose = fitting_similarity(found.vertices, source.vertices, np.ones(len(source.vertices)))
         found = replace(found, pose=pose)
@@ -294,8 +296,19 @@ def register_file(source: SourceSurface, target: PosedFile, start: BothWays | No
     )
 
 
+@lru_cache(maxsize=1)
+def _prepared(vertices: bytes, faces: bytes) -> RegistrationSurface:
+    """Return what is registered, ready for it, from the bytes of its arrays; a worker keeps the last one."""
+    mean = Shape.from_arrays(
+        np.frombuffer(vertices).reshape(-1, 3),
+        np.frombuffer(faces, dtype=np.int64).reshape(-1, 3),
+        name="mean",
+    )
+    return RegistrationSurface.from_shape(mean)
+
+
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-9", run=register_file, reader=Registration)
+REGISTERING = Job(kind="registrations", version="dense-10", run=register_file, reader=Registration)
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from data_tools.errors import OptionsError
 from experiments.calibration import (
     confidence,
+    ellipsoids,
     evidence,
     few_radii,
     fragments,
@@ -29,6 +30,7 @@ from experiments.tables import Column, Table
 
 CALIBRATIONS = {
     "confidence": confidence.CALIBRATION,
+    "ellipsoids": ellipsoids.CALIBRATION,
     "evidence": evidence.CALIBRATION,
     "few_radii": few_radii.CALIBRATION,
     "fragments": fragments.CALIBRATION,

@@ -17,7 +17,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.engine.store_file import STORE_FILE
 from collalign.landmarks.table import landmark_table
 from collalign.products.trust import DOUBT
-from collalign.tools.transfer.run import LandmarkCarrier
+from collalign.tools.transfer.carrier import LandmarkCarrier
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
 from data_tools.io.files import natural_key
@@ -188,8 +188,9 @@ def measure_few(cell: Cell) -> Record:
     -------
     dict
         By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, ``errors k`` (m,) in root
-        mean square radii, and ``landmark k`` (m,), which one it is; ``variation`` of the shapes in radii. Shapes in
-        doubt get no landmarks, as in a transfer. ``processor_s``.
+        mean square radii, ``landmark k`` (m,), which one it is, and ``held k`` (m,), errors in parts of the
+        ellipsoid; ``variation`` of the shapes in radii. Shapes in doubt get no landmarks, as in a transfer.
+        ``processor_s``.
     """
     settings = cell.settings
     found: dict[str, Any] = {}
@@ -214,18 +215,22 @@ def measure_few(cell: Cell) -> Record:
         }
         rng = np.random.default_rng([settings["seed"], 1])
         for k in range(1, MIN_TEMPLATES):
-            rows = [np.empty((0, 6))]
+            rows = [np.empty((0, 7))]
             for _ in range(settings["sets"]):
                 chosen = [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
                 for name in (name for name in templates if name not in chosen):
                     points, evidence, lost = carrier.predict(
                         name, [templates[one] for one in chosen]
                     )
-                    errors = carrier.errors(name, points) / evidence.unit
+                    away = carrier.errors(name, points)
+                    errors = np.linalg.norm(away, axis=1) / evidence.unit
+                    held = evidence.held_errors(away) / evidence.scales_of_few(k)
                     found["variation"] = evidence.variation / evidence.unit
-                    every = np.column_stack([errors, np.arange(len(errors)), evidence.shown()])
+                    every = np.column_stack(
+                        [errors, np.arange(len(errors)), held, evidence.shown()]
+                    )
                     rows.append(every[lost == ""])
             every = np.concatenate(rows)
             found[f"errors {k}"], found[f"landmark {k}"] = every[:, 0], every[:, 1]
-            found[f"shown {k}"] = every[:, 2:]
+            found[f"held {k}"], found[f"shown {k}"] = every[:, 2], every[:, 3:]
     return {**found, "processor_s": elapsed.processor_s}

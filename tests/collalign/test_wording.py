@@ -62,6 +62,17 @@ EXAMPLES = [
     ),
     Note("groups-of-one", PAIR, {"column": "x", "groups": ("f", "m")}),
     Note("mirror-part-fits-better", PAIR[:1], {"chance": 0.62}),
+    Note("templates-disagree", PAIR, {"labels": ("LM3",), "distances": (4.5,)}),
+    Note("templates-disagree", PAIR[:1], {"labels": ("LM3",), "distances": (4.5,)}),
+    *(
+        Note(
+            "templates-reordered",
+            shapes,
+            {"kind": kind, "labels": ("LM3", "LM12"), "places": ("LM12", "LM3")},
+        )
+        for kind in ("swapped", "reversed", "shifted", "exchanged", "renamed")
+        for shapes in (PAIR, PAIR[:1])
+    ),
     Note("much-larger", PAIR, {"times": (1e3, 25.4)}),
     Note("much-smaller", PAIR, {"times": (1e3, 25.4)}),
     *(

@@ -10,7 +10,7 @@ import pytest
 
 import collalign
 from collalign.output.loading import load
-from collalign.tools.transfer.run import CARRIED, MISSING_PLACE
+from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.errors import CollectionError

@@ -13,13 +13,14 @@ import collalign
 from collalign.output.loading import load
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import choose_template
-from collalign.tools.transfer.run import (
+from collalign.tools.transfer.carrier import _lost
+from collalign.tools.transfer.result import (
     CARRIED,
+    CONTRADICTED,
     DOUBTFUL_POSE,
     NO_COUNTERPART,
     NOT_REACHED,
     PLACED,
-    _lost,
 )
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import chair, sphere_mesh
@@ -33,6 +34,7 @@ from data_tools.surface.shape import Shape
 from tests.collalign.registration.test_fit import radius
 from tests.commands import run_command
 from tests.finished_runs import finished_run
+from tests.notes import only
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -143,6 +145,11 @@ def test_several_templates_err_less_and_know_by_how_much(result, templates, plan
     five = collalign.transfer_landmarks(result, templates, run=run)
     assert errors(five.points, planted)[-1].mean() < 0.8 * errors(one.points, planted)[-1].mean()
     assert np.isfinite(five.radii).all()
+    for found in (one, five):
+        assert (found.ellipsoids[0] == 0).all()
+        lengths = np.linalg.norm(found.ellipsoids[-1], axis=2)
+        assert (np.diff(lengths, axis=1) <= 0).all()
+        assert (lengths > 0).all()
     assert five.left_out_errors.shape == (5, 6)
     inside = five.left_out_errors <= five.left_out_radii
     assert 0.6 <= inside.mean() <= 1
@@ -174,9 +181,82 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     rows = list(csv.DictReader((to / "transfer.csv").open()))
     assert len(rows) == 6 * NUM_SHAPES
     assert float(rows[-1]["radius"]) > 0
+    vector = [float(rows[-1][f"along_{axis}"]) for axis in "xyz"]
+    assert np.isclose(np.linalg.norm(vector), float(rows[-1]["along"]))
+    assert float(rows[-1]["along"]) >= float(rows[-1]["across"]) >= float(rows[-1]["normal"]) > 0
     left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
+
+
+def rewritten(files, folder, at, change):
+    """Write landmark files anew, one of them with other labels and points."""
+    folder.mkdir()
+    written = []
+    for number, file in enumerate(files):
+        marks = read_landmarks(file)
+        labels, points = list(marks.labels), np.array(marks.points)
+        if number == at:
+            labels, points = change(labels, points)
+        written.append(slicer_file(folder / file.name, points, labels))
+    return written
+
+
+def swapped(labels, points):
+    return labels, points[[0, 4, 2, 3, 1, 5]]
+
+
+def test_a_template_with_two_landmarks_swapped_is_named_and_changes_nothing(
+    result, templates, planted, tmp_path, run
+):
+    wrong = rewritten(templates[:3], tmp_path / "marks", 2, swapped)
+    to, name = tmp_path / "all", planted.shapes[2].name
+    said = run_command(
+        "transfer", result, "--landmarks", *wrong, "--to", to, "--jobs", "1", "--store", run.store
+    )
+    assert f"Templates disagree on tip 1 and tip 4 in {name}: swapped?" in said.out
+    rows = list(csv.DictReader((to / "agreement.csv").open()))
+    found = {(row["template"], row["landmark"]) for row in rows if row["finding"]}
+    assert found == {(name, "tip 1"), (name, "tip 4")}
+    assert {row["trust"] for row in rows if row["finding"]} == {"0.0"}
+    written = json.loads((to / "agreement.json").read_text())
+    assert np.array(written["distance"]).shape == np.array(written["trust"]).shape == (3, 6)
+    assert [one["finding"] for one in written["findings"]] == ["swapped?", "swapped?"]
+    assert (to / "agreement.png").read_bytes().startswith(b"\x89PNG")
+    assert f"tip 1 and tip 4 in {name}: swapped?" in (to / "landmarks.html").read_text()
+    both = [
+        collalign.transfer_landmarks(result, files, run=run) for files in (templates[:3], wrong)
+    ]
+    right, robust = (errors(found.points, planted)[3:].mean() for found in both)
+    assert robust < right + HAND
+    apart = np.linalg.norm(true_landmarks(planted)[3:, 1] - true_landmarks(planted)[3:, 4], axis=1)
+    assert apart.min() > 0.3 * radius(planted.shapes[3].vertices), "a mean would be far off"
+
+
+def test_two_templates_that_contradict_each_other_give_no_landmark_there(
+    result, templates, planted, tmp_path, run
+):
+    wrong = rewritten(templates[:2], tmp_path / "marks", 1, swapped)
+    found = collalign.transfer_landmarks(result, wrong, run=run)
+    assert found.status[-1] == (CARRIED, CONTRADICTED, CARRIED, CARRIED, CONTRADICTED, CARRIED)
+    assert np.isnan(found.points[-1, [1, 4]]).all()
+    assert only(found.notes, "templates-reordered").shapes == found.templates
+    assert (found.left_out_errors[:, [1, 4]] > 3 * found.left_out_errors[:, [0]]).all()
+
+
+def test_labels_of_one_landmark_that_differ_in_case_or_number_are_taken_as_one(
+    result, templates, tmp_path, run
+):
+    def relabelled(labels, points):
+        return ["TIP_00", "tip 1", "tip 3", "tip 4", "tip 5", "tip 9"], points[[0, 1, 3, 4, 5, 2]]
+
+    files = rewritten(templates[:2], tmp_path / "marks", 1, relabelled)
+    found = collalign.transfer_landmarks(result, files, run=run)
+    right = collalign.transfer_landmarks(result, templates[:2], run=run)
+    assert found.labels == right.labels
+    np.testing.assert_allclose(found.points, right.points, atol=1e-9)
+    taken = {note.code: note.values["taken_as"] for note in found.notes}
+    assert taken == {"landmarks-respelt": ("tip 0",), "landmarks-renumbered": ("tip 2",)}
 
 
 def edge_path():
@@ -240,6 +320,18 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
     with pytest.raises(InputError, match="vertices"):
         collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
+    kept, slid = (
+        collalign.transfer_landmarks(
+            result, [], curves=curves, curve_points=9, surface_points=25, run=run, slide=how
+        )
+        for how in (None, "bending")
+    )
+    ends, others = [0, 8], [at for at in range(34) if at not in (0, 8)]
+    np.testing.assert_allclose(slid.points[:, ends], kept.points[:, ends])
+    assert (np.abs(slid.points - kept.points)[:, others].max(axis=(0, 2)) > 0).all()
+    sizes = [radius(shape.vertices) for shape in planted.shapes]
+    moved = np.linalg.norm(slid.points - kept.points, axis=2) / np.array(sizes)[:, None]
+    assert moved.max() < 0.3
 
 
 def test_a_landmark_that_the_registration_does_not_reach_is_told_from_one_beyond_a_rim():

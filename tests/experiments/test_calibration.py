@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from collalign.confidence import radius_model
 from collalign.confidence.candidate_model import WEIGHTS
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import OptionsError
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import boundary_edges
-from experiments.calibration import CALIBRATIONS, calibrate, few_radii
+from experiments.calibration import CALIBRATIONS, calibrate, ellipsoids, few_radii
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
 from experiments.calibration.fragments import broken, closed
 from experiments.calibration.scan import Calibration, Finding, scan
@@ -121,3 +122,16 @@ def test_radii_of_few_templates_are_fitted_to_ranks_and_hold_on_average():
     inside = np.array([few_radii.covered(one, table) for one in seen])
     np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.01)
     assert (inside[0] > inside[1]).all(), "both count the same, whatever their numbers"
+
+
+def test_ellipsoids_are_as_large_as_the_worst_collection_needs():
+    ratios = np.linspace(0.0, 1.0, 101)
+    records = [
+        {f"held {k}": factor * np.append(ratios, np.nan) for k in (1, 2, 3)}
+        for factor in (0.5, 2.0)
+    ]
+    found = ellipsoids.fit_ellipsoids(records)
+    np.testing.assert_allclose(found.value, 1.8 * np.array(radius_model.ELLIPSOIDS_OF_FEW))
+    assert found.best == pytest.approx((1.0 + 91 / 101) / 2)
+    assert found.now == pytest.approx((1.0 + 51 / 101) / 2)
+    assert found.left_out == pytest.approx((1.0 + 23 / 101) / 2)

@@ -6,7 +6,6 @@
 EQUIVALENT = {
     "pairwise/certificates/verify_pm_sdp.py _quadratic_upper_bounds: '    gamma = 2.0 * (len(F) + 4) * _EPS' -> '    gamma = 2.0 * (len(F) + 5) * _EPS'": "a wider allowance for rounding stays sound",
     "pairwise/certificates/verify_pm_sdp.py _cost_lower_bounds: '            (d + 8)' -> '            (d + 9)'": "a wider allowance for rounding stays sound",
-    "data_tools/surface/closest.py SurfaceLocator.closest: '                else every[:0]' -> '                else every[:1]'": "a point that is asked for again gets the same answer",
     "pairwise/certificates/certificate.py CertificateArrays.refuse_rest: '            names = \", \".join(sorted(map(str, self._unread))[:5])' -> '            names = \", \".join(sorted(map(str, self._unread))[:6])'": "how many names a message lists",
     "collalign/tools/certify/rounds.py Rounds.prove: '        for e in np.argsort(-(master.least() + most), kind=\"stable\").tolist():' -> '        for e in np.argsort(-(master.least() - most), kind=\"stable\").tolist():'": "the order in which pairs are proven",
     "collalign/landmarks/carry.py fuse: '    filled = np.where(weights[..., None] > 0, said, 0.0)' -> '    filled = np.where(weights[..., None] > 0, said, 1.0)'": "multiplied by a weight of zero",

@@ -34,7 +34,14 @@ from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page, shown_part
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
-from collalign.tools.transfer.run import TransferredLandmarks, transfer_landmarks
+from collalign.tools.transfer.disagreement import (
+    agreement_figure,
+    agreement_rows,
+    agreement_text,
+    findings,
+)
+from collalign.tools.transfer.result import TransferredLandmarks
+from collalign.tools.transfer.run import transfer_landmarks
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
@@ -45,18 +52,33 @@ from data_tools.landmark_tables import READABLE
 from data_tools.notes import MAX_NAMED
 
 TRANSFER_FILE = "transfer.csv"
+#: What the semi-axes of an ellipsoid are called, the longest first.
+AXES = ("along", "across", "normal")
 LEFT_OUT_FILE = "leave_one_out.csv"
+AGREEMENT_TABLE, AGREEMENT_FILE, AGREEMENT_PICTURE = (
+    "agreement.csv",
+    "agreement.json",
+    "agreement.png",
+)
 SLIDERS_FILE, SURFACES_FILE = "curveslide.csv", "surfaces.csv"
 _WRITER = "transfer"
 
 
 def write_transfer(
-    transferred: TransferredLandmarks, to: Path, *, page: str, leave_one_out: bool
+    collection: Collection,
+    transferred: TransferredLandmarks,
+    to: Path,
+    *,
+    page: str,
+    leave_one_out: bool,
 ) -> tuple[Path, ...]:
-    """Write page and ``transfer.csv``, tables of semilandmarks where there are any, and what leaving out showed.
+    """Write page and ``transfer.csv``, and tables of semilandmarks where there are any.
+
+    Of several templates, write whether they agree, with a picture where they do not, and what leaving out showed.
 
     Parameters
     ----------
+    collection : Collection
     transferred : TransferredLandmarks
     to : Path
     page : str
@@ -76,6 +98,15 @@ def write_transfer(
         if transferred.semilandmarks:
             staged.append(_write(output.stage(SLIDERS_FILE), slider_table(transferred)))
             staged.append(_write(output.stage(SURFACES_FILE), surface_table(transferred)))
+        if len(transferred.templates) > 1:
+            staged.append(_write(output.stage(AGREEMENT_TABLE), agreement_rows(transferred)))
+            text = agreement_text(transferred).encode("utf-8", "backslashreplace")
+            staged.append(write_atomic(output.stage(AGREEMENT_FILE), text))
+        if any(findings(transferred)):
+            staged.append(output.stage(AGREEMENT_PICTURE))
+            agreement_figure(collection, transferred).savefig(
+                staged[-1], format="png", metadata={"Software": None}
+            )
         if leave_one_out:
             staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
         decided = {
@@ -90,12 +121,17 @@ def write_transfer(
 
 
 def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
-    """Return one row per specimen and landmark: place, radius, and what became of it."""
-    rows: list[list[object]] = [["name", "landmark", "x", "y", "z", "radius", "status"]]
+    """Return one row per specimen and landmark: place, radius, what became of it, and the ellipsoid's semi-axes."""
+    axes = [f"{axis}_{part}" for axis in AXES for part in "xyz"]
+    rows: list[list[object]] = [
+        ["name", "landmark", "x", "y", "z", "radius", "status", *AXES, *axes]
+    ]
     for at, name in enumerate(transferred.names):
         for number, label in enumerate(transferred.labels):
             place = [*transferred.points[at, number].tolist(), float(transferred.radii[at, number])]
-            rows.append([name, label, *place, transferred.status[at][number]])
+            vectors = transferred.ellipsoids[at, number]
+            shape = [*np.linalg.norm(vectors, axis=1).tolist(), *vectors.ravel().tolist()]
+            rows.append([name, label, *place, transferred.status[at][number], *shape])
     return rows
 
 
@@ -257,12 +293,10 @@ def transfer(
     with resumable(run, result) as run:
         found = transfer_landmarks(collection, given, semilandmarks=semilandmarks, run=run)
     page = landmarks_page(collection, found, result, written.to)
-    collection = with_changes(
-        collection, landmarks=found.points, landmark_names=found.labels, pairs=()
-    )
+    marked = with_changes(collection, landmarks=found.points, landmark_names=found.labels, pairs=())
     space = usual_space(written.format, "raw") if written.space is None else written.space
     paths = write_export(
-        collection,
+        marked,
         written.format,
         written.to,
         space=space,
@@ -271,12 +305,13 @@ def transfer(
         include_doubtful=written.include_doubtful,
     )
     for note in export_notes(
-        collection, written.format, space, include_doubtful=written.include_doubtful
+        marked, written.format, space, include_doubtful=written.include_doubtful
     ):
         warn(note_text(note))
-    say_files(
-        (*paths, *write_transfer(found, written.to, page=page, leave_one_out=written.leave_one_out))
+    tables = write_transfer(
+        collection, found, written.to, page=page, leave_one_out=written.leave_one_out
     )
+    say_files((*paths, *tables))
     return _summarise(found, leave_one_out=written.leave_one_out)
 
 

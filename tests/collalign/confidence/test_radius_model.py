@@ -1,5 +1,7 @@
 """Radii hold as often as they say where errors are as the theory assumes, and fusion follows its weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,14 @@ from collalign.confidence.radius_model import (
     RadiusEvidence,
     beyond_range,
     calibrate,
+    ellipsoids,
     radii,
     spread,
 )
 from collalign.landmarks.carry import (
     carried,
     fuse,
+    mean_of_trusted,
     on_surface,
     template,
     template_distance,
@@ -33,6 +37,8 @@ def shown(
     spread=0.0,
     unit=1.0,
     variation=1.0,
+    held=(0.1, 0.2, 0.7),
+    held_slip=0.02,
 ):
     """Return evidence of templates that agree."""
     return RadiusEvidence(
@@ -44,6 +50,8 @@ def shown(
         hold=np.full(num, hold),
         slip=np.full(num, slip),
         misfit=np.full(num, misfit),
+        held=np.repeat(np.diag(held)[None], num, axis=0),
+        held_slip=np.full(num, held_slip),
     )
 
 
@@ -93,7 +101,49 @@ def test_radii_of_few_templates_follow_the_surface_and_the_spread_and_have_a_uni
 
 
 def test_without_templates_there_are_no_radii():
-    assert np.isnan(radii(calibrate(np.empty((0, 30)), []), shown())).all()
+    nothing = calibrate(np.empty((0, 30)), [])
+    assert np.isnan(radii(nothing, shown())).all()
+    assert np.isnan(ellipsoids(nothing, shown())).all()
+
+
+def inside(errors, axes):
+    """Return which errors (m, 3) lie in an ellipsoid of these semi-axes, rows of (3, 3)."""
+    lengths = np.linalg.norm(axes, axis=1)
+    return (((errors @ (axes / lengths[:, None]).T) / lengths) ** 2).sum(axis=1) <= 1
+
+
+def test_nine_of_ten_errors_that_slide_lie_in_ellipsoids_much_smaller_than_their_radii():
+    """Errors are far along the direction in which the surface tells the place least."""
+    rng, held = np.random.default_rng(7), np.array([0.1, 0.4, 1.0])
+    evidence, within, sizes = shown(held=held), [], []
+    for _ in range(20):
+        errors = rng.standard_normal((8, 30, 3)) / held
+        lengths = np.linalg.norm(errors, axis=2)
+        of_held = calibrate(np.array([evidence.held_errors(one) for one in errors]), [evidence] * 8)
+        axes = ellipsoids(of_held, evidence)
+        new = rng.standard_normal((200, 3)) / held
+        within.append(inside(new, axes[3]))
+        radius = radii(calibrate(lengths, [evidence] * 8), evidence)
+        sizes.append(np.prod(np.linalg.norm(axes[3], axis=1)) ** (1 / 3) / radius[3])
+    assert abs(np.mean(within) - COVERAGE) < 0.04
+    assert np.mean(sizes) < 0.5
+    assert not inside(new, 0.5 * axes[3]).mean() > 0.8, "the check notices ones that are too small"
+
+
+@pytest.mark.parametrize("num", [1, 2, 3])
+def test_ellipsoids_of_few_templates_follow_slip_and_hold_and_have_a_unit(num):
+    calibration = calibrate(simulated(np.random.default_rng(3), num), [shown()] * num)
+    lengths = np.linalg.norm(ellipsoids(calibration, shown()), axis=2)
+    np.testing.assert_allclose(lengths[:, 0] / lengths[:, 2], 7.0)
+    np.testing.assert_allclose(
+        np.abs(ellipsoids(calibration, shown())[0, 0]), [lengths[0, 0], 0, 0]
+    )
+    assert (np.diff(lengths, axis=1) < 0).all(), "longest first"
+    more = np.linalg.norm(ellipsoids(calibration, shown(held_slip=0.04)), axis=2)
+    np.testing.assert_allclose(more, 2 * lengths)
+    larger = ellipsoids(calibration, shown(held_slip=0.2, unit=10.0))
+    np.testing.assert_allclose(np.linalg.norm(larger, axis=2), 10 * lengths)
+    assert (ellipsoids(calibration, shown(held_slip=0.0)) ** 2).sum() > 0
 
 
 def test_missing_landmarks_count_for_nothing():
@@ -127,9 +177,30 @@ def test_templates_nearer_to_the_specimen_count_more():
         < template_distance(templates, 1, vertices)
         < template_distance(templates[1:], 1, vertices)
     )
-    points, spreads = fuse(templates, 1, vertices, np.ones((3, 200)))
+    points, spreads = fuse(carried(templates, vertices[1]), weights)
     np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
     np.testing.assert_allclose(spreads, 0, atol=1e-6)
+
+
+def test_a_template_that_is_not_trusted_counts_where_no_other_is():
+    mean, faces = sphere_mesh(200)
+    marks = mean[[3, 50, 70]]
+    vertices, quality = np.stack([mean, 1.1 * mean, 1.2 * mean]), np.ones((3, 200))
+    first, second = (
+        template(at, (1 + 0.1 * at) * marks, vertices[at], faces, 1.0, SurfaceLocator(mean, faces))
+        for at in (0, 2)
+    )
+    first = replace(first, trust=np.array([0.0, 0.0, 1.0]))
+    second = replace(second, trust=np.array([1.0, 0.0, 0.5]))
+    weights = template_weights([first, second], 1, vertices, quality)
+    equal = template_weights(
+        [replace(one, trust=np.ones(3)) for one in (first, second)], 1, vertices, quality
+    )
+    assert weights[:, 0].tolist() == [0, 1]
+    np.testing.assert_allclose(weights[:, 1], equal[:, 1])
+    assert weights[1, 2] < equal[1, 2]
+    values = np.array([[1.0, 1.0, 1.0], [3.0, 3.0, 4.0]])
+    np.testing.assert_allclose(mean_of_trusted([first, second], values), [3.0, 2.0, 2.0])
 
 
 def test_a_landmark_that_the_mean_does_not_reach_is_on_the_surface_all_the_same():

@@ -8,7 +8,7 @@ import pytest
 from collalign.engine.job import Job, Wanted, table_of_stored
 from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session
+from collalign.engine.session import Session, each_shown
 from collalign.engine.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
@@ -200,4 +200,7 @@ def test_displays_count_steps_without_workers():
         with session_around(store).alone("poses"):  # without a display nothing happens
             pass
     assert len(counted) == 2
-    assert shown == ["poses: 0 of 1", "pairs again: 0 of 1"]
+    assert [len(counted) for _ in each_shown("abc", "specimens", display)] == [2, 3, 4]
+    assert len(counted) == 5
+    assert [*each_shown("abc", "specimens", None)] == ["a", "b", "c"]
+    assert shown == ["poses: 0 of 1", "pairs again: 0 of 1", "specimens: 0 of 3"]

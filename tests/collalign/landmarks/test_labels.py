@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.table import called_like, landmark_table
+from collalign.landmarks.table import (
+    called_like,
+    landmark_table,
+    may_be_one,
+    with_one_spelling,
+)
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
@@ -74,3 +79,36 @@ def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
         InputError, match=r"no landmark \('p', 'q'\) has the name of one of a .*same labels"
     ):
         landmark_table({"a": numbered("A-", range(1, 4)), "b": marks("p", "q")}, poses)
+
+
+@pytest.mark.parametrize(
+    ("labels", "respelt"),
+    [
+        (("lM1", "LM2"), ("LM1", "LM2")),
+        (("lm_01", "LM 2"), ("LM1", "LM2")),
+        (("LM1", "lm1"), ("LM1", "lm1")),
+        (("LM10", "LM12"), ("LM10", "LM12")),
+        (("LM1-1", "LM11"), ("LM1-1", "LM11")),
+    ],
+)
+def test_labels_are_spelt_as_most_templates_spell_them(labels, respelt):
+    given = {"a": marks(*labels), "b": marks("LM1", "LM2"), "c": marks("LM1", "LM2")}
+    found, notes = with_one_spelling(given)
+    assert found["a"].labels == respelt
+    assert [found[name].labels for name in "bc"] == [("LM1", "LM2")] * 2
+    assert [note.shapes for note in notes] == ([("a",)] if labels != respelt else [])
+
+
+def test_a_landmark_under_another_number_takes_the_other_name():
+    poses = dict.fromkeys("ab", np.eye(4))
+    given = {"a": marks("F-1", "F-2", "F-3", curves=("rim",)), "b": marks("F-1", "F-2", "F-10")}
+    table = landmark_table(given, poses)
+    assert table.labels == ("F-1", "F-2", "F-3", "rim-1", "rim-2", "F-10")
+    renamed = table.renamed({"b": {"F-10": "F-3"}})
+    assert renamed.labels == ("F-1", "F-2", "F-3", "rim-1", "rim-2")
+    np.testing.assert_array_equal(renamed.points["b"][2], given["b"].points[2])
+    np.testing.assert_array_equal(renamed.points["a"], table.points["a"][:5])
+    assert renamed.semilandmarks == table.semilandmarks
+    assert may_be_one("F-3", "F-10")
+    assert not may_be_one("nasion", "F-3")
+    assert not may_be_one("F-3", "G-3")

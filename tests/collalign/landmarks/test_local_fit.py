@@ -87,10 +87,15 @@ def test_a_shaft_does_not_hold_a_landmark_and_its_ends_do():
         shaft += 0.4 * bump[:, None] * directions
     rows = [int(np.argmax(directions @ one)) for one in ([0.7, 0, 0.7], [-0.6, 0.4, -0.7])]
     rows += [int(np.argmin(np.abs(z) + np.abs(x - 0.9))), int(np.argmin(np.abs(z - 0.1)))]
-    found = holds(shaft[rows], shaft, faces, 1.0)
+    found, held = holds(shaft[rows], shaft, faces, 1.0)
     assert found[:2].min() > 10 * found[2:].max()
     moved = shaft @ Rotation.from_euler("xyz", [0.5, 0.2, 2.0]).as_matrix().T * 3.0 + 2.0
-    np.testing.assert_allclose(holds(moved[rows], moved, faces, 3.0), found, rtol=1e-6)
+    np.testing.assert_allclose(holds(moved[rows], moved, faces, 3.0)[0], found, rtol=1e-6)
+    values, axes = np.linalg.eigh(held)
+    assert abs(axes[3, 2, 0]) > 0.95, "along the shaft it is held least"
+    outwards = shaft[rows[3]] * [1, 1, 0] / np.linalg.norm(shaft[rows[3], :2])
+    assert abs(outwards @ axes[3, :, 2]) > 0.95, "and along the normal most"
+    assert values[3, 2] > 5 * values[3, 0]
 
 
 def test_planes_and_clouds_hold_nothing():
@@ -101,6 +106,6 @@ def test_planes_and_clouds_hold_nothing():
     bump[:, 2] = 0.3 * np.exp(-(plane**2).sum(axis=1) / 0.05)
     middle = [220]
     nothing = np.empty((0, 3), dtype=np.int64)
-    least = holds(plane[middle], plane, faces, 1.0)
-    np.testing.assert_allclose(holds(plane[middle], plane, nothing, 1.0), least)
-    assert holds(bump[middle], bump, faces, 1.0) > 20 * least
+    least, _ = holds(plane[middle], plane, faces, 1.0)
+    np.testing.assert_allclose(holds(plane[middle], plane, nothing, 1.0)[0], least)
+    assert holds(bump[middle], bump, faces, 1.0)[0] > 20 * least

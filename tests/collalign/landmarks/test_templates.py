@@ -3,11 +3,18 @@
 import logging
 import unicodedata
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from collalign.landmarks.templates import SemilandmarkRequest, read_templates, with_semilandmarks
-from data_tools.errors import InputError
+from collalign.analysis.sliding import CRITERIA
+from collalign.landmarks.templates import (
+    SemilandmarkRequest,
+    Slide,
+    read_templates,
+    with_semilandmarks,
+)
+from data_tools.errors import InputError, OptionsError
 
 TPS = "LM3=1\n0 0 0\nID={}\n"
 
@@ -137,3 +144,11 @@ def test_specimens_without_any_landmark_are_no_templates(tmp_path, caplog):
     (tmp_path / "b.csv").write_text("a,,,\nb,NA,NA,NA\n")
     with pytest.raises(InputError, match="all its landmarks are missing"):
         read_templates([tmp_path / "b.csv"], ("a", "b"))
+
+
+def test_a_request_to_slide_is_one_of_the_criteria():
+    assert get_args(Slide) == CRITERIA
+    for slide in (None, *CRITERIA):
+        assert SemilandmarkRequest(slide=slide).slide == slide
+    with pytest.raises(OptionsError, match="slide"):
+        SemilandmarkRequest(slide="least")

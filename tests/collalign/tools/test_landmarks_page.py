@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.tools.transfer.command import landmarks_page
-from collalign.tools.transfer.run import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
+from collalign.tools.transfer.result import CARRIED, DOUBTFUL_POSE, PLACED, TransferredLandmarks
 from data_tools.landmark_files import SemilandmarkRows, read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.surface.closest import SurfaceLocator
@@ -38,8 +38,11 @@ def transferred(view):
         labels=LABELS,
         points=points,
         radii=np.where(np.isnan(points).any(axis=2), np.nan, 0.05 / view.scales[:, None]),
+        ellipsoids=np.full((num, 4, 3, 3), np.nan),
         status=tuple(status),
         templates=view.names[:1],
+        template_trust=np.ones((1, 4)),
+        left_out_points=np.full((1, 4, 3), np.nan),
         left_out_errors=nothing,
         left_out_radii=nothing,
         semilandmarks=(SemilandmarkRows("curve", "open curve", (3,)),),

@@ -4,44 +4,8 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
-from data_tools.surface.closest import SurfaceLocator, closest_on_triangles
-
-
-def grid_distance(point, triangle, num=120):
-    """Return the least distance to a fine grid of places on a triangle: never less than the true one."""
-    u, v = np.meshgrid(np.linspace(0, 1, num), np.linspace(0, 1, num))
-    inside = u + v <= 1
-    weights = np.stack([1 - u[inside] - v[inside], u[inside], v[inside]], axis=1)
-    return float(np.linalg.norm(weights @ triangle - point, axis=1).min())
-
-
-def all_triangles(points, vertices, faces):
-    """Return the distance of each point to a surface, every triangle looked at."""
-    corners = np.broadcast_to(vertices[faces], (len(points), len(faces), 3, 3))
-    places = np.einsum("qfc,qfcd->qfd", closest_on_triangles(points[:, None], corners), corners)
-    return np.asarray(np.linalg.norm(places - points[:, None], axis=2).min(axis=1))
-
-
-def test_a_triangle_is_met_where_a_fine_grid_says():
-    rng = np.random.default_rng(0)
-    triangles, points = rng.normal(size=(60, 3, 3)), rng.normal(size=(60, 3)) * 2
-    weights = closest_on_triangles(points, triangles)
-    found = np.linalg.norm(np.einsum("qc,qcd->qd", weights, triangles) - points, axis=1)
-    expected = [grid_distance(p, t) for p, t in zip(points, triangles, strict=True)]
-    assert (found <= np.array(expected) + 1e-12).all()
-    np.testing.assert_allclose(found, expected, atol=0.03)
-    np.testing.assert_allclose(weights.sum(axis=1), 1)
-
-
-def test_the_grid_refuses_a_wrong_place():
-    triangle = np.eye(3)
-    assert grid_distance(np.zeros(3), triangle) < np.linalg.norm(triangle[0]) - 0.3
-
-
-def test_triangles_without_area_are_their_edges():
-    needle = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    weights = closest_on_triangles(np.array([0.5, 1.0, 0.0]), needle)
-    np.testing.assert_allclose(weights @ needle, [0.5, 0, 0], atol=1e-12)
+from data_tools.surface.closest import SurfaceLocator
+from tests.data_tools.surface.test_triangle_tree import all_triangles
 
 
 @pytest.mark.parametrize("stretch", [1.0, 30.0])

@@ -1,0 +1,142 @@
+"""Semilandmarks slid along curves and surfaces, until each shape differs least from the mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from collalign.analysis.procrustes import (
+    best_rotations,
+    centroid_sizes,
+    generalized_procrustes,
+    unit_size,
+)
+from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
+from data_tools.checks import check_choice
+from data_tools.errors import InputError
+from data_tools.threads import one_blas_thread
+
+#: What is least: the bending energy of the thin-plate spline from the mean, or the Procrustes distance from it.
+Criterion: TypeAlias = Literal["bending", "procrustes"]
+CRITERIA: tuple[Criterion, ...] = ("bending", "procrustes")
+#: Rounds at most, and the squared movement of the mean, relative to its squared size, at which it has settled.
+_MAX_ROUNDS, _SETTLED = 10, 1e-9
+#: Nearest points through which the tangent plane of a semilandmark of a surface is laid, itself among them.
+_AROUND = 5
+
+
+@one_blas_thread()
+def slide_semilandmarks(
+    configurations: ArrayLike,
+    sliders: ArrayLike,
+    surfaces: Sequence[int] = (),
+    *,
+    criterion: Criterion = "bending",
+) -> FloatArray:
+    """Slide semilandmarks along curves and surfaces, each shape towards the mean of all.
+
+    All shapes are superimposed. Semilandmarks of each move along their tangents to where the criterion is least, and
+    that is repeated with the new mean. They leave curved surfaces a little, as in geomorph.
+
+    Parameters
+    ----------
+    configurations : array_like, shape (N, l, 3)
+        Complete, and of one handedness.
+    sliders : array_like of int, shape (s, 3)
+        Semilandmarks of curves: the point before, the one that slides, the point behind. The tangent goes from the
+        first to the last.
+    surfaces : sequence of int
+        Semilandmarks of surfaces. The tangent plane is that of the nearest points of the configuration.
+    criterion : {"bending", "procrustes"}
+
+    Returns
+    -------
+    ndarray, shape (N, l, 3)
+        In the coordinates of each configuration.
+
+    Raises
+    ------
+    InputError
+        If points are missing, there are fewer than two shapes, or a semilandmark is none of the points.
+    OptionsError
+        If the criterion is unknown.
+
+    References
+    ----------
+    Bookstein, Landmark methods for forms without landmarks (1997). Gunz, Mitteroecker and Bookstein, Semilandmarks in
+    three dimensions (2005). Rohlf's criterion of Procrustes distance: Perez, Bernal and Gonzalez (2006).
+    """
+    check_choice("criterion", criterion, CRITERIA)
+    points = np.array(as_floats(configurations, "configurations", shape=(None, None, 3)))
+    rows = np.asarray(sliders, dtype=np.int64).reshape(-1, 3)
+    if len(points) < 2:
+        raise InputError(f"configurations: sliding needs at least two shapes, got {len(points)}")
+    if not {*rows.ravel().tolist(), *surfaces} <= {*range(points.shape[1])}:
+        raise InputError(f"sliders: a row is none of the {points.shape[1]} points")
+    mean = np.zeros(points.shape[1:])
+    for _ in range(_MAX_ROUNDS):
+        aligned = generalized_procrustes(points)
+        new = aligned.mean(axis=0)
+        if np.sum((new - mean) ** 2) <= _SETTLED * np.sum(new**2):
+            break
+        mean = new
+        energy = bending_matrix(mean) if criterion == "bending" else np.eye(len(mean))
+        rotations = best_rotations(aligned, unit_size(points))
+        for at, (shape, rotation) in enumerate(zip(aligned, rotations, strict=True)):
+            moves = _moves(shape, mean, energy, *_tangents(shape, rows, surfaces))
+            points[at] += centroid_sizes(points[[at]])[0] * moves @ rotation
+    return read_only(points)
+
+
+def bending_matrix(reference: FloatArray) -> FloatArray:
+    """Return the matrix whose quadratic form is the bending energy of displacements, shape (l, l).
+
+    Parameters
+    ----------
+    reference : ndarray, shape (l, 3)
+        Affine functions of it do not bend.
+
+    References
+    ----------
+    Bookstein, Principal warps (1989); in space the kernel is the distance.
+    """
+    num = len(reference)
+    affine = np.column_stack([np.ones(num), reference])
+    system = np.zeros((num + 4, num + 4))
+    system[:num, :num] = cdist(reference, reference)
+    system[:num, num:], system[num:, :num] = affine, affine.T
+    return np.asarray(-np.linalg.pinv(system, hermitian=True)[:num, :num])
+
+
+def _tangents(
+    shape: FloatArray, sliders: IntArray, surfaces: Sequence[int]
+) -> tuple[IntArray, FloatArray]:
+    """Return which points move, and along which unit vectors, shapes (m,) and (m, 3)."""
+    along = shape[sliders[:, 2]] - shape[sliders[:, 0]]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), np.finfo(float).tiny)
+    chosen = np.asarray(surfaces, dtype=np.int64)
+    near = cKDTree(shape).query(shape[chosen], min(_AROUND, len(shape)))[1] if len(chosen) else None
+    planes = np.empty((0, 2, 3))
+    if near is not None:
+        around = shape[near] - shape[near].mean(axis=1, keepdims=True)
+        planes = np.linalg.svd(around, full_matrices=False)[2][:, :2]
+    rows = np.concatenate([sliders[:, 1], np.repeat(chosen, 2)])
+    return rows, np.concatenate([along, planes.reshape(-1, 3)])
+
+
+def _moves(
+    shape: FloatArray, mean: FloatArray, energy: FloatArray, rows: IntArray, along: FloatArray
+) -> FloatArray:
+    """Return the movements along tangents at which the energy of the difference from the mean is least, (l, 3)."""
+    moves = np.zeros_like(shape)
+    if len(rows):
+        system = energy[np.ix_(rows, rows)] * (along @ along.T)
+        pull = ((energy @ (shape - mean))[rows] * along).sum(axis=1)
+        lengths = np.linalg.lstsq(system, -pull, rcond=None)[0]
+        np.add.at(moves, rows, lengths[:, None] * along)
+    return moves

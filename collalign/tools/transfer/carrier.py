@@ -1,0 +1,420 @@
+"""Carries landmarks of templates to the other specimens of a collection, one specimen after another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collalign.confidence.radius_model import (
+    Calibration,
+    RadiusEvidence,
+    beyond_range,
+    calibrate,
+    ellipsoids,
+    radii,
+)
+from collalign.engine.session import ProgressFactory, each_shown
+from collalign.landmarks.carry import (
+    Template,
+    at_places,
+    carried,
+    fuse,
+    mean_of_trusted,
+    off_surface,
+    on_surface,
+    template,
+    template_distance,
+    template_weights,
+)
+from collalign.landmarks.consensus import agreement_notes, order_mistakes, template_trust
+from collalign.landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
+from collalign.landmarks.table import LandmarkTable, evenly_spaced, may_be_one
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
+from collalign.registration.surface import RegistrationSurface, nearest_on, with_cloud_rim
+from collalign.tools.correspond import DenseCorrespondence
+from collalign.tools.transfer.result import (
+    CARRIED,
+    CONTRADICTED,
+    DOUBTFUL_POSE,
+    MISSING_PLACE,
+    NO_COUNTERPART,
+    NOT_REACHED,
+    NOT_REGISTERED,
+    OUT_OF_RANGE,
+    PLACED,
+    UNKNOWN,
+    TransferredLandmarks,
+)
+from data_tools.arrays import FloatArray, read_only
+from data_tools.embedding.sampling import farthest_points
+from data_tools.errors import InputError
+from data_tools.io.shapes import read_shape
+from data_tools.landmark_files import SemilandmarkRows
+from data_tools.options import CleaningOptions
+from data_tools.poses import moved_by
+from data_tools.surface.closest import lies_beyond
+from data_tools.surface.shape import Shape
+
+#: What semilandmarks of the whole surface are called.
+SURFACE = "surface"
+#: Farthest points by which the size of a specimen is measured, which says how far from its rim it has nothing.
+_NUM_RIM_POINTS = 300
+
+
+class LandmarkCarrier:
+    """Carries landmarks from templates to the other specimens of a collection.
+
+    Parameters
+    ----------
+    collection : Collection
+    dense : DenseCorrespondence
+        Of its shapes.
+    table : LandmarkTable
+        Landmarks of the templates, at least one of which is registered.
+    """
+
+    def __init__(
+        self, collection: Collection, dense: DenseCorrespondence, table: LandmarkTable
+    ) -> None:
+        self._collection, self._dense, self._labels, self._known = (
+            collection,
+            dense,
+            table.labels,
+            table.points,
+        )
+        self._semilandmarks = table.semilandmarks
+        self._rows = {name: row for row, name in enumerate(dense.names)}
+        centred = dense.mean - dense.mean.mean(axis=0)
+        self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self.templates: list[Template] = []
+        self._around: dict[int, Surroundings] = {}
+        for name, points in table.points.items():
+            if name in self._rows:
+                item, around = self._read_template(name, points)
+                self.templates.append(item)
+                self._around[item.shape] = around
+        if not self.templates:
+            raise InputError("landmarks: none of the specimens with landmarks could be registered")
+        said = carried(self.templates, dense.mean)
+        on_curves = np.setdiff1d(np.arange(len(table.labels)), table.landmark_rows)
+        self._mistakes, self._wrong = order_mistakes(_without(said, np.s_[:, on_curves]))
+        self.trust = template_trust(_without(said, self._wrong))
+        known = np.isfinite(said).all(axis=2).any(axis=0)
+        self._contradicted = known & ~self.trust.any(axis=0)
+        self.templates = [
+            replace(item, trust=own) for item, own in zip(self.templates, self.trust, strict=True)
+        ]
+        copies = [(item, dense.completed[item.shape]) for item in self.templates]
+        self._holds = {
+            item.shape: holds(item.places.on(copy), copy, dense.faces, radius)[0]
+            for item, copy in copies
+        }
+        self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
+        self._scale = {
+            name: float(scale)
+            for name, scale in zip(collection.names, collection.scales, strict=True)
+        }
+
+    def same_places(self) -> dict[str, dict[str, str]]:
+        """Return labels that a program counted on, by template, with those that other templates have at their places.
+
+        Each is on one side only: a landmark was deleted and placed again.
+        """
+        names = [self._dense.names[item.shape] for item in self.templates]
+        found: dict[str, dict[str, str]] = {}
+        for one in self._mistakes:
+            label, place = (self._labels[row] for row in (one.rows[0], one.places[0]))
+            if one.kind == "renamed" and may_be_one(label, place):
+                at, own, taken = (
+                    (one.template, label, place) if one.decided else (one.other, place, label)
+                )
+                found.setdefault(names[at], {})[own] = taken
+        return found
+
+    def run(
+        self, surface_points: int, progress: ProgressFactory | None = None
+    ) -> TransferredLandmarks:
+        """Predict every specimen, and every template from the others; and spread points over all surfaces."""
+        predicted, errors, evidence = self._leave_one_out()
+        lengths = np.linalg.norm(errors, axis=2)
+        right = _without(lengths, self._wrong)
+        calibration = calibrate(right, evidence)
+        held = [one.held_errors(own) for one, own in zip(evidence, errors, strict=True)]
+        of_held = calibrate(_without(np.array(held), self._wrong), evidence)
+        specimens = each_shown(self._collection.names, "specimens", progress)
+        found = [self._specimen(name, calibration, of_held) for name in specimens]
+        names = tuple(self._dense.names[item.shape] for item in self.templates)
+        unit = np.array([self._scale[name] for name in names])[:, None]
+        rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
+        without = [calibrate(np.delete(right, at, 0), others) for at, others in enumerate(rest)]
+        radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
+        moved = TransferredLandmarks(
+            names=self._collection.names,
+            labels=self._labels,
+            points=read_only(np.stack([points for points, _, _, _ in found])),
+            radii=read_only(np.stack([radius for _, radius, _, _ in found])),
+            ellipsoids=read_only(np.stack([axes for _, _, axes, _ in found])),
+            status=tuple(status for _, _, _, status in found),
+            templates=names,
+            template_trust=read_only(self.trust),
+            left_out_points=read_only(predicted),
+            left_out_errors=read_only(lengths / unit),
+            left_out_radii=read_only(radius / unit),
+            semilandmarks=self._semilandmarks,
+            notes=agreement_notes(
+                self._mistakes,
+                names,
+                self._labels,
+                lengths / unit,
+                self._radius / unit[:, 0],
+                self.trust,
+            ),
+        )
+        return self._with_surface_points(moved, surface_points) if surface_points else moved
+
+    def _leave_one_out(self) -> tuple[FloatArray, FloatArray, list[RadiusEvidence]]:
+        """Predict templates from the others.
+
+        Returns
+        -------
+        points : ndarray, shape (t, l, 3)
+            In the coordinates of each template's file.
+        errors : ndarray, shape (t, l, 3)
+            In the common frame.
+        evidence : list of RadiusEvidence
+        """
+        shape = (len(self.templates), len(self._labels))
+        if len(self.templates) < 2:
+            nothing = np.full(shape[1], np.nan)
+            return (
+                np.full((*shape, 3), np.nan),
+                np.full((*shape, 3), np.nan),
+                [
+                    RadiusEvidence(
+                        spread=nothing,
+                        distance=0.0,
+                        residual=nothing,
+                        unit=1.0,
+                        variation=0.0,
+                        hold=nothing,
+                        slip=nothing,
+                        misfit=nothing,
+                        held=np.full((shape[1], 3, 3), np.nan),
+                        held_slip=nothing,
+                    )
+                ],
+            )
+        predicted, errors, evidence = [], [], []
+        for at, item in enumerate(self.templates):
+            name = self._dense.names[item.shape]
+            points, shown, _ = self.predict(name, self.templates[:at] + self.templates[at + 1 :])
+            predicted.append(self._in_file(name, points))
+            errors.append(self.errors(name, points))
+            evidence.append(shown)
+        return np.array(predicted), np.array(errors), evidence
+
+    def _specimen(
+        self, name: str, calibration: Calibration, of_held: Calibration
+    ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+        """Return points, radii and ellipsoids in the file's unit, and what became of each landmark."""
+        own = self._known.get(name, np.full((len(self._labels), 3), np.nan))
+        placed = np.isfinite(own).all(axis=1)
+        points, radius = np.array(own), np.where(placed, 0.0, np.nan)
+        axes = np.repeat(radius, 9).reshape(-1, 3, 3)
+        reason = self._abstention(name)
+        known = (
+            np.isfinite(np.stack([item.offsets for item in self.templates])).all(axis=2).any(axis=0)
+        )
+        reasons = np.where(known, MISSING_PLACE, UNKNOWN)
+        if reason is None and not placed.all():
+            predicted, evidence, lost = self.predict(name, self.templates)
+            lost = np.where(self._contradicted, CONTRADICTED, lost)
+            vague = beyond_range(calibration, evidence)
+            predicted[(lost != "") | vague] = np.nan
+            reasons = np.where(lost != "", lost, np.where(vague, OUT_OF_RANGE, reasons))
+            points[~placed] = self._in_file(name, predicted)[~placed]
+            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
+            inverse = np.linalg.inv(self._collection.transforms[self._collection.index(name)])
+            axes[~placed] = (ellipsoids(of_held, evidence) @ inverse[:3, :3].T)[~placed]
+            lacking = np.isnan(points).any(axis=1)
+            radius[lacking], axes[lacking] = np.nan, np.nan
+        there = np.isfinite(points).all(axis=1)
+        words = np.where(placed, PLACED, np.where(there, CARRIED, reason or reasons))
+        return points, radius, axes, tuple(words.tolist())
+
+    def _abstention(self, name: str) -> str | None:
+        if name not in self._rows:
+            return NOT_REGISTERED
+        doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
+        return DOUBTFUL_POSE if doubtful else None
+
+    def predict(
+        self, name: str, templates: list[Template]
+    ) -> tuple[FloatArray, RadiusEvidence, NDArray[np.str_]]:
+        """Predict the landmarks of a specimen from some templates.
+
+        Returns
+        -------
+        points : ndarray, shape (l, 3)
+            In the common frame.
+        evidence : RadiusEvidence
+        lost : ndarray of str, shape (l,)
+            Why a landmark has no place on the specimen's surface; empty where it has one.
+        """
+        row, dense, surface = self._rows[name], self._dense, self._surface(name)
+        said = carried(templates, dense.vertices[row])
+        weights = template_weights(templates, row, dense.vertices, dense.quality)
+        mapped, spreads = fuse(said, weights)
+        lost = np.where(off_surface(templates), "", _lost(surface, mapped))
+        mapped = on_surface(mapped, templates, surface.locator)
+        places, misfits = self._local_fits(templates, row, surface)
+        points, _ = fuse(said + FIT.share * (places - said), weights)
+        placed = self._evenly(on_surface(points, templates, surface.locator), templates, surface)
+        held = holds(np.nan_to_num(mapped), dense.completed[row], dense.faces, self._radius)[1]
+        slips = places - mapped
+        seen = np.linalg.norm(np.einsum("lij,tlj->tli", held, slips), axis=2)
+        evidence = RadiusEvidence(
+            spread=spreads,
+            distance=template_distance(templates, row, dense.vertices),
+            residual=mean_of_trusted(templates, at_places(templates, dense.residual[row])),
+            unit=self._radius,
+            variation=self._variation,
+            hold=mean_of_trusted(
+                templates, np.stack([self._holds[item.shape] for item in templates])
+            ),
+            slip=mean_of_trusted(templates, np.linalg.norm(slips, axis=2)),
+            misfit=mean_of_trusted(templates, misfits),
+            held=held,
+            held_slip=np.sqrt(mean_of_trusted(templates, seen**2)),
+        )
+        return placed, evidence, lost
+
+    def errors(self, name: str, points: FloatArray) -> FloatArray:
+        """Return predicted landmarks less a template's own, in the common frame, shape (l, 3)."""
+        return points - self._posed(name, self._known[name])
+
+    def _read_template(self, name: str, points: FloatArray) -> tuple[Template, Surroundings]:
+        """Return a template and the surroundings of its landmarks, which are points (l, 3) of its file."""
+        row, mean = self._rows[name], self._dense.mean
+        surface, posed = self._surface(name), self._posed(name, points)
+        item = template(
+            row, posed, self._dense.completed[row], self._dense.faces, self._radius, surface.locator
+        )
+        return item, Surroundings.of(
+            posed, item.places.on(mean), surface.vertices, mean, self._radius
+        )
+
+    def _local_fits(
+        self, templates: list[Template], row: int, surface: RegistrationSurface
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where rigid fits of what is around landmarks take them, (t, l, 3), and their misfits, (t, l)."""
+        copies, normals = self._dense.completed, surface.normals(surface.vertices)
+        fits = [
+            fit_surroundings(
+                self._around[item.shape],
+                copies[item.shape],
+                copies[row],
+                surface.locator,
+                normals,
+                self._radius,
+            )
+            for item in templates
+        ]
+        return np.stack([places for places, _ in fits]), np.stack([misfit for _, misfit in fits])
+
+    def _evenly(
+        self, placed: FloatArray, templates: list[Template], surface: RegistrationSurface
+    ) -> FloatArray:
+        """Return landmarks (l, 3) with semilandmarks of curves at even distances on the surface."""
+        for curve in self._semilandmarks:
+            rows = list(curve.rows)
+            if curve.kind != "patch" and np.isfinite(placed[rows]).all():
+                spaced = evenly_spaced(placed[rows], len(rows), closed=curve.kind == "closed curve")
+                placed[rows] = on_surface(
+                    spaced, [item.only(rows) for item in templates], surface.locator
+                )
+        return placed
+
+    def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
+        """Add evenly spread vertices of the mean, on the surface of every shape."""
+        mean = Shape.from_arrays(self._dense.mean, self._dense.faces, name="the mean")
+        if num > len(mean.vertices):
+            raise InputError(
+                f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for"
+            )
+        chosen = farthest_points(mean, num, metric="euclidean")
+        places, words = [], []
+        for at, name in enumerate(self._collection.names):
+            reason = self._abstention(name)
+            points, lost = np.full((num, 3), np.nan), np.full(num, reason or "")
+            if reason is None:
+                copies = self._dense.vertices[self._rows[name]][chosen]
+                surface = self._surface(name)
+                lost = _lost(surface, copies)
+                there = np.isfinite(copies).all(axis=1) & (lost == "")
+                points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
+                points = moved_by(np.linalg.inv(self._collection.transforms[at]), points)
+            places.append(points)
+            why = np.where(lost == "", NO_COUNTERPART, lost)
+            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, why).tolist())
+        rows = SemilandmarkRows(
+            SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num))
+        )
+        nothing = np.full((len(self._collection.names), num), np.nan)
+        left_out = np.full((len(carried.templates), num), np.nan)
+        no_place = np.repeat(left_out[..., None], 3, axis=2)
+        return replace(
+            carried,
+            labels=(*self._labels, *(f"{SURFACE}-{number}" for number in range(1, num + 1))),
+            points=read_only(np.concatenate([carried.points, np.stack(places)], axis=1)),
+            radii=read_only(np.concatenate([carried.radii, nothing], axis=1)),
+            ellipsoids=read_only(
+                np.concatenate(
+                    [carried.ellipsoids, np.full((*nothing.shape, 3, 3), np.nan)], axis=1
+                )
+            ),
+            status=tuple((*own, *more) for own, more in zip(carried.status, words, strict=True)),
+            template_trust=read_only(
+                np.concatenate([carried.template_trust, np.zeros_like(left_out)], axis=1)
+            ),
+            left_out_points=read_only(np.concatenate([carried.left_out_points, no_place], axis=1)),
+            left_out_errors=read_only(np.concatenate([carried.left_out_errors, left_out], axis=1)),
+            left_out_radii=read_only(np.concatenate([carried.left_out_radii, left_out], axis=1)),
+            semilandmarks=(*self._semilandmarks, rows),
+        )
+
+    def _surface(self, name: str) -> RegistrationSurface:
+        """Read a specimen's surface, as its file has it, in the common frame."""
+        at = self._collection.index(name)
+        cleaning = CleaningOptions(inner=self._collection.options.cleaning.inner)
+        shape = read_shape(self._collection.file(at), cleaning, name=name).transformed(
+            self._collection.transforms[at]
+        )
+        return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
+
+    def _posed(self, name: str, points: FloatArray) -> FloatArray:
+        return moved_by(self._collection.transforms[self._collection.index(name)], points)
+
+    def _in_file(self, name: str, points: FloatArray) -> FloatArray:
+        return moved_by(
+            np.linalg.inv(self._collection.transforms[self._collection.index(name)]), points
+        )
+
+
+def _without(values: FloatArray, where: Any) -> FloatArray:
+    """Return a copy with NaN in some places."""
+    left = np.array(values)
+    left[where] = np.nan
+    return left
+
+
+def _lost(surface: RegistrationSurface, points: FloatArray) -> NDArray[np.str_]:
+    """Return why points that are known have no place on a surface, shape (l,); empty where they have one."""
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    distances, on_rim = nearest_on(surface, np.where(known[:, None], points, surface.vertices[0]))
+    beyond = known & lies_beyond(distances, on_rim, surface.radius)
+    return np.where(beyond, np.where(on_rim, NO_COUNTERPART, NOT_REACHED), "")

@@ -1,0 +1,105 @@
+"""Sliding against a dense computation of its own, and what must hold of any of it."""
+
+import numpy as np
+import pytest
+
+from collalign.analysis.procrustes import best_rotations, generalized_procrustes, unit_size
+from collalign.analysis.sliding import bending_matrix, slide_semilandmarks
+from data_tools.errors import InputError, OptionsError
+from data_tools.rotations import random_rotation
+
+NUM = 12
+#: Ends and four landmarks off the curve stay.
+SLIDERS = np.column_stack([np.arange(NUM - 2), np.arange(1, NUM - 1), np.arange(2, NUM)])
+FIXED = np.array([[1.0, 1.0, 1.0], [-1.0, 0.5, 1.5], [0.5, -1.0, -1.0], [2.0, 0.0, 0.5]])
+
+
+def shapes(rng, uneven=0.0, num=5):
+    """Return arcs with landmarks beside them, in any pose and size; points of each are spaced unevenly."""
+    made = []
+    for _ in range(num):
+        angles = np.linspace(0, 2, NUM)
+        angles[1:-1] += uneven * rng.uniform(-1, 1, NUM - 2) * (angles[1] - angles[0])
+        stretch = 1 + 0.05 * rng.standard_normal(3)
+        curve = np.column_stack([np.cos(angles), np.sin(angles), 0.2 * angles])
+        both = np.concatenate([curve, FIXED]) * stretch
+        made.append(rng.uniform(0.5, 2) * both @ random_rotation(rng).T + rng.random(3))
+    return np.array(made)
+
+
+def dense_round(points, criterion):
+    """Return one round of sliding by matrices of all 3 l coordinates, written as in Gunz et al. 2005."""
+    aligned = generalized_procrustes(points)
+    mean, num = aligned.mean(axis=0), points.shape[1]
+    kernel = np.linalg.norm(mean[:, None] - mean, axis=2)
+    affine = np.column_stack([np.ones(num), mean])
+    system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
+    one = -np.linalg.inv(system)[:num, :num] if criterion == "bending" else np.eye(num)
+    energy = np.kron(np.eye(3), one)
+    slid = []
+    for shape in aligned:
+        tangents = np.zeros((3 * num, len(SLIDERS)))
+        for column, (before, at, after) in enumerate(SLIDERS):
+            way = shape[after] - shape[before]
+            tangents[[at, num + at, 2 * num + at], column] = way / np.linalg.norm(way)
+        away = (shape - mean).T.ravel()
+        lengths = -np.linalg.solve(tangents.T @ energy @ tangents, tangents.T @ energy @ away)
+        slid.append(shape + (tangents @ lengths).reshape(3, num).T)
+    return np.array(slid)
+
+
+def apart(shapes, others):
+    """Return the largest distance of a point from that of another shape, both superimposed by themselves."""
+    one, other = unit_size(shapes), unit_size(others)
+    turned = one @ np.swapaxes(best_rotations(other, one), 1, 2)
+    return np.linalg.norm(turned - other, axis=2).max()
+
+
+@pytest.mark.parametrize("criterion", ["bending", "procrustes"])
+def test_a_round_is_that_of_a_dense_computation(rng, criterion, monkeypatch):
+    monkeypatch.setattr("collalign.analysis.sliding._MAX_ROUNDS", 1)
+    points = shapes(rng, uneven=0.4)
+    expected = dense_round(points, criterion)
+    assert apart(slide_semilandmarks(points, SLIDERS, criterion=criterion), expected) < 1e-9
+    assert apart(points, expected) > 1e-3
+
+
+@pytest.mark.parametrize("criterion", ["bending", "procrustes"])
+def test_semilandmarks_that_slid_apart_come_together_and_landmarks_stay(rng, criterion):
+    points = shapes(rng, uneven=0.6)
+    slid = slide_semilandmarks(points, SLIDERS, criterion=criterion)
+    spread = [generalized_procrustes(one).std(axis=0)[1 : NUM - 1].mean() for one in (points, slid)]
+    assert spread[1] < 0.6 * spread[0]
+    np.testing.assert_array_equal(
+        slid[:, [0, NUM - 1, *range(NUM, NUM + 4)]], points[:, [0, NUM - 1, *range(NUM, NUM + 4)]]
+    )
+
+
+def test_points_of_surfaces_slide_in_their_tangent_planes(rng):
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 5)]), axis=-1).reshape(-1, 2)
+    flat = np.column_stack([grid, np.zeros(len(grid))])
+    points = np.array([np.concatenate([flat, FIXED]) for _ in range(4)])
+    inner = np.flatnonzero((np.abs(grid) < 0.9).all(axis=1))
+    points[:, inner, :2] += rng.uniform(-0.2, 0.2, (4, len(inner), 2))
+    slid = slide_semilandmarks(points, [], inner.tolist())
+    np.testing.assert_allclose(slid[:, inner, 2], 0.0, atol=1e-9)
+    assert slid.std(axis=0)[inner].mean() < 0.5 * points.std(axis=0)[inner].mean()
+
+
+def test_affine_displacements_do_not_bend_and_others_do(rng):
+    reference = rng.standard_normal((10, 3))
+    energy = bending_matrix(reference)
+    assert np.abs(energy @ (reference @ rng.standard_normal((3, 3)) + 1.0)).max() < 1e-9
+    other = rng.standard_normal(10)
+    assert other @ energy @ other > 0
+    assert np.linalg.eigvalsh(energy).min() > -1e-9
+
+
+def test_what_cannot_slide_is_refused(rng):
+    points = shapes(rng)
+    with pytest.raises(InputError, match="at least two shapes"):
+        slide_semilandmarks(points[:1], SLIDERS)
+    with pytest.raises(InputError, match="none of the 16 points"):
+        slide_semilandmarks(points, [[0, 1, 16]])
+    with pytest.raises(OptionsError, match="criterion"):
+        slide_semilandmarks(points, SLIDERS, criterion="least")

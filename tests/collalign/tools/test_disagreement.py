@@ -1,0 +1,92 @@
+"""Tables and picture of what templates disagree on."""
+
+import json
+
+import numpy as np
+import pytest
+
+from collalign.tools.transfer.disagreement import (
+    agreement_figure,
+    agreement_rows,
+    agreement_text,
+    findings,
+)
+from collalign.tools.transfer.result import PLACED, TransferredLandmarks
+from data_tools.notes import Note
+from tests.view_problems import view_of
+
+LABELS = ("LM1", "LM2", "$LM3", "surface-1")
+SWAPPED = Note(
+    "templates-reordered",
+    ("s1",),
+    {"kind": "swapped", "labels": ("LM1", "LM2"), "places": ("LM2", "LM1")},
+)
+FAR = Note("templates-disagree", ("s0", "s1"), {"labels": ("$LM3",), "distances": (0.4,)})
+
+
+@pytest.fixture
+def view():
+    return view_of(3)
+
+
+def transferred(view, *notes):
+    points = np.stack([vertices[[5, 40, 80, 90]] for vertices in view.vertices])
+    shape = points.shape[:2]
+    errors = np.array([[0.1, 0.1, np.nan, np.nan]] * 3)
+    trust = np.array([[1.0, 1.0, 1.0, 0.0]] * 3)
+    return TransferredLandmarks(
+        names=view.names,
+        labels=LABELS,
+        points=points,
+        radii=np.zeros(shape),
+        ellipsoids=np.zeros((*shape, 3, 3)),
+        status=((PLACED,) * 4,) * 3,
+        templates=view.names,
+        template_trust=trust,
+        left_out_points=points + 0.1,
+        left_out_errors=errors,
+        left_out_radii=errors,
+        notes=(Note("landmark-codes", ("s0",), {"labels": ("LM1",)}), *notes),
+    )
+
+
+def named(view, note):
+    return Note(note.code, tuple(view.names[int(name[1])] for name in note.shapes), note.values)
+
+
+def test_findings_name_templates_and_landmarks(view):
+    notes = [named(view, one) for one in (SWAPPED, FAR)]
+    a, b = view.names[:2]
+    found = list(findings(transferred(view, *notes)))
+    assert found == [
+        (b, "LM1", "swapped?"),
+        (b, "LM2", "swapped?"),
+        (a, "$LM3", "far"),
+        (b, "$LM3", "far"),
+    ]
+    assert not list(findings(transferred(view)))
+
+
+def test_the_table_has_every_template_and_landmark_but_no_points_of_the_surface(view):
+    heading, *rows = agreement_rows(transferred(view, named(view, SWAPPED)))
+    assert heading == ["template", "landmark", "distance", "trust", "finding"]
+    assert [row[1] for row in rows] == ["LM1", "LM2", "$LM3"] * 3
+    assert [row[4] for row in rows].count("swapped?") == 2
+    record = json.loads(agreement_text(transferred(view, named(view, SWAPPED))))
+    assert record["landmarks"] == ["LM1", "LM2", "$LM3"]
+    assert record["distance"][0] == [0.1, 0.1, None]
+    assert [one["code"] for one in record["notes"]] == ["templates-reordered"]
+
+
+def test_the_picture_has_a_surface_for_each_template_with_findings_and_a_chart(view, tmp_path):
+    for notes, num in (([SWAPPED], 1), ([SWAPPED, FAR], 2)):
+        found = transferred(view, *[named(view, one) for one in notes])
+        figure = agreement_figure(view, found)
+        surfaces, chart, _ = figure.axes
+        assert len(surfaces.collections) == 1, "all surfaces are drawn at once"
+        texts = [text.get_text() for text in surfaces.texts]
+        assert sum(text in view.names for text in texts) == num
+        assert {"LM1", "LM2"} <= {*texts}
+        assert [text.get_text() for text in chart.get_yticklabels()] == list(view.names)
+        figure.savefig(tmp_path / "picture.png")
+        assert (tmp_path / "picture.png").stat().st_size > 0
