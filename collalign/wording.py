@@ -226,6 +226,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "left-out-of-statistics": lambda of: (
         f"Left out of the statistics: {_with(of, map(reason_text, of.values['reasons']))}."
     ),
+    "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
+    "specimens (Rsq {r2:.3f}).",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
     "mirror-part-fits-better": lambda of: (
@@ -239,6 +241,10 @@ TOOL_TEXTS: dict[str, _Text] = {
         f"{_joined(of.values['files'])}."
     ),
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
+    "sides-compared": "{num} individuals have both sides, {first} and {second}. {individuals:.1%} of the variation "
+    "of shape is among individuals, {directional:.1%} between sides (directional asymmetry, p = {p:.3g}). "
+    "{fluctuating:.1%} is how individuals differ in their sides (fluctuating asymmetry).",
+    "sides-lacking": "One side is lacking of {individuals}. These do not count where sides are compared.",
     "size-not-tested": lambda of: (
         "Size is not tested, because some files are probably in another unit: "
         f"{_each(of, 'times', '{:.3g} times the median')}. Convert them, or leave them out."

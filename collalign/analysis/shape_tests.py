@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -84,13 +85,15 @@ def procrustes_anova(
     terms: Mapping[str, FloatArray],
     *,
     sums: str = SEQUENTIAL,
+    against: Mapping[str, str] = MappingProxyType({}),
     permutations: int = NUM_PERMUTATIONS,
     seed: int = SEED,
 ) -> tuple[AnovaRow, ...]:
     """Split the variation of shapes into what each term of a linear model explains.
 
     Sums of squares are of Procrustes distances to what the model predicts (Goodall). The residuals of the model
-    without a term are permuted among the shapes. F is over the residual mean square of the whole model.
+    without a term are permuted among the shapes. F is over the residual mean square of the whole model, or over that
+    of another term.
 
     Parameters
     ----------
@@ -101,6 +104,8 @@ def procrustes_anova(
     sums : {"I", "II"}
         Sums of squares: sequential, each term beyond those before it (I), or marginal, each beyond all others that do
         not contain it (II). Those of type II do not add up to the total where terms overlap.
+    against : mapping of str to str
+        Terms whose F is over the mean square of another term, for instance of an interaction with a random one.
     permutations, seed : int
         How many random permutations, and the seed of their generator.
 
@@ -128,18 +133,22 @@ def procrustes_anova(
         raise InputError(
             f"terms: {whole.shape[1]} columns leave nothing to compare in {len(values)} shapes"
         )
-    rows = []
+    spaces = {}
     for name in terms:
         before = [terms[other] for other in _reduced(name, [*terms], sums)]
         low, high = (_basis(columns, len(values)) for columns in (before, [*before, terms[name]]))
-        own = high[:, low.shape[1] :]
+        spaces[name] = low, high[:, low.shape[1] :]
+    rows = []
+    for name, (low, own) in spaces.items():
         rest = values - low @ (low.T @ values)
-        squares = np.array([((own.T @ rest[order]) ** 2).sum() for order in orders])
-        residual = (rest**2).sum() - np.array(
-            [((whole.T @ rest[order]) ** 2).sum() for order in orders]
-        )
+        squares = _squares(own, rest, orders)
+        if name in against:
+            error = spaces[against[name]][1]
+            below, df_below = _squares(error, rest, orders), error.shape[1]
+        else:
+            below, df_below = (rest**2).sum() - _squares(whole, rest, orders), left
         df = own.shape[1]
-        ratios = squares * left / np.maximum(residual * df, np.finfo(float).tiny)
+        ratios = squares * df_below / np.maximum(below * df, np.finfo(float).tiny)
         found = Effects.of(ratios[:, None] if df else np.full((1, 1), np.nan))
         f, z, p = (float(one[0]) for one in (found.values, found.z, found.p))
         rows.append(AnovaRow(effect=name, df=df, sum_of_squares=float(squares[0]), f=f, z=z, p=p))
@@ -338,6 +347,11 @@ def _reduced(term: str, terms: Sequence[str], sums: str) -> list[str]:
         return list(terms[: terms.index(term)])
     own = {*term.split(":")}
     return [other for other in terms if other != term and not own <= {*other.split(":")}]
+
+
+def _squares(basis: FloatArray, values: FloatArray, orders: IntArray) -> FloatArray:
+    """Return the sum of squares of values (N, m), in each order, along orthonormal columns (N, c)."""
+    return np.array([((basis.T @ values[order]) ** 2).sum() for order in orders])
 
 
 def _basis(terms: Iterable[FloatArray], num: int) -> FloatArray:

@@ -30,6 +30,7 @@ from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
+from collalign.tools.variation.repeats import check_individuals, repeat_tests
 from collalign.tools.variation.shape_model import ShapeTestOptions, settled_columns
 from collalign.tools.variation.shape_statistics import check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
@@ -64,6 +65,7 @@ def write_surface_variation(
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
+    sides: Sequence[str] | None = None,
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
     without_posture: bool = False,
@@ -90,7 +92,9 @@ def write_surface_variation(
         For bilateral shapes: symmetric and asymmetric components. The mirror plane is that of the pairs of landmarks
         (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
     individuals : sequence of str, optional
-        Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
+        Whom each shape of the result belongs to, "" where unknown. Replicates tell the error of measurement.
+    sides : sequence of str, optional
+        Left or right of each shape, where these are shapes of their own: both sides of individuals are compared.
     exclude : sequence of str
         Names of shapes that do not count.
     include_doubtful : bool
@@ -114,7 +118,8 @@ def write_surface_variation(
     Raises
     ------
     InputError
-        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each.
+        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each; or
+        individuals and sides leave nothing to compare.
     CollectionError
         If fewer than two shapes are complete and sure, or can be registered.
 
@@ -136,7 +141,12 @@ def write_surface_variation(
     labelled, dropped = _labelled(collection, labels)
     if labels is not None:
         collection = without_label_notes(collection)
-    test_options = settled_columns(test_options, labelled, collection.names)
+    grouped = {
+        column: values
+        for column, values in labelled.items()
+        if individuals is None or tuple(values) != tuple(individuals)
+    }
+    test_options = settled_columns(test_options, grouped, collection.names)
     collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
     inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
     refuse_overlap(Path(to), {*collection.inputs, *inputs})
@@ -144,10 +154,14 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    compared, differences = compare_members(collection, who, labelled, numbers=test_options.numbers)
+    check_individuals(
+        *(_of_rows(values, who.chosen.tolist()) for values in (individuals, sides)),
+        symmetric=symmetry is not None,
+    )
+    compared, differences = compare_members(collection, who, grouped, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
-    check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
+    check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
@@ -158,7 +172,13 @@ def write_surface_variation(
         posture = [Note("posture-taken-out", values={"parts": ", ".join(kinds)})]
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
-    tested = shape_tests(found, columns, test_options)
+    tested = shape_tests(found, {column: columns[column] for column in grouped}, test_options)
+    how = {"permutations": test_options.permutations, "seed": test_options.seed}
+    owners, ways = _of_rows(individuals, rows), _of_rows(sides, rows)
+    repeated = list[Note]()
+    if owners is not None:
+        tables, repeated = repeat_tests(vertices, owners, ways, **how)
+        tested = replace(tested, tables={**tested.tables, **tables})
     if compared:
         tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
     marked, notes = _marked(collection, dense, found.mean, landmarks)
@@ -167,6 +187,7 @@ def write_surface_variation(
     ]  # of all shapes, not of those that count
     said = [
         *posture,
+        *repeated,
         *who.notes,
         *differences,
         *(one.note for one in who.copies),
@@ -185,9 +206,8 @@ def write_surface_variation(
             vertices,
             counterparts,
             mirrored=collection.reflected[rows],
-            individuals=None if individuals is None else [individuals[at] for at in rows],
-            permutations=test_options.permutations,
-            seed=test_options.seed,
+            individuals=owners,
+            **how,
         )
         doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
         found = replace(found, notes=(*doubts, *found.notes))
@@ -206,6 +226,8 @@ def write_surface_variation(
             "result": str(collection.folder or ""),
             "tests": asdict(test_options),
             "symmetry": None if symmetry is None else str(symmetry),
+            "individuals": owners,
+            "sides": ways,
             "templates": sorted(map(str, landmarks)),
             "exclude": exclude,
             "include_doubtful": include_doubtful,
@@ -217,6 +239,10 @@ def write_surface_variation(
         },
     )
     return found
+
+
+def _of_rows(values: Sequence[str] | None, rows: Sequence[int]) -> list[str] | None:
+    return None if values is None else [values[at] for at in rows]
 
 
 def _labelled(
