@@ -148,6 +148,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "asymmetry-uncertain": "The directional asymmetry ({directional:.2g} radii) is not larger than the error of "
     "finding the other side ({error:.2g} radii). All specimens share this error. Do not report the asymmetry unless "
     "landmarks show it too.",
+    "blocks-carried": "The mean surface carries the landmarks of the blocks to all shapes, because some have none of "
+    "their own.",
+    "blocks-compared": "Integration of {first} and {second}: r-PLS {r:.3f}, Z {z:.2f}, P {p:.3g}.",
     "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
     "specimens are reflected. The table of specimens has the centroid sizes.",
     "coordinates-procrustes": "Coordinates: superimposed at unit centroid size. {num_reflected} of {total} specimens "

@@ -55,11 +55,16 @@ class Effects:
     @property
     def holm(self) -> FloatArray:
         """The p adjusted to the number of tests by Holm's method, shape (t,)."""
-        order = np.argsort(self.p, kind="stable")
-        raised = np.maximum.accumulate(self.p[order] * np.arange(len(order), 0, -1))
-        adjusted = np.empty(len(order))
-        adjusted[order] = np.minimum(raised, 1.0)
-        return adjusted
+        return holm(self.p)
+
+
+def holm(p: FloatArray) -> FloatArray:
+    """Return p, shape (t,), adjusted to the number of tests by Holm's method, shape (t,)."""
+    order = np.argsort(p, kind="stable")
+    raised = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1))
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.minimum(raised, 1.0)
+    return adjusted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +131,7 @@ def procrustes_anova(
     for fitting linear models to high-dimensional data using residual randomization, MEE 9 (2018).
     """
     check_choice("sums", sums, SUMS_OF_SQUARES)
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     whole = _basis(terms.values(), len(values))
     left = len(values) - whole.shape[1]
     if left < 1:
@@ -194,7 +199,7 @@ def compare_groups(
     ----------
     Zelditch, Swiderski and Sheets, Geometric Morphometrics for Biologists (2012), chapter 10. Collyer and Adams 2018.
     """
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     groups, rows, counts = _groups(labels)
     average = (rows == np.arange(len(groups))[:, None]) / counts[:, None]
     squares = ((values - (average @ values)[rows]) ** 2).sum(axis=1) * (counts / (counts - 1))[rows]
@@ -319,7 +324,7 @@ def _of_coefficients(
     seed: int,
 ) -> Effects:
     """Return a statistic of the coefficients (c, m) of a design; the residuals of a reduced one are permuted."""
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     if np.linalg.matrix_rank(design) < design.shape[1] or len(values) <= design.shape[1]:
         raise InputError(
             f"labels: {len(values)} shapes do not tell {design.shape[1]} columns of the model apart; "
@@ -363,7 +368,7 @@ def _basis(terms: Iterable[FloatArray], num: int) -> FloatArray:
     return fit
 
 
-def _prepared(shapes: FloatArray, permutations: int, seed: int) -> tuple[FloatArray, IntArray]:
+def with_orders(shapes: FloatArray, permutations: int, seed: int) -> tuple[FloatArray, IntArray]:
     """Return centred shapes, and orders of them: that found, then random ones, which no order of files decides."""
     values = shapes - shapes.mean(axis=0)
     ranked = np.argsort((values**2).sum(axis=1), kind="stable")

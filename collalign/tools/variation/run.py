@@ -14,9 +14,7 @@ from collalign.analysis.left_out import HEADING
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.table import landmark_table
-from collalign.landmarks.templates import read_templates, shape_of
+from collalign.landmarks.templates import shape_of
 from collalign.output.collection import Collection
 from collalign.output.label_notes import (
     compare_members,
@@ -26,8 +24,14 @@ from collalign.output.label_notes import (
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
-from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
+from collalign.tools.correspond import dense_correspondence
 from collalign.tools.variation.files import write_variation
+from collalign.tools.variation.landmark_blocks import integration_tests, read_blocks
+from collalign.tools.variation.mean_landmarks import (
+    landmarks_of_all,
+    landmarks_on_mean,
+    posed_landmarks,
+)
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
 from collalign.tools.variation.repeats import check_individuals, repeat_tests
@@ -47,10 +51,8 @@ from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmark_files import Landmarks
-from data_tools.names import by_known_names
 from data_tools.notes import Note
-from data_tools.poses import moved_by
-from data_tools.surface.closest import SurfaceLocator, SurfacePoints
+from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -161,6 +163,8 @@ def write_surface_variation(
     compared, differences = compare_members(collection, who, grouped, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
+    points, posed, notes = posed_landmarks(collection, landmarks)
+    blocks = read_blocks(test_options.blocks, points)
     check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
@@ -175,19 +179,27 @@ def write_surface_variation(
     tested = shape_tests(found, {column: columns[column] for column in grouped}, test_options)
     how = {"permutations": test_options.permutations, "seed": test_options.seed}
     owners, ways = _of_rows(individuals, rows), _of_rows(sides, rows)
-    repeated = list[Note]()
+    results = list[Note]()
     if owners is not None:
-        tables, repeated = repeat_tests(vertices, owners, ways, **how)
+        tables, results = repeat_tests(vertices, owners, ways, **how)
         tested = replace(tested, tables={**tested.tables, **tables})
     if compared:
         tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
-    marked, notes = _marked(collection, dense, found.mean, landmarks)
+    marked = points, landmarks_on_mean(dense, found.mean, posed, len(points))
+    if blocks:
+        needed = [row for of_block in blocks.values() for row in of_block]
+        places, carried = landmarks_of_all(
+            found, vertices, {} if without_posture else posed, marked, needed
+        )
+        tables, integrated = integration_tests(found.names, places, blocks, **how)
+        results += [*integrated, *carried]
+        tested = replace(tested, tables={**tested.tables, **tables})
     before = [
         note for note in who.not_said_by(collection.notes) if note.code != "copies"
     ]  # of all shapes, not of those that count
     said = [
         *posture,
-        *repeated,
+        *results,
         *who.notes,
         *differences,
         *(one.note for one in who.copies),
@@ -258,34 +270,6 @@ def _labelled(
     return table.columns_for(collection.names), table.mismatches(collection.names)
 
 
-def _marked(
-    collection: Collection,
-    dense: DenseCorrespondence,
-    mean: FloatArray,
-    landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
-) -> tuple[tuple[tuple[str, ...], FloatArray], tuple[Note, ...]]:
-    """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
-    if not landmarks:
-        return ((), np.empty((0, 3))), ()
-    given = (
-        dict(landmarks)
-        if isinstance(landmarks, Mapping)
-        else read_templates(landmarks, collection.names)
-    )
-    given = by_known_names("landmarks", given, collection.names)
-    transforms = {name: collection.transforms[collection.index(name)] for name in given}
-    files = {name: collection.file(collection.index(name)) for name in given}
-    surfaces = tuple(
-        (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
-    )
-    placed, notes, _ = place_templates(given, files, surfaces)
-    table = landmark_table(placed, transforms)
-    alone = table.landmark_rows
-    posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}
-    said = (*notes, *table.notes)
-    return (tuple(table.labels[row] for row in alone), _on_mean(dense, mean, posed)), said
-
-
 def _counterparts(
     found: SurfaceVariation,
     symmetry: str | Path | Sequence[tuple[str, str]],
@@ -305,21 +289,3 @@ def _counterparts(
     numbers = np.cumsum(known) - 1
     centred = points[known] - points[known].mean(axis=0)
     return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]]))
-
-
-def _on_mean(
-    dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]
-) -> FloatArray:
-    """Return the mean place of every landmark on the mean surface, over the specimens that have it, shape (l, 3)."""
-    places = []
-    for name, points in known.items():
-        if name in dense.names:
-            row = dense.names.index(name)
-            copy = dense.completed[row]
-            has = np.asarray(np.isfinite(points).all(axis=1))[:, None]
-            found = SurfaceLocator(copy, dense.faces).closest(np.where(has, points, copy[0]))
-            places.append(np.where(has, found.on(mean), np.nan))
-    stacked = np.array(places).reshape(len(places), -1, 3)
-    there = np.isfinite(stacked)
-    total = np.where(there, stacked, 0.0).sum(axis=0)
-    return np.asarray(np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan))
