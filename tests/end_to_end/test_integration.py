@@ -101,3 +101,63 @@ def test_blocks_that_are_none_are_refused_before_anything_is_registered(made, tm
     wrong = (BLOCKS[0], "right=b 0..d 4", "--landmarks", files[0])
     assert "no landmark is called 'd 4'" in run_command(*words, *wrong, ends=2).err
     assert not (tmp_path / "out").exists()
+
+
+def test_landmarks_of_shapes_that_do_not_count_are_no_blocks(made, tmp_path):
+    result, files = made
+    with pytest.raises(InputError, match="no shape that counts has a 0"):
+        collalign.write_surface_variation(
+            result,
+            tmp_path / "out",
+            landmarks=files[:1],
+            exclude=[files[0].name.split(".")[0]],
+            tests={"blocks": BLOCKS, "permutations": 99},
+            run=collalign.RunOptions(jobs=1, store=result / "store.sqlite"),
+        )
+
+
+#: Standard deviation of the second digitisation, in the unit of the files; of one landmark it is ten times as much.
+HAND, SHAKY = 0.002, 7
+
+
+def digitised_again(files, folder, skip=0):
+    """Write files of landmarks that were placed again, but for the first ones, and return them."""
+    rng = np.random.default_rng(12)
+    folder.mkdir()
+    for file in files[skip:]:
+        marks = json.loads(file.read_text())
+        for at, control in enumerate(marks["markups"][0]["controlPoints"]):
+            error = HAND * (10 if at == SHAKY else 1) * rng.standard_normal(3)
+            control["position"] = (np.array(control["position"]) + error).tolist()
+        (folder / file.name).write_text(json.dumps(marks))
+    return sorted(folder.iterdir())
+
+
+def test_landmarks_that_were_placed_again_tell_the_error_of_the_hand(made, tmp_path):
+    result, files = made
+    again = digitised_again(files, tmp_path / "again", skip=2)
+    words = ("variation", result, "--jobs", 1, "--permutations", 99, "--to", tmp_path / "out")
+    said = run_command(*words, "--landmarks", *files, "--repeats", *again)
+    assert "from 22 measurements of 12 specimens" in said.err
+    folder = tmp_path / "out" / "statistics"
+    errors = {
+        row["landmark"]: float(row["error"])
+        for row in csv.DictReader((folder / "digitisation.csv").open())
+    }
+    assert max(errors, key=errors.get) == LABELS[SHAKY]
+    others = [error for name, error in errors.items() if name != LABELS[SHAKY]]
+    np.testing.assert_allclose(np.median(others), HAND * np.sqrt(3 / 2), rtol=0.2)
+    (row, *_) = csv.DictReader((folder / "measurement_error.csv").open())
+    assert 0.9 < float(row["repeatability"]) < 1
+    counts = [row["measurements"] for row in csv.DictReader((folder / "repeats.csv").open())]
+    assert sorted(counts) == ["1"] * 2 + ["2"] * 10
+
+
+def test_repeats_without_a_first_digitisation_are_refused(made, tmp_path):
+    result, files = made
+    words = ("variation", result, "--to", tmp_path / "out", "--repeats")
+    assert "name the files of the first" in run_command(*words, *files, ends=2).err
+    again = digitised_again(files[:1], tmp_path / "again")
+    one = (again[0], "--landmarks", files[1])
+    assert "measured twice" in run_command(*words, *one, ends=2).err
+    assert not (tmp_path / "out").exists()

@@ -55,6 +55,7 @@ def variation(
     symmetry: str | None = None,
     individuals: Annotated[str | None, Parameter(name=("--individuals", "--individual"))] = None,
     side: str | None = None,
+    repeats: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     tests: Annotated[
         ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())
     ] = ShapeTestOptions(),  # noqa: B008
@@ -87,6 +88,9 @@ def variation(
     side
         Column of the labels that says left and right, where these are shapes of their own: the Procrustes ANOVA of
         individuals, sides and both, and the asymmetry of each individual.
+    repeats
+        Landmark files of further digitisations, each in a folder of its own and called like its shape: the error of
+        placing landmarks. With ``--side``, sides are compared by the landmarks.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
     without_posture
@@ -115,6 +119,7 @@ def variation(
             symmetry=symmetry,
             individuals=owners,
             sides=ways,
+            repeats=repeats or (),
             exclude=exclude,
             include_doubtful=include_doubtful,
             without_posture=without_posture,

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from collalign.analysis.paired_sides import check_repeats
+from collalign.analysis.procrustes import MIN_LABELS
+from collalign.analysis.symmetry import means_of_rows
 from collalign.landmarks.on_surface import place_templates
 from collalign.landmarks.table import landmark_table
 from collalign.landmarks.templates import read_templates
@@ -64,6 +68,95 @@ def posed_landmarks(
     alone = table.landmark_rows
     posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}
     return tuple(table.labels[row] for row in alone), posed, (*notes, *table.notes)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Digitised:
+    """Landmarks that were placed several times.
+
+    Attributes
+    ----------
+    landmarks : tuple of str, length l
+        Those that every digitisation has.
+    shapes : tuple of str, length M
+        Of each configuration; those that were placed again are there several times.
+    points : ndarray, shape (M, l, 3)
+        In the common frame, in the unit of each file.
+    """
+
+    landmarks: tuple[str, ...]
+    shapes: tuple[str, ...]
+    points: FloatArray
+
+    @property
+    def errors(self) -> FloatArray:
+        """Standard deviation of each landmark about its mean on each shape, root of the sum of axes, shape (l,)."""
+        _, rows, counts = np.unique(self.shapes, return_inverse=True, return_counts=True)
+        apart = self.points - means_of_rows(self.points, rows, counts)[rows]
+        return np.asarray(np.sqrt((apart**2).sum(axis=(0, 2)) / (counts - 1).sum()))
+
+
+def digitised_again(
+    collection: Collection,
+    first: tuple[Sequence[str], Mapping[str, FloatArray]],
+    repeats: Sequence[Mapping[str, Landmarks]] | Sequence[str | Path],
+    counted: Container[str],
+) -> tuple[Digitised, tuple[Note, ...]]:
+    """Join several digitisations of the landmarks of the same shapes.
+
+    Parameters
+    ----------
+    collection : Collection
+    first : (names, posed)
+        The first digitisation, see :func:`posed_landmarks`.
+    repeats : sequence of mapping of name to Landmarks, or of path
+        The others; the files of each are in a folder of their own.
+    counted : container of str
+        Shapes that count. Configurations that lack a landmark do not.
+
+    Returns
+    -------
+    digitised : Digitised
+    notes : tuple of Note
+        What there is to say about the files.
+
+    Raises
+    ------
+    InputError
+        If there is no first digitisation, too few landmarks are in all, or no shape that counts was placed again.
+    """
+    if not first[0]:
+        raise InputError(
+            "repeats: are of landmarks; name the files of the first digitisation (landmarks)"
+        )
+    folders = dict[Path, list[Path]]()
+    sessions: list[Mapping[str, Landmarks] | list[Path]] = []
+    for one in repeats:
+        if isinstance(one, Mapping):
+            sessions.append(one)
+        else:
+            folders.setdefault(Path(one).resolve().parent, []).append(Path(one))
+    every, notes = [first], list[Note]()
+    for session in (*sessions, *folders.values()):
+        labels, placed_again, said = posed_landmarks(collection, session)
+        every.append((labels, placed_again))
+        notes += said
+    common = [name for name in first[0] if all(name in names for names, _ in every)]
+    if len(common) < MIN_LABELS:
+        raise InputError(
+            f"repeats: {len(common)} landmarks have the same name in all digitisations, {MIN_LABELS} at least are "
+            f"needed. The first one has {listed(first[0])}"
+        )
+    shapes, points = list[str](), list[FloatArray]()
+    for names, posed in every:
+        rows = [names.index(name) for name in common]
+        for shape, placed in posed.items():
+            if shape in counted and np.isfinite(placed[rows]).all():
+                shapes.append(shape)
+                points.append(placed[rows] / collection.scales[collection.index(shape)])
+    check_repeats(shapes)
+    found = Digitised(landmarks=tuple(common), shapes=tuple(shapes), points=np.array(points))
+    return found, tuple(dict.fromkeys(notes))
 
 
 def landmarks_on_mean(

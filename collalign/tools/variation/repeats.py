@@ -22,7 +22,11 @@ from data_tools.notes import Note, Value
 
 
 def check_individuals(
-    individuals: Sequence[str] | None, sides: Sequence[str] | None, *, symmetric: bool
+    individuals: Sequence[str] | None,
+    sides: Sequence[str] | None,
+    *,
+    symmetric: bool,
+    repeated: bool,
 ) -> None:
     """Refuse what :func:`repeat_tests` could not compare, before the surfaces are registered.
 
@@ -31,6 +35,8 @@ def check_individuals(
     individuals, sides : sequence of str, length N, or None
     symmetric : bool
         Asymmetry within each shape is asked for, so individuals need not have several shapes.
+    repeated : bool
+        Landmarks were placed several times, so they need not either.
 
     Raises
     ------
@@ -47,15 +53,16 @@ def check_individuals(
         )
     if individuals is not None and sides is not None:
         with_both_sides(individuals, sides)
-    elif individuals is not None and not symmetric:
+    elif individuals is not None and not symmetric and not repeated:
         check_repeats(individuals)
 
 
 def repeat_tests(
-    vertices: FloatArray,
+    points: FloatArray,
     individuals: Sequence[str],
     sides: Sequence[str] | None,
     *,
+    units: Sequence[str] | None = None,
     permutations: int,
     seed: int,
 ) -> tuple[dict[str, Rows], list[Note]]:
@@ -63,10 +70,12 @@ def repeat_tests(
 
     Parameters
     ----------
-    vertices : ndarray, shape (N, v, 3)
-        Of which those of one side are mirrored already.
+    points : ndarray, shape (N, k, 3)
+        Surfaces, or landmarks, of which those of one side are mirrored already.
     individuals, sides : sequence of str, length N
         As in :func:`collalign.analysis.paired_sides.paired_sides`.
+    units : sequence of str, length N, optional
+        What was measured again; by default individuals, or each side of them.
     permutations, seed : int
         Of every test.
 
@@ -78,18 +87,19 @@ def repeat_tests(
         The results in words, and whose sides are lacking.
     """
     tables, notes = dict[str, Rows](), list[Note]()
-    units = list(individuals)
+    measured = list(individuals)
     if sides is not None:
-        found = paired_sides(vertices, individuals, sides, permutations=permutations, seed=seed)
+        found = paired_sides(points, individuals, sides, permutations=permutations, seed=seed)
         tables |= _side_tables(found)
         notes += _side_notes(found)
-        units = [
+        measured = [
             f"{who} {side}" if who and side else ""
             for who, side in zip(individuals, sides, strict=True)
         ]
-    known = [unit for unit in units if unit]
+    measured = measured if units is None else list(units)
+    known = [unit for unit in measured if unit]
     if 1 < len({*known}) < len(known):
-        error = measurement_error(vertices, units, permutations=permutations, seed=seed)
+        error = measurement_error(points, measured, permutations=permutations, seed=seed)
         tables |= _error_tables(error)
         notes.append(_error_note(error))
     return tables, notes

@@ -28,6 +28,7 @@ from collalign.tools.correspond import dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.landmark_blocks import integration_tests, read_blocks
 from collalign.tools.variation.mean_landmarks import (
+    digitised_again,
     landmarks_of_all,
     landmarks_on_mean,
     posed_landmarks,
@@ -36,7 +37,7 @@ from collalign.tools.variation.mirror import landmark_partners, mirror_map, read
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
 from collalign.tools.variation.repeats import check_individuals, repeat_tests
 from collalign.tools.variation.shape_model import ShapeTestOptions, settled_columns
-from collalign.tools.variation.shape_statistics import check_tests, shape_tests
+from collalign.tools.variation.shape_statistics import Rows, check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceVariation,
     mirror_error,
@@ -68,6 +69,7 @@ def write_surface_variation(
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
     sides: Sequence[str] | None = None,
+    repeats: Sequence[Mapping[str, Landmarks]] | Sequence[str | Path] = (),
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
     without_posture: bool = False,
@@ -97,6 +99,9 @@ def write_surface_variation(
         Whom each shape of the result belongs to, "" where unknown. Replicates tell the error of measurement.
     sides : sequence of str, optional
         Left or right of each shape, where these are shapes of their own: both sides of individuals are compared.
+    repeats : sequence of mapping of name to Landmarks, or of path
+        Further digitisations of the landmarks, for the error of placing them; the files of each are in a folder of
+        their own. Sides are then compared by these landmarks.
     exclude : sequence of str
         Names of shapes that do not count.
     include_doubtful : bool
@@ -150,8 +155,7 @@ def write_surface_variation(
     }
     test_options = settled_columns(test_options, grouped, collection.names)
     collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
-    inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
-    refuse_overlap(Path(to), {*collection.inputs, *inputs})
+    refuse_overlap(Path(to), {*collection.inputs, *_files_of(landmarks), *_files_of(repeats)})
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
@@ -159,12 +163,17 @@ def write_surface_variation(
     check_individuals(
         *(_of_rows(values, who.chosen.tolist()) for values in (individuals, sides)),
         symmetric=symmetry is not None,
+        repeated=bool(repeats),
     )
     compared, differences = compare_members(collection, who, grouped, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
     points, posed, notes = posed_landmarks(collection, landmarks)
     blocks = read_blocks(test_options.blocks, points)
+    digitised = None
+    if repeats:
+        digitised, said_again = digitised_again(collection, (points, posed), repeats, counted)
+        notes = tuple(dict.fromkeys([*notes, *said_again]))
     check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
@@ -179,10 +188,26 @@ def write_surface_variation(
     tested = shape_tests(found, {column: columns[column] for column in grouped}, test_options)
     how = {"permutations": test_options.permutations, "seed": test_options.seed}
     owners, ways = _of_rows(individuals, rows), _of_rows(sides, rows)
-    results = list[Note]()
-    if owners is not None:
-        tables, results = repeat_tests(vertices, owners, ways, **how)
-        tested = replace(tested, tables={**tested.tables, **tables})
+    tables, results = dict[str, Rows](), list[Note]()
+    if digitised is not None:
+        at = [collection.index(shape) for shape in digitised.shapes]
+        tables, results = repeat_tests(
+            digitised.points,
+            _of_rows(individuals, at) or digitised.shapes,
+            _of_rows(sides, at),
+            units=digitised.shapes,
+            permutations=test_options.permutations,
+            seed=test_options.seed,
+        )
+        tables["digitisation"] = [
+            ["landmark", "error"],
+            *map(list, zip(digitised.landmarks, digitised.errors.tolist(), strict=True)),
+        ]
+    elif owners is not None:
+        tables, results = repeat_tests(
+            vertices, owners, ways, permutations=test_options.permutations, seed=test_options.seed
+        )
+    tested = replace(tested, tables={**tested.tables, **tables})
     if compared:
         tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
     marked = points, landmarks_on_mean(dense, found.mean, posed, len(points))
@@ -240,6 +265,7 @@ def write_surface_variation(
             "symmetry": None if symmetry is None else str(symmetry),
             "individuals": owners,
             "sides": ways,
+            "repeats": sorted(str(one) for one in repeats if not isinstance(one, Mapping)),
             "templates": sorted(map(str, landmarks)),
             "exclude": exclude,
             "include_doubtful": include_doubtful,
@@ -251,6 +277,16 @@ def write_surface_variation(
         },
     )
     return found
+
+
+def _files_of(
+    landmarks: Mapping[str, Landmarks] | Sequence[Mapping[str, Landmarks]] | Sequence[str | Path],
+) -> list[Path]:
+    return (
+        []
+        if isinstance(landmarks, Mapping)
+        else [shape_of(one)[1] for one in landmarks if not isinstance(one, Mapping)]
+    )
 
 
 def _of_rows(values: Sequence[str] | None, rows: Sequence[int]) -> list[str] | None:
