@@ -160,20 +160,21 @@ def write_surface_variation(
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    check_individuals(
-        *(_of_rows(values, who.chosen.tolist()) for values in (individuals, sides)),
-        symmetric=symmetry is not None,
-        repeated=bool(repeats),
-    )
     compared, differences = compare_members(collection, who, grouped, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
     points, posed, notes = posed_landmarks(collection, landmarks)
     blocks = read_blocks(test_options.blocks, points)
-    digitised = None
+    digitised, measured = None, who.chosen.tolist()
     if repeats:
         digitised, said_again = digitised_again(collection, (points, posed), repeats, counted)
         notes = tuple(dict.fromkeys([*notes, *said_again]))
+        measured = [collection.index(shape) for shape in digitised.shapes]
+    check_individuals(
+        *(_of_rows(values, measured) for values in (individuals, sides)),
+        symmetric=symmetry is not None,
+        repeated=bool(repeats),
+    )
     check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
@@ -190,11 +191,10 @@ def write_surface_variation(
     owners, ways = _of_rows(individuals, rows), _of_rows(sides, rows)
     tables, results = dict[str, Rows](), list[Note]()
     if digitised is not None:
-        at = [collection.index(shape) for shape in digitised.shapes]
         tables, results = repeat_tests(
             digitised.points,
-            _of_rows(individuals, at) or digitised.shapes,
-            _of_rows(sides, at),
+            _of_rows(individuals, measured) or digitised.shapes,
+            _of_rows(sides, measured),
             units=digitised.shapes,
             permutations=test_options.permutations,
             seed=test_options.seed,
