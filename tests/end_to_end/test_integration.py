@@ -157,6 +157,8 @@ def test_repeats_without_a_first_digitisation_are_refused(made, tmp_path):
     result, files = made
     words = ("variation", result, "--to", tmp_path / "out", "--repeats")
     assert "name the files of the first" in run_command(*words, *files, ends=2).err
+    same = (files[1], "--landmarks", *files)
+    assert f"{files[1].name} is the first digitisation" in run_command(*words, *same, ends=2).err
     again = digitised_again(files[:1], tmp_path / "again")
     one = (again[0], "--landmarks", files[1])
     assert "measured twice" in run_command(*words, *one, ends=2).err

@@ -155,7 +155,12 @@ def write_surface_variation(
     }
     test_options = settled_columns(test_options, grouped, collection.names)
     collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
-    refuse_overlap(Path(to), {*collection.inputs, *_files_of(landmarks), *_files_of(repeats)})
+    first, again = _files_of(landmarks), _files_of(repeats)
+    refuse_overlap(Path(to), {*collection.inputs, *first, *again})
+    if twice := {one.resolve() for one in first} & {one.resolve() for one in again}:
+        raise InputError(
+            f"repeats: {min(twice)} is the first digitisation; name the files of another one"
+        )
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
