@@ -167,6 +167,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "asymmetry-uncertain": "The directional asymmetry ({directional:.2g} radii) is not larger than the error of "
     "finding the other side ({error:.2g} radii). All specimens share this error. Do not report the asymmetry unless "
     "landmarks show it too.",
+    "blocks-carried": "The mean surface carries the landmarks of the blocks to all shapes, because some have none of "
+    "their own.",
+    "blocks-compared": "Integration of {first} and {second}: r-PLS {r:.3f}, Z {z:.2f}, P {p:.3g}.",
     "coordinates-aligned": "Coordinates: the common frame with sizes made alike. {num_reflected} of {total} "
     "specimens are reflected. Tables of specimens have centroid sizes. For coordinates of the files, use "
     "--space raw.",
@@ -258,6 +261,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "left-out-of-statistics": lambda of: (
         f"Left out of the statistics: {_with(of, map(reason_text, of.values['reasons']))}."
     ),
+    "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
+    "specimens (Rsq {r2:.3f}).",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
     "mirror-part-fits-better": lambda of: (
@@ -279,6 +284,10 @@ TOOL_TEXTS: dict[str, _Text] = {
     "not-slid": "Semilandmarks of these specimens were not slid, because some of their landmarks are missing: "
     "{shapes}.",
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
+    "sides-compared": "{num} individuals have both sides, {first} and {second}. {individuals:.1%} of the variation "
+    "of shape is among individuals, {directional:.1%} between sides (directional asymmetry, p = {p:.3g}). "
+    "{fluctuating:.1%} is how individuals differ in their sides (fluctuating asymmetry).",
+    "sides-lacking": "One side is lacking of {individuals}. These do not count where sides are compared.",
     "sides-exchanged": "{shapes}: {labels} lie on the other side than the other pairs of left and right landmarks. "
     "Check whether left and right are exchanged.",
     "sides-reordered": "{shapes}: mirrored, the landmarks of one side lie in another order than those of the other "

@@ -18,7 +18,7 @@ from data_tools.threads import one_blas_thread
 
 #: Rounds of superimposition on the mean, at most; it has settled when its squared movement is below this, relative to
 #: its squared size.
-MAX_ROUNDS, SETTLED = 200, 1e-12
+MAX_ROUNDS, SETTLED = 200, 1e-20
 #: Fewest common labels from which a pose in space is determined.
 MIN_LABELS = 3
 

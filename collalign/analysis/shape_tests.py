@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -54,11 +55,16 @@ class Effects:
     @property
     def holm(self) -> FloatArray:
         """The p adjusted to the number of tests by Holm's method, shape (t,)."""
-        order = np.argsort(self.p, kind="stable")
-        raised = np.maximum.accumulate(self.p[order] * np.arange(len(order), 0, -1))
-        adjusted = np.empty(len(order))
-        adjusted[order] = np.minimum(raised, 1.0)
-        return adjusted
+        return holm(self.p)
+
+
+def holm(p: FloatArray) -> FloatArray:
+    """Return p, shape (t,), adjusted to the number of tests by Holm's method, shape (t,)."""
+    order = np.argsort(p, kind="stable")
+    raised = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1))
+    adjusted = np.empty(len(order))
+    adjusted[order] = np.minimum(raised, 1.0)
+    return adjusted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,13 +90,15 @@ def procrustes_anova(
     terms: Mapping[str, FloatArray],
     *,
     sums: str = SEQUENTIAL,
+    against: Mapping[str, str] = MappingProxyType({}),
     permutations: int = NUM_PERMUTATIONS,
     seed: int = SEED,
 ) -> tuple[AnovaRow, ...]:
     """Split the variation of shapes into what each term of a linear model explains.
 
     Sums of squares are of Procrustes distances to what the model predicts (Goodall). The residuals of the model
-    without a term are permuted among the shapes. F is over the residual mean square of the whole model.
+    without a term are permuted among the shapes. F is over the residual mean square of the whole model, or over that
+    of another term.
 
     Parameters
     ----------
@@ -101,6 +109,8 @@ def procrustes_anova(
     sums : {"I", "II"}
         Sums of squares: sequential, each term beyond those before it (I), or marginal, each beyond all others that do
         not contain it (II). Those of type II do not add up to the total where terms overlap.
+    against : mapping of str to str
+        Terms whose F is over the mean square of another term, for instance of an interaction with a random one.
     permutations, seed : int
         How many random permutations, and the seed of their generator.
 
@@ -121,25 +131,29 @@ def procrustes_anova(
     for fitting linear models to high-dimensional data using residual randomization, MEE 9 (2018).
     """
     check_choice("sums", sums, SUMS_OF_SQUARES)
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     whole = _basis(terms.values(), len(values))
     left = len(values) - whole.shape[1]
     if left < 1:
         raise InputError(
             f"terms: {whole.shape[1]} columns leave nothing to compare in {len(values)} shapes"
         )
-    rows = []
+    spaces = {}
     for name in terms:
         before = [terms[other] for other in _reduced(name, [*terms], sums)]
         low, high = (_basis(columns, len(values)) for columns in (before, [*before, terms[name]]))
-        own = high[:, low.shape[1] :]
+        spaces[name] = low, high[:, low.shape[1] :]
+    rows = []
+    for name, (low, own) in spaces.items():
         rest = values - low @ (low.T @ values)
-        squares = np.array([((own.T @ rest[order]) ** 2).sum() for order in orders])
-        residual = (rest**2).sum() - np.array(
-            [((whole.T @ rest[order]) ** 2).sum() for order in orders]
-        )
+        squares = _squares(own, rest, orders)
+        if name in against:
+            error = spaces[against[name]][1]
+            below, df_below = _squares(error, rest, orders), error.shape[1]
+        else:
+            below, df_below = (rest**2).sum() - _squares(whole, rest, orders), left
         df = own.shape[1]
-        ratios = squares * left / np.maximum(residual * df, np.finfo(float).tiny)
+        ratios = squares * df_below / np.maximum(below * df, np.finfo(float).tiny)
         found = Effects.of(ratios[:, None] if df else np.full((1, 1), np.nan))
         f, z, p = (float(one[0]) for one in (found.values, found.z, found.p))
         rows.append(AnovaRow(effect=name, df=df, sum_of_squares=float(squares[0]), f=f, z=z, p=p))
@@ -185,7 +199,7 @@ def compare_groups(
     ----------
     Zelditch, Swiderski and Sheets, Geometric Morphometrics for Biologists (2012), chapter 10. Collyer and Adams 2018.
     """
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     groups, rows, counts = _groups(labels)
     average = (rows == np.arange(len(groups))[:, None]) / counts[:, None]
     squares = ((values - (average @ values)[rows]) ** 2).sum(axis=1) * (counts / (counts - 1))[rows]
@@ -310,7 +324,7 @@ def _of_coefficients(
     seed: int,
 ) -> Effects:
     """Return a statistic of the coefficients (c, m) of a design; the residuals of a reduced one are permuted."""
-    values, orders = _prepared(shapes, permutations, seed)
+    values, orders = with_orders(shapes, permutations, seed)
     if np.linalg.matrix_rank(design) < design.shape[1] or len(values) <= design.shape[1]:
         raise InputError(
             f"labels: {len(values)} shapes do not tell {design.shape[1]} columns of the model apart; "
@@ -340,6 +354,11 @@ def _reduced(term: str, terms: Sequence[str], sums: str) -> list[str]:
     return [other for other in terms if other != term and not own <= {*other.split(":")}]
 
 
+def _squares(basis: FloatArray, values: FloatArray, orders: IntArray) -> FloatArray:
+    """Return the sum of squares of values (N, m), in each order, along orthonormal columns (N, c)."""
+    return np.array([((basis.T @ values[order]) ** 2).sum() for order in orders])
+
+
 def _basis(terms: Iterable[FloatArray], num: int) -> FloatArray:
     """Return orthonormal columns (num, c): the constant, then what each term adds to those before it."""
     fit = np.full((num, 1), num**-0.5)
@@ -349,7 +368,7 @@ def _basis(terms: Iterable[FloatArray], num: int) -> FloatArray:
     return fit
 
 
-def _prepared(shapes: FloatArray, permutations: int, seed: int) -> tuple[FloatArray, IntArray]:
+def with_orders(shapes: FloatArray, permutations: int, seed: int) -> tuple[FloatArray, IntArray]:
     """Return centred shapes, and orders of them: that found, then random ones, which no order of files decides."""
     values = shapes - shapes.mean(axis=0)
     ranked = np.argsort((values**2).sum(axis=1), kind="stable")

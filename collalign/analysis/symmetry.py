@@ -111,7 +111,7 @@ def object_symmetry(
             asymmetric,
             pairing,
             individuals or [str(at) for at in range(len(shapes))],
-            lambda components, counts: _exchange_test(components, counts, permutations, seed),
+            lambda components, counts: exchange_test(components, counts, permutations, seed),
         ),
     )
 
@@ -184,7 +184,7 @@ def _anova(
     asymmetric: FloatArray,
     partner: IntArray,
     individuals: Sequence[str],
-    exchange_test: Callable[[FloatArray, IntArray], Effects],
+    exchange: Callable[[FloatArray, IntArray], Effects],
 ) -> tuple[AnovaRow, ...]:
     """Klingenberg et al. 2002, table 2: sums over configurations and mirror images, two of each."""
     if len(individuals) != len(symmetric):
@@ -193,7 +193,7 @@ def _anova(
         np.array(individuals, dtype=object).astype(str), return_inverse=True, return_counts=True
     )
     num, num_shapes = len(counts), len(symmetric)
-    means = [_group_means(values, rows, counts) for values in (symmetric, asymmetric)]
+    means = [means_of_rows(values, rows, counts) for values in (symmetric, asymmetric)]
     grand = [values.mean(axis=0) for values in (symmetric, asymmetric)]
     across = [
         2 * float(counts @ ((m - g) ** 2).sum(axis=(1, 2)))
@@ -211,7 +211,7 @@ def _anova(
     has_replicates = num_shapes > num
     df_residual = (num_shapes - num) * (df_symmetric + df_asymmetric)
     error = sum(within) / df_residual if has_replicates else float("nan")
-    exchanged = exchange_test(means[1], counts)
+    exchanged = exchange(means[1], counts)
     table = [
         AnovaRow(
             effect="individual",
@@ -247,7 +247,8 @@ def _anova(
     return (*table, AnovaRow(effect="total", df=df, sum_of_squares=total, plain_df=plain))
 
 
-def _group_means(values: FloatArray, rows: IntArray, counts: IntArray) -> FloatArray:
+def means_of_rows(values: FloatArray, rows: IntArray, counts: IntArray) -> FloatArray:
+    """Return the means of values (N, ...) of which each belongs to a row, shape (n, ...); ``counts`` (n,) of each."""
     sums = np.zeros((len(counts), *values.shape[1:]))
     np.add.at(sums, rows, values)
     return np.asarray(sums / counts[:, None, None])
@@ -257,12 +258,22 @@ def _ratio(sum_of_squares: float, df: int, against: float) -> float:
     return sum_of_squares / df / against if df > 0 and against > 0 else float("nan")
 
 
-def _exchange_test(
-    components: FloatArray, counts: IntArray, permutations: int, seed: int
+def exchange_test(
+    components: FloatArray, weights: FloatArray | IntArray, permutations: int, seed: int
 ) -> Effects:
-    """Compare the mean asymmetry with that after random exchanges of the sides of individuals."""
+    """Compare the mean asymmetry with that after random exchanges of the sides of individuals.
+
+    Parameters
+    ----------
+    components : ndarray, shape (n, k, 3)
+        Asymmetry of each individual.
+    weights : ndarray, shape (n,)
+        Of each in the mean.
+    permutations, seed : int
+        As in :func:`object_symmetry`.
+    """
     flat = components.reshape(len(components), -1)
-    gram = (counts[:, None] * counts) * (flat @ flat.T)
+    gram = (weights[:, None] * weights) * (flat @ flat.T)
     signs = np.random.default_rng(seed).choice(
         [-1.0, 1.0], size=(permutations + 1, len(components))
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -53,7 +53,9 @@ def variation(
         ),
     ] = None,
     symmetry: str | None = None,
-    individuals: str | None = None,
+    individuals: Annotated[str | None, Parameter(name=("--individuals", "--individual"))] = None,
+    side: str | None = None,
+    repeats: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     tests: Annotated[
         ShapeTestOptions, Parameter(name="*", consume_multiple=True, negative=())
     ] = ShapeTestOptions(),  # noqa: B008
@@ -81,7 +83,14 @@ def variation(
         For bilateral shapes: symmetric and asymmetric components and their Procrustes ANOVA. Either ``auto``, or a
         CSV file with two landmarks, left and right, in each row; landmarks in none are on the midline.
     individuals
-        Column of the labels that says whom each shape belongs to, where individuals were measured several times.
+        Column of the labels that says whom each shape belongs to, where individuals were measured several times:
+        the repeatability of measurements. With ``--side``: left and right of each individual.
+    side
+        Column of the labels that says left and right, where these are shapes of their own: the Procrustes ANOVA of
+        individuals, sides and both, and the asymmetry of each individual.
+    repeats
+        Landmark files of further digitisations, each in a folder of its own and called like its shape: the error of
+        placing landmarks. With ``--side``, sides are compared by the landmarks.
     include_doubtful
         Let shapes whose pose is in doubt count as well.
     without_posture
@@ -97,9 +106,8 @@ def variation(
     columns = collection.labels
     if labels is not None:
         columns = read_labels(labels).columns_for(collection.names)
-    asked = [] if individuals is None else [individuals]
-    named = known_names("--individuals", asked, columns, kind="column")
-    owners = None if individuals is None else columns[named[individuals]]
+    owners = _column("--individuals", individuals, columns)
+    ways = _column("--side", side, columns)
     to = result / DEFAULT_FOLDER if to is None else to
     with resumable(run, result) as run:
         found = write_surface_variation(
@@ -110,6 +118,8 @@ def variation(
             landmarks=landmarks or (),
             symmetry=symmetry,
             individuals=owners,
+            sides=ways,
+            repeats=repeats or (),
             exclude=exclude,
             include_doubtful=include_doubtful,
             without_posture=without_posture,
@@ -119,6 +129,15 @@ def variation(
         warn(note_text(note))
     say_files([to / PAGE_FILE])
     return 0
+
+
+def _column(
+    option: str, asked: str | None, columns: Mapping[str, Sequence[str]]
+) -> Sequence[str] | None:
+    """Return the labels of the column that an option names; None where it names none."""
+    if asked is None:
+        return None
+    return columns[known_names(option, [asked], columns, kind="column")[asked]]
 
 
 def _classify(

@@ -14,9 +14,7 @@ from collalign.analysis.left_out import HEADING
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.table import landmark_table
-from collalign.landmarks.templates import read_templates, shape_of
+from collalign.landmarks.templates import shape_of
 from collalign.output.collection import Collection
 from collalign.output.label_notes import (
     compare_members,
@@ -26,12 +24,20 @@ from collalign.output.label_notes import (
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
-from collalign.tools.correspond import DenseCorrespondence, dense_correspondence
+from collalign.tools.correspond import dense_correspondence
 from collalign.tools.variation.files import write_variation
+from collalign.tools.variation.landmark_blocks import integration_tests, read_blocks
+from collalign.tools.variation.mean_landmarks import (
+    digitised_again,
+    landmarks_of_all,
+    landmarks_on_mean,
+    posed_landmarks,
+)
 from collalign.tools.variation.mirror import landmark_partners, mirror_map, read_landmark_pairs
 from collalign.tools.variation.posture import at_mean_posture, parts_of_mean
+from collalign.tools.variation.repeats import check_individuals, repeat_tests
 from collalign.tools.variation.shape_model import ShapeTestOptions, settled_columns
-from collalign.tools.variation.shape_statistics import check_tests, shape_tests
+from collalign.tools.variation.shape_statistics import Rows, check_tests, shape_tests
 from collalign.tools.variation.surface_variation import (
     SurfaceVariation,
     mirror_error,
@@ -46,10 +52,8 @@ from data_tools.checks import as_options
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.output_folder import refuse_overlap
 from data_tools.landmark_files import Landmarks
-from data_tools.names import by_known_names
 from data_tools.notes import Note
-from data_tools.poses import moved_by
-from data_tools.surface.closest import SurfaceLocator, SurfacePoints
+from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 
@@ -64,6 +68,8 @@ def write_surface_variation(
     landmarks: Mapping[str, Landmarks] | Sequence[str | Path] = (),
     symmetry: Literal["auto"] | str | Path | Sequence[tuple[str, str]] | None = None,
     individuals: Sequence[str] | None = None,
+    sides: Sequence[str] | None = None,
+    repeats: Sequence[Mapping[str, Landmarks]] | Sequence[str | Path] = (),
     exclude: Sequence[str] = (),
     include_doubtful: bool = False,
     without_posture: bool = False,
@@ -90,7 +96,12 @@ def write_surface_variation(
         For bilateral shapes: symmetric and asymmetric components. The mirror plane is that of the pairs of landmarks
         (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
     individuals : sequence of str, optional
-        Whom each shape of the result belongs to, where some are replicates, which tell asymmetry from errors.
+        Whom each shape of the result belongs to, "" where unknown. Replicates tell the error of measurement.
+    sides : sequence of str, optional
+        Left or right of each shape, where these are shapes of their own: both sides of individuals are compared.
+    repeats : sequence of mapping of name to Landmarks, or of path
+        Further digitisations of the landmarks, for the error of placing them; the files of each are in a folder of
+        their own. Sides are then compared by these landmarks.
     exclude : sequence of str
         Names of shapes that do not count.
     include_doubtful : bool
@@ -114,7 +125,8 @@ def write_surface_variation(
     Raises
     ------
     InputError
-        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each.
+        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each; or
+        individuals and sides leave nothing to compare.
     CollectionError
         If fewer than two shapes are complete and sure, or can be registered.
 
@@ -136,18 +148,39 @@ def write_surface_variation(
     labelled, dropped = _labelled(collection, labels)
     if labels is not None:
         collection = without_label_notes(collection)
-    test_options = settled_columns(test_options, labelled, collection.names)
+    grouped = {
+        column: values
+        for column, values in labelled.items()
+        if individuals is None or tuple(values) != tuple(individuals)
+    }
+    test_options = settled_columns(test_options, grouped, collection.names)
     collection = with_label_notes(collection, labelled, numbers=test_options.numbers)
-    inputs = () if isinstance(landmarks, Mapping) else (shape_of(path)[1] for path in landmarks)
-    refuse_overlap(Path(to), {*collection.inputs, *inputs})
+    first, again = _files_of(landmarks), _files_of(repeats)
+    refuse_overlap(Path(to), {*collection.inputs, *first, *again})
+    if twice := {one.resolve() for one in first} & {one.resolve() for one in again}:
+        raise InputError(
+            f"repeats: {min(twice)} is the first digitisation; name the files of another one"
+        )
     who = statistics_members(collection, exclude=exclude, include_doubtful=include_doubtful)
     if who.too_few(2):
         raise CollectionError(f"variation: {who.too_few(2)}")
     names = [name for name, _ in who.left_out]
-    compared, differences = compare_members(collection, who, labelled, numbers=test_options.numbers)
+    compared, differences = compare_members(collection, who, grouped, numbers=test_options.numbers)
     sizes = dict(zip(collection.names, collection.centroid_sizes.tolist(), strict=True))
     counted = {name: size for name, size in sizes.items() if name not in names}
-    check_tests(test_options, labelled, counted)  # before the registrations, which take minutes
+    points, posed, notes = posed_landmarks(collection, landmarks)
+    blocks = read_blocks(test_options.blocks, points)
+    digitised, measured = None, who.chosen.tolist()
+    if repeats:
+        digitised, said_again = digitised_again(collection, (points, posed), repeats, counted)
+        notes = tuple(dict.fromkeys([*notes, *said_again]))
+        measured = [collection.index(shape) for shape in digitised.shapes]
+    check_individuals(
+        *(_of_rows(values, measured) for values in (individuals, sides)),
+        symmetric=symmetry is not None,
+        repeated=bool(repeats),
+    )
+    check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
@@ -158,15 +191,45 @@ def write_surface_variation(
         posture = [Note("posture-taken-out", values={"parts": ", ".join(kinds)})]
     found = surface_variation(dense.names, dense.faces, vertices)
     columns = {column: tuple(values[at] for at in rows) for column, values in labelled.items()}
-    tested = shape_tests(found, columns, test_options)
+    tested = shape_tests(found, {column: columns[column] for column in grouped}, test_options)
+    how = {"permutations": test_options.permutations, "seed": test_options.seed}
+    owners, ways = _of_rows(individuals, rows), _of_rows(sides, rows)
+    tables, results = dict[str, Rows](), list[Note]()
+    if digitised is not None:
+        tables, results = repeat_tests(
+            digitised.points,
+            _of_rows(individuals, measured) or digitised.shapes,
+            _of_rows(sides, measured),
+            units=digitised.shapes,
+            permutations=test_options.permutations,
+            seed=test_options.seed,
+        )
+        tables["digitisation"] = [
+            ["landmark", "error"],
+            *map(list, zip(digitised.landmarks, digitised.errors.tolist(), strict=True)),
+        ]
+    elif owners is not None:
+        tables, results = repeat_tests(
+            vertices, owners, ways, permutations=test_options.permutations, seed=test_options.seed
+        )
+    tested = replace(tested, tables={**tested.tables, **tables})
     if compared:
         tested = replace(tested, tables={**tested.tables, "left_out": [[*HEADING], *compared]})
-    marked, notes = _marked(collection, dense, found.mean, landmarks)
+    marked = points, landmarks_on_mean(dense, found.mean, posed, len(points))
+    if blocks:
+        needed = [row for of_block in blocks.values() for row in of_block]
+        places, carried = landmarks_of_all(
+            found, vertices, {} if without_posture else posed, marked, needed
+        )
+        tables, integrated = integration_tests(found.names, places, blocks, **how)
+        results += [*integrated, *carried]
+        tested = replace(tested, tables={**tested.tables, **tables})
     before = [
         note for note in who.not_said_by(collection.notes) if note.code != "copies"
     ]  # of all shapes, not of those that count
     said = [
         *posture,
+        *results,
         *who.notes,
         *differences,
         *(one.note for one in who.copies),
@@ -185,9 +248,8 @@ def write_surface_variation(
             vertices,
             counterparts,
             mirrored=collection.reflected[rows],
-            individuals=None if individuals is None else [individuals[at] for at in rows],
-            permutations=test_options.permutations,
-            seed=test_options.seed,
+            individuals=owners,
+            **how,
         )
         doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
         found = replace(found, notes=(*doubts, *found.notes))
@@ -206,6 +268,9 @@ def write_surface_variation(
             "result": str(collection.folder or ""),
             "tests": asdict(test_options),
             "symmetry": None if symmetry is None else str(symmetry),
+            "individuals": owners,
+            "sides": ways,
+            "repeats": sorted(str(one) for one in repeats if not isinstance(one, Mapping)),
             "templates": sorted(map(str, landmarks)),
             "exclude": exclude,
             "include_doubtful": include_doubtful,
@@ -219,6 +284,20 @@ def write_surface_variation(
     return found
 
 
+def _files_of(
+    landmarks: Mapping[str, Landmarks] | Sequence[Mapping[str, Landmarks]] | Sequence[str | Path],
+) -> list[Path]:
+    return (
+        []
+        if isinstance(landmarks, Mapping)
+        else [shape_of(one)[1] for one in landmarks if not isinstance(one, Mapping)]
+    )
+
+
+def _of_rows(values: Sequence[str] | None, rows: Sequence[int]) -> list[str] | None:
+    return None if values is None else [values[at] for at in rows]
+
+
 def _labelled(
     collection: Collection, labels: Mapping[str, Sequence[str]] | str | Path | None
 ) -> tuple[Mapping[str, Sequence[str]], list[Note]]:
@@ -230,34 +309,6 @@ def _labelled(
     table = read_labels(labels)
     table.check_fit(collection.names)
     return table.columns_for(collection.names), table.mismatches(collection.names)
-
-
-def _marked(
-    collection: Collection,
-    dense: DenseCorrespondence,
-    mean: FloatArray,
-    landmarks: Mapping[str, Landmarks] | Sequence[str | Path],
-) -> tuple[tuple[tuple[str, ...], FloatArray], tuple[Note, ...]]:
-    """Return the names of landmarks and their places on the mean, and what there is to say about their files."""
-    if not landmarks:
-        return ((), np.empty((0, 3))), ()
-    given = (
-        dict(landmarks)
-        if isinstance(landmarks, Mapping)
-        else read_templates(landmarks, collection.names)
-    )
-    given = by_known_names("landmarks", given, collection.names)
-    transforms = {name: collection.transforms[collection.index(name)] for name in given}
-    files = {name: collection.file(collection.index(name)) for name in given}
-    surfaces = tuple(
-        (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
-    )
-    placed, notes, _ = place_templates(given, files, surfaces, collection.options.cleaning)
-    table = landmark_table(placed, transforms)
-    alone = table.landmark_rows
-    posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}
-    said = (*notes, *table.notes)
-    return (tuple(table.labels[row] for row in alone), _on_mean(dense, mean, posed)), said
 
 
 def _counterparts(
@@ -279,21 +330,3 @@ def _counterparts(
     numbers = np.cumsum(known) - 1
     centred = points[known] - points[known].mean(axis=0)
     return mirror_map(mean, normal=mirror_normal(centred, numbers[partner[known]]))
-
-
-def _on_mean(
-    dense: DenseCorrespondence, mean: FloatArray, known: Mapping[str, FloatArray]
-) -> FloatArray:
-    """Return the mean place of every landmark on the mean surface, over the specimens that have it, shape (l, 3)."""
-    places = []
-    for name, points in known.items():
-        if name in dense.names:
-            row = dense.names.index(name)
-            copy = dense.completed[row]
-            has = np.asarray(np.isfinite(points).all(axis=1))[:, None]
-            found = SurfaceLocator(copy, dense.faces).closest(np.where(has, points, copy[0]))
-            places.append(np.where(has, found.on(mean), np.nan))
-    stacked = np.array(places).reshape(len(places), -1, 3)
-    there = np.isfinite(stacked)
-    total = np.where(there, stacked, 0.0).sum(axis=0)
-    return np.asarray(np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan))

@@ -37,6 +37,9 @@ class ShapeTestOptions:
         logarithm of centroid size.
     sums_of_squares : str
         I: each term beyond those before it. II: each term beyond all others that do not contain it.
+    blocks : tuple of str
+        Blocks of landmarks that are tested for integration, such as "face=LM1..LM8" or "base=LM9,LM11": names, and
+        ranges in the order of the landmarks.
     permutations : int
         Random permutations of every test; many journals ask for 9999.
     seed : int
@@ -52,6 +55,7 @@ class ShapeTestOptions:
     numbers: tuple[str, ...] = ()
     model: str = ""
     sums_of_squares: str = SEQUENTIAL
+    blocks: tuple[str, ...] = ()
     permutations: int = NUM_PERMUTATIONS
     seed: int = SEED
 

@@ -59,6 +59,20 @@ function method({ sumsOfSquares, permutations, seed }) {
   return `Procrustes ANOVA of whole surfaces at unit centroid size. Sums of squares are ${SUMS[sumsOfSquares]}. p and effect sizes (Z) are by ${permutations} random permutations of residuals (seed ${seed}). Columns of numbers are covariates.`;
 }
 
+// Tables that there are only where somebody asked for them: their headings and captions.
+const ON_REQUEST = [
+  ["sides", "Left and right", "Procrustes ANOVA of individuals and sides"],
+  ["asymmetry", "", "Asymmetry of every individual (Procrustes distance of its sides), and without the directional part"],
+  ["measurement_error", "Measured again", "Procrustes ANOVA of the error of measurement"],
+  ["repeats", "", "How far measurements are from their mean"],
+  ["digitisation", "", "Error of placing each landmark, in the unit of the files"],
+  ["integration", "Blocks of landmarks", "Integration of every two blocks, by partial least squares"],
+];
+
+function onRequest(tables) {
+  return ON_REQUEST.flatMap(([name, title, caption]) => (tables[name] ? [title ? el("h3", null, title) : "", shownTable(caption, tables[name])] : []));
+}
+
 export function statisticsSection(app) {
   const { anova, groups, pairs } = app.variation.tables;
   const said = [...new Set([...ofModel(anova.slice(1)), ...anova.slice(1).map(explains)])].filter(Boolean);
@@ -69,6 +83,7 @@ export function statisticsSection(app) {
     pairs.length > 1 ? el("h3", null, "Groups") : el("p", null, "No labels tell groups of two specimens or more apart. Give a table with --labels."),
     pairs.length > 1 ? shownTable("Means of every two groups, as they are and with size held constant; their disparity and their slopes", pairs) : "",
     groups.length > 1 ? shownTable("Disparity within groups (Procrustes variance)", groups) : "",
+    ...onRequest(app.variation.tables),
     el("p", { class: "muted" }, "The same tables are in the folder statistics."),
   ];
 }

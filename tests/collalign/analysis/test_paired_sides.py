@@ -1,0 +1,298 @@
+"""Left and right of individuals, and repeated measurements, against R, dense sums and what is known."""
+
+import numpy as np
+import pytest
+
+from collalign.analysis.paired_sides import measurement_error, paired_sides
+from data_tools.errors import InputError
+from data_tools.rotations import random_rotation
+from tests.r_expected import check_expected, landmark_shapes
+
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def by_effect(anova):
+    return {row.effect: row for row in anova}
+
+
+def family(rng, *, num=12, repeats=1, individual=0.1, directional=0.0, fluctuating=0.05, error=0.0):
+    """Return left and right shapes (N, 10, 3) in random poses and sizes, individuals and sides; left are mirrored."""
+    base, one_sided = rng.standard_normal((2, 10, 3))
+    shapes, individuals, sides = [], [], []
+    for at in range(num):
+        own = base + individual * rng.standard_normal((10, 3))
+        for side in "LR":
+            here = own + fluctuating * rng.standard_normal((10, 3))
+            here = here + directional * one_sided * (side == "L")
+            for _ in range(repeats):
+                again = here + error * rng.standard_normal((10, 3))
+                again = again * (MIRROR if side == "L" else 1.0)
+                shapes.append(rng.uniform(0.5, 3) * again @ random_rotation(rng).T + rng.random(3))
+                individuals.append(f"i{at}")
+                sides.append(side)
+    return np.array(shapes), individuals, sides
+
+
+def of_r(name, chosen):
+    """Compare the shapes that are chosen with what R found of them."""
+    points, individuals, sides = landmark_shapes()
+    found = paired_sides(
+        points[chosen],
+        [individuals[at] for at in chosen],
+        [sides[at] for at in chosen],
+        mirrored="L",
+        permutations=99,
+    )
+    rows = by_effect(found.anova)
+    rows["interaction"] = rows.pop("individual:side")
+    del rows["total"]
+    values = {f"{name}-ss-{effect}": row.sum_of_squares for effect, row in rows.items()}
+    values |= {f"{name}-f-{effect}": row.f for effect, row in rows.items() if not np.isnan(row.f)}
+    asymmetry = zip(found.individuals, found.asymmetry, strict=True)
+    values |= {f"{name}-asymmetry-{who}": one for who, one in asymmetry}
+    check_expected(values)
+    return values
+
+
+def test_sums_of_squares_f_and_asymmetries_are_those_of_r():
+    assert len(of_r("replicated", range(32))) == 4 + 3 + 8
+    assert len(of_r("single", range(0, 32, 2))) == 3 + 2 + 8
+    unequal = of_r("unequal", [at for at in range(32) if at not in (0, 6)])
+    check_expected({name: value * (1 + 1e-10) for name, value in unequal.items()})
+    with pytest.raises(AssertionError, match="unequal"):
+        check_expected({name: value * (1 + 1e-7) for name, value in unequal.items()})
+
+
+def dense_sums(found, aligned, individuals, sides):
+    """Return sums of squares of a balanced design from means of cells, rows and columns."""
+    who, way = np.array(individuals), np.array(sides)
+    means = {
+        (one, side): aligned[(who == one) & (way == side)].mean(axis=0)
+        for one in found.individuals
+        for side in found.sides
+    }
+    grand = aligned.mean(axis=0)
+    repeats = len(aligned) / len(means)
+    own = {one: aligned[who == one].mean(axis=0) for one in found.individuals}
+    of_side = {side: aligned[way == side].mean(axis=0) for side in found.sides}
+    interaction = sum(
+        ((mean - own[one] - of_side[side] + grand) ** 2).sum()
+        for (one, side), mean in means.items()
+    )
+    return {
+        "individual": 2 * repeats * sum(((one - grand) ** 2).sum() for one in own.values()),
+        "side": len(aligned) / 2 * sum(((one - grand) ** 2).sum() for one in of_side.values()),
+        "individual:side": repeats * interaction,
+        "total": ((aligned - grand) ** 2).sum(),
+    }
+
+
+def superimposed(shapes, sides, rounds=100):
+    """Superimpose by Kabsch's solution, one shape at a time."""
+    turned = shapes * np.where(np.array(sides) == "L", -1.0, 1.0)[:, None, None] ** [1, 0, 0]
+    centred = turned - turned.mean(axis=1, keepdims=True)
+    all_of_them = centred / np.linalg.norm(centred, axis=(1, 2), keepdims=True)
+    mean = all_of_them[0]
+    for _ in range(rounds):
+        for at, shape in enumerate(all_of_them):
+            left, _, right = np.linalg.svd(shape.T @ mean)
+            sign = np.diag([1, 1, np.linalg.det(left @ right)])
+            all_of_them[at] = shape @ left @ sign @ right
+        mean = all_of_them.mean(axis=0)
+    return all_of_them
+
+
+def test_sums_of_squares_are_those_of_means():
+    shapes, individuals, sides = family(
+        np.random.default_rng(0), num=5, repeats=3, directional=0.05, error=0.02
+    )
+    found = paired_sides(shapes, individuals, sides, mirrored="L", permutations=99)
+    expected = dense_sums(found, superimposed(shapes, sides), individuals, sides)
+    rows = by_effect(found.anova)
+    assert [*rows] == ["individual", "side", "individual:side", "residual", "total"]
+    for effect, value in expected.items():
+        np.testing.assert_allclose(rows[effect].sum_of_squares, value, rtol=1e-8)
+    swapped = dense_sums(found, superimposed(shapes, sides), individuals[::-1], sides)
+    assert not np.isclose(rows["side"].sum_of_squares, swapped["individual"], rtol=1e-3)
+    wrong = [*sides[:-4], *sides[-1:], *sides[-4:-1]]
+    assert not np.isclose(
+        dense_sums(found, superimposed(shapes, sides), individuals, wrong)["side"],
+        expected["side"],
+        rtol=1e-3,
+    )
+    assert [row.plain_df for row in rows.values()] == [4, 1, 4, 20, 29]
+    assert [row.df for row in rows.values()] == [23 * df for df in (4, 1, 4, 20, 29)]
+
+
+def test_mirror_images_have_no_asymmetry():
+    shapes, individuals, sides = family(np.random.default_rng(1), fluctuating=0.0)
+    found = paired_sides(shapes, individuals, sides, mirrored="L", permutations=99)
+    rows = by_effect(found.anova)
+    assert found.asymmetry.max() < 1e-12
+    assert rows["side"].sum_of_squares < 1e-15
+    assert rows["individual:side"].sum_of_squares < 1e-15
+    assert rows["individual"].sum_of_squares > 0.01
+    unturned = paired_sides(shapes, individuals, sides, permutations=99)
+    assert unturned.asymmetry.min() > 0.1
+
+
+def test_either_side_may_be_mirrored():
+    shapes, individuals, sides = family(np.random.default_rng(2), directional=0.05)
+    one, other = (paired_sides(shapes, individuals, sides, mirrored=side) for side in "LR")
+    np.testing.assert_allclose(one.asymmetry, other.asymmetry, rtol=1e-6)
+    np.testing.assert_allclose(one.fluctuating, other.fluctuating, rtol=1e-6)
+    for row, same in zip(one.anova, other.anova, strict=True):
+        np.testing.assert_allclose(row.sum_of_squares, same.sum_of_squares, rtol=1e-6)
+        np.testing.assert_allclose(row.p, same.p)
+
+
+def test_neither_order_nor_names_decide():
+    rng = np.random.default_rng(3)
+    shapes, individuals, sides = family(rng, directional=0.03, repeats=2, error=0.03)
+    order = rng.permutation(len(shapes))
+    names = {f"i{at}": f"n{(at * 5) % 12}" for at in range(12)}
+    one = paired_sides(shapes, individuals, sides, mirrored="L")
+    other = paired_sides(
+        shapes[order],
+        [names[individuals[at]] for at in order],
+        [{"L": "z", "R": "a"}[sides[at]] for at in order],
+        mirrored="z",
+    )
+    for row, same in zip(one.anova, other.anova, strict=True):
+        np.testing.assert_allclose([row.f, row.z, row.p], [same.f, same.z, same.p], rtol=1e-4)
+    again = dict(zip(other.individuals, other.asymmetry, strict=True))
+    np.testing.assert_allclose(
+        one.asymmetry, [again[names[who]] for who in one.individuals], rtol=1e-6
+    )
+
+
+def test_only_what_was_planted_is_found():
+    rng = np.random.default_rng(4)
+    one_sided = by_effect(
+        paired_sides(*family(rng, directional=0.1, error=0.01, repeats=2), mirrored="L").anova
+    )
+    assert one_sided["side"].p < 0.01
+    assert one_sided["individual:side"].p < 0.01
+    assert one_sided["individual"].p < 0.01
+    none = by_effect(
+        paired_sides(
+            *family(rng, individual=0.0, fluctuating=0.0, error=0.05, repeats=2), mirrored="L"
+        ).anova
+    )
+    assert min(none[effect].p for effect in ("individual", "side", "individual:side")) > 0.05
+    assert "residual" not in by_effect(paired_sides(*family(rng), mirrored="L").anova)
+
+
+def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
+    rng = np.random.default_rng(5)
+    for individual, fluctuating, effects in (
+        (0.1, 0.05, ["side"]),
+        (0.0, 0.0, ["individual", "side", "individual:side"]),
+        (0.0, 0.05, ["individual"]),
+    ):
+        found = [
+            by_effect(
+                paired_sides(
+                    *family(
+                        rng,
+                        num=6,
+                        individual=individual,
+                        fluctuating=fluctuating,
+                        error=0.02,
+                        repeats=2,
+                    ),
+                    mirrored="L",
+                    permutations=99,
+                ).anova
+            )
+            for _ in range(50)
+        ]
+        for effect in effects:
+            p = np.array([rows[effect].p for rows in found])
+            assert 0.3 < p.mean() < 0.7, effect
+            assert np.mean(p <= 0.05) < 0.16, effect
+
+
+def test_who_lacks_a_side_does_not_count():
+    shapes, individuals, sides = family(np.random.default_rng(6), num=6)
+    whole = paired_sides(shapes[2:], individuals[2:], sides[2:], mirrored="L", permutations=99)
+    for changed in (
+        (shapes[1:], individuals[1:], sides[1:]),
+        (shapes, individuals, ["", *sides[1:]]),
+    ):
+        found = paired_sides(*changed, mirrored="L", permutations=99)
+        assert found.left_out == ("i0",)
+        assert found.individuals == whole.individuals
+        np.testing.assert_allclose(found.asymmetry, whole.asymmetry, rtol=1e-8)
+    unknown = paired_sides(shapes, ["", "", *individuals[2:]], sides, permutations=99)
+    assert unknown.left_out == ()
+
+
+def test_what_are_no_two_sides_is_refused():
+    shapes, individuals, sides = family(np.random.default_rng(7), num=3)
+    with pytest.raises(InputError, match="two sides, got L, R, x"):
+        paired_sides(shapes, individuals, ["x", *sides[1:]])
+    with pytest.raises(InputError, match="two sides, got none"):
+        paired_sides(shapes, individuals, [""] * 6)
+    with pytest.raises(InputError, match="0 individuals have both"):
+        paired_sides(shapes, [f"{at}" for at in range(6)], sides)
+    with pytest.raises(InputError, match="mirrored: expected one of the sides L, R"):
+        paired_sides(shapes, individuals, sides, mirrored="left")
+    with pytest.raises(InputError, match="sides: 5 labels for 6 shapes"):
+        paired_sides(shapes, individuals, sides[:5])
+    with pytest.raises(InputError, match="samples"):
+        paired_sides(np.where(shapes == shapes[0, 0, 0], np.nan, shapes), individuals, sides)
+
+
+def test_repeatability_is_that_of_r():
+    points, individuals, sides = landmark_shapes()
+    right = [at for at in range(32) if sides[at] == "R"]
+    for name, chosen in (
+        ("repeats", right),
+        ("unequal-repeats", [one for at, one in enumerate(right) if at not in (0, 3)]),
+    ):
+        found = measurement_error(points[chosen], [individuals[at] for at in chosen])
+        values = {"repeatability": found.repeatability, "r2": found.r2, "f": found.anova[0].f}
+        check_expected({f"{name}-{what}": value for what, value in values.items()})
+
+
+def repeated(rng, *, num=40, repeats=3, individual=0.05, error=0.05):
+    """Return shapes of equal variance among and within individuals, but for what superimposition takes up."""
+    base = rng.standard_normal((10, 3))
+    own = base + individual * rng.standard_normal((num, 10, 3))
+    shapes = np.repeat(own, repeats, axis=0)
+    shapes = shapes + error * rng.standard_normal(shapes.shape)
+    return shapes, [f"i{at}" for at in np.repeat(np.arange(num), repeats).tolist()]
+
+
+def test_repeatability_is_the_share_of_variance_among_individuals():
+    rng = np.random.default_rng(8)
+    for individual, share in ((0.05, 0.5), (0.1, 0.8), (0.0, 0.0)):
+        found = measurement_error(*repeated(rng, individual=individual), permutations=99)
+        assert abs(found.repeatability - share) < 0.06
+        assert (found.anova[0].p == 0.01) == (share > 0)
+    exact = measurement_error(*repeated(rng, error=0.0), permutations=99)
+    np.testing.assert_allclose([exact.repeatability, exact.r2], 1.0)
+    assert exact.spreads.max() < 1e-12
+
+
+def test_the_worst_measured_individual_has_the_largest_spread():
+    rng = np.random.default_rng(9)
+    shapes, individuals = repeated(rng, num=8, error=0.01)
+    shapes[4] += 0.2 * rng.standard_normal((10, 3))
+    found = measurement_error(shapes[:-2], individuals[:-2], permutations=99)
+    assert found.individuals[int(np.nanargmax(found.spreads))] == "i1"
+    assert found.counts.tolist() == [3] * 7 + [1]
+    assert np.isnan(found.spreads[-1])
+    within = found.anova[1]
+    squares = np.nansum(found.spreads**2 * (found.counts - 1))
+    np.testing.assert_allclose(squares, within.sum_of_squares)
+
+
+def test_repeats_that_tell_nothing_are_refused():
+    shapes, individuals = repeated(np.random.default_rng(10), num=3)
+    for wrong in (["a"] * 9, [f"{at}" for at in range(9)], [""] * 9):
+        with pytest.raises(InputError, match="measured twice"):
+            measurement_error(shapes, wrong)
+    with pytest.raises(InputError, match="individuals: 8 labels"):
+        measurement_error(shapes, individuals[:8])

@@ -1,0 +1,164 @@
+"""Left and right of individuals are compared from their files, as a user does it."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from collalign import load, write_surface_variation
+from collalign.analysis.paired_sides import paired_sides
+from data_tools.datasets.synthetic import deformed_family, mirrored
+from data_tools.datasets.synthetic_shapes import blob
+from data_tools.errors import InputError
+from data_tools.io.shapes import write_ply
+from data_tools.landmark_files import Landmarks
+from data_tools.rotations import random_rotation
+from tests.commands import read_json, run_command
+from tests.notes import codes, only
+
+NUM = 5
+#: How often each individual was measured on each side; one has no right side.
+REPEATS = {"L": (2, 1, 1, 2, 1), "R": (1, 1, 2, 1, 0)}
+#: The individual whose sides differ, and where its left one has a bump.
+UNLIKE = 2
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """Left and right blobs of five individuals, alike in all but one, aligned by the command line."""
+    rng, place = np.random.default_rng(5), tmp_path_factory.mktemp("sides")
+    base = blob(rng, num_vertices=300)
+    base = replace(base, vertices=base.vertices * [1.6, 1.0, 0.75])
+    (place / "shapes").mkdir()
+    rows, marks = ["name,bone,way"], {}
+    for at, shape in enumerate(deformed_family(base, NUM, rng, rms=0.03)):
+        for side, counts in REPEATS.items():
+            for again in range(counts[at]):
+                points = shape.vertices
+                if at == UNLIKE and side == "L":
+                    gaps = ((points - points[points[:, 0].argmax()]) ** 2).sum(axis=1)
+                    points = points + 0.15 * np.exp(-gaps / 0.2)[:, None] * [1.0, 0, 0]
+                own = mirrored(replace(shape, vertices=points)) if side == "L" else shape
+                noise = 0.001 * rng.standard_normal(points.shape)
+                turned = rng.uniform(0.8, 1.2) * (own.vertices + noise) @ random_rotation(rng).T
+                name = f"b{at}{side}{again}"
+                write_ply(place / "shapes" / f"{name}.ply", turned, own.faces)
+                marks[name] = turned[::30]
+                rows.append(f"{name},{at},{side}")
+    (place / "labels.csv").write_text("\n".join(rows) + "\n")
+    np.savez(place / "landmarks.npz", **marks)
+    run_command(
+        *("align", place / "shapes", "--out", place / "out", "--labels", place / "labels.csv"),
+        *("--group", "O", "--sampling.num-points", 48, "--jobs", 1),
+    )
+    return place / "out"
+
+
+def table(path):
+    return list(csv.DictReader(path.open()))
+
+
+def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
+    words = ("variation", result, "--to", tmp_path / "out", "--jobs", 1, "--include-doubtful")
+    said = run_command(*words, "--individual", "bone", "--side", "way", "--permutations", 99)
+    assert "4 individuals have both sides, L and R." in said.err
+    assert "One side is lacking of 4." in said.err
+    assert "The repeatability of shape is" in said.err
+    folder = tmp_path / "out" / "statistics"
+    anova = {row["effect"]: row for row in table(folder / "sides.csv")}
+    assert [*anova] == ["individual", "side", "individual:side", "residual", "total"]
+    assert [row["Df"] for row in anova.values()] == ["3", "1", "3", "3", "10"]
+    asymmetry = {
+        row["individual"]: float(row["asymmetry"]) for row in table(folder / "asymmetry.csv")
+    }
+    others = [one for who, one in asymmetry.items() if who != str(UNLIKE)]
+    assert asymmetry.keys() == {"0", "1", "2", "3"}
+    assert asymmetry[str(UNLIKE)] > 2 * max(others)
+    error = {row["effect"]: row for row in table(folder / "measurement_error.csv")}
+    assert float(error["individual"]["repeatability"]) > 0.9
+    repeats = {row["individual"]: row["measurements"] for row in table(folder / "repeats.csv")}
+    assert repeats["2 R"] == "2"
+    assert len(repeats) == 9
+    assert "4 individuals have both sides" in (tmp_path / "out" / "variation.html").read_text(
+        "utf-8"
+    )
+    tested = {row["model"] for row in table(folder / "anova.csv")}
+    assert not any("bone" in model for model in tested), "individuals are no covariate"
+    options = read_json(tmp_path / "out" / "run-variation.json")["options"]
+    assert options["sides"].count("L") == 7
+
+
+def test_repeats_alone_are_the_error_of_measurement(result, tmp_path):
+    collection = load(result)
+    units = [f"{who}{way}" for who, way in zip(*collection.labels.values(), strict=True)]
+    found = write_surface_variation(
+        collection,
+        tmp_path / "out",
+        individuals=units,
+        include_doubtful=True,
+        tests={"permutations": 99},
+    )
+    said = only(found.notes, "measured-again").values
+    assert (said["num"], said["measurements"]) == (9, 12)
+    assert said["repeatability"] > 0.9
+    assert "sides-compared" not in codes(found.notes)
+    assert not (tmp_path / "out" / "statistics" / "sides.csv").exists()
+
+
+def test_what_cannot_be_compared_is_refused_before_anything_is_registered(result, tmp_path):
+    words = ("variation", result, "--to", tmp_path / "out")
+    for more, message in (
+        (("--side", "way"), "name their column"),
+        (("--individuals", "bone", "--side", "way", "--symmetry", "auto"), "not both"),
+        (("--individuals", "bone", "--side", "bone"), "expected two sides, got 0, 1, 2, 3;"),
+        (("--individuals", "way", "--side", "sex"), "sex"),
+    ):
+        assert message in run_command(*words, *more, ends=2).err
+    with pytest.raises(InputError, match="measured twice"):
+        write_surface_variation(result, tmp_path / "out", individuals=[*load(result).names])
+    assert not (tmp_path / "out").exists()
+
+
+def test_sides_are_compared_by_landmarks_that_were_placed_again(result, tmp_path):
+    """As Klingenberg and McIntyre (1998) do; the error of placing them is the residual."""
+    rng, collection = np.random.default_rng(7), load(result)
+    with np.load(result.parent / "landmarks.npz") as archive:
+        points = {name: archive[name] for name in collection.names}
+    labels = tuple(f"LM{at}" for at in range(len(points["b0L0"])))
+    first, again = (
+        {
+            name: Landmarks(labels=labels, points=one + 0.003 * rng.standard_normal(one.shape))
+            for name, one in points.items()
+        }
+        for _ in range(2)
+    )
+    bones, ways = (collection.labels[column] for column in ("bone", "way"))
+    found = write_surface_variation(
+        collection,
+        tmp_path / "out",
+        landmarks=first,
+        repeats=[again],
+        individuals=bones,
+        sides=ways,
+        tests={"permutations": 99},
+        include_doubtful=True,
+    )
+    said = only(found.notes, "measured-again").values
+    assert (said["num"], said["measurements"]) == (12, 24)
+    folder = tmp_path / "out" / "statistics"
+    rows = {row["effect"]: row for row in table(folder / "sides.csv")}
+    assert [row["Df"] for row in rows.values()] == ["3", "1", "3", "14", "21"]
+    kept = [name for name, bone in zip(collection.names, bones, strict=True) if bone != "4"]
+    at = [collection.names.index(name) for name in kept] * 2
+    expected = paired_sides(
+        np.array([marks[name].points for marks in (first, again) for name in kept]),
+        [bones[row] for row in at],
+        [ways[row] for row in at],
+        mirrored="L",
+        permutations=99,
+    )
+    for row in expected.anova:
+        np.testing.assert_allclose(float(rows[row.effect]["SS"]), row.sum_of_squares, rtol=1e-6)
+    asymmetry = [float(row["asymmetry"]) for row in table(folder / "asymmetry.csv")]
+    np.testing.assert_allclose(asymmetry, expected.asymmetry, rtol=1e-6)
