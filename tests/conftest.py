@@ -1,6 +1,7 @@
 """Fixtures that every test file may use."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 
 from tests.optional import OPEN3D_EXTRA, optional_module
 
+if hasattr(signal, "SIGHUP"):  # behind nohup, what tests start would ignore it, and be waited for
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault(
     "LOKY_MAX_CPU_COUNT", "1"

@@ -20,15 +20,15 @@ from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.clock import stopwatch
-from experiments.collections.animals import animal
-from experiments.collections.assembled import CLASSES as ASSEMBLED
-from experiments.collections.assembled import assembled_objects
 from experiments.collections.landmarked import CLASSES, MORE_CLASSES, read_dataset
 from experiments.collections.posed import GROSS_DEG, MIRRORED_DEG, PosedCollection, pose_collection
-from experiments.collections.rooms import depth_frames, room, way_round
 from experiments.confidence.families import FAMILIES, Family, numbered, pose_family
 from experiments.datasets import Dataset, read_canonical_class, read_truth_folder
 from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.generated.animals import animal
+from experiments.generated.assembled import CLASSES as ASSEMBLED
+from experiments.generated.assembled import assembled_objects
+from experiments.generated.rooms import depth_frames, room, way_round
 from experiments.peers.capod import AXES
 from experiments.peers.capod import CLASSES as CAPOD
 from experiments.peers.capod import FOLDER as CAPOD_FOLDER

@@ -1,5 +1,6 @@
 """Landmarks, decisions and options find shapes by names that nearly agree, from the command line and in Python."""
 
+import csv
 import json
 from dataclasses import replace
 
@@ -41,8 +42,8 @@ def aligned(tmp_path_factory):
 
 def templates_of(folder):
     """Return the templates that a transfer recorded, by the status in its table."""
-    lines = (folder / "transfer.csv").read_text().splitlines()[1:]
-    return {line.split(",")[0] for line in lines if line.endswith(BY_HAND)}
+    with (folder / "transfer.csv").open(newline="") as stream:
+        return {row["name"] for row in csv.DictReader(stream) if row["status"] == BY_HAND}
 
 
 def test_landmarks_belong_to_the_mesh_next_to_them(aligned):

@@ -12,5 +12,5 @@ def test_the_surface_holds_the_landmarks_at_the_ends_and_none_on_the_shaft():
     for shape, places in zip(shapes, landmarks, strict=True):
         arms = shape.vertices - shape.vertices.mean(axis=0)
         unit = float(np.sqrt((arms**2).sum(axis=1).mean()))
-        found = holds(places, shape.vertices, shape.faces, unit)
+        found = holds(places, shape.vertices, shape.faces, unit)[0]
         assert np.flatnonzero(found < OPEN).tolist() == [*range(6, 14)]

@@ -17,13 +17,13 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from data_tools.surface.topology import is_open_surface, mesh_components
 from experiments.collections import scoreboard
-from experiments.collections.animals import animal
-from experiments.collections.assembled import CLASSES, assembled_objects
 from experiments.collections.posed import PosedCollection
-from experiments.collections.rooms import CAMERA, depth_frames, moved, room, way_round
 from experiments.collections.scoreboard import Drawn, compare, kinds_of, read_before, row_of
 from experiments.datasets import read_truth_folder
 from experiments.experiment import Bench
+from experiments.generated.animals import animal
+from experiments.generated.assembled import CLASSES, assembled_objects
+from experiments.generated.rooms import CAMERA, depth_frames, moved, room, way_round
 from experiments.provenance import code_digest
 from experiments.write import write_experiment
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.surface.shape import Shape
-from experiments.collections.assembled import CLASSES, Part, box, cylinder
+from experiments.generated.assembled import CLASSES, Part, box, cylinder
 
 
 class Camera(NamedTuple):

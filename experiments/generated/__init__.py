@@ -1,0 +1,1 @@
+"""Generated collections that experiments are measured on: bending animals, assembled objects, rooms."""
