@@ -1,16 +1,16 @@
 """The stored values that statistics are compared with are what base R computes. Skips without Rscript."""
 
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
 
+from tests.optional import optional_program
 from tests.r_expected import EXPECTED, LANDMARKS, SCRIPT, check_expected, expected_values
 
 
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="Rscript is not installed")
 def test_the_stored_values_are_those_of_r(tmp_path):
+    optional_program("Rscript", install="apt-get install r-base-core")
     again = tmp_path / "again.csv"
     subprocess.run(["Rscript", "--vanilla", SCRIPT, LANDMARKS, again], check=True, timeout=600)
     stored, found = expected_values(), expected_values(again)

@@ -86,22 +86,19 @@ def write_surface_variation(
     to : path
         Folder for ``variation.html`` and the rest.
     labels : path, or mapping of str to sequence of str, optional
-        A CSV file with a row per shape; or columns of labels, one per shape of the result and "" where unknown. By
-        default those the result came with.
+        A CSV file, or columns of labels, one per shape and "" where unknown. By default those the result came with.
     tests : ShapeTestOptions or mapping, optional
         What shape is tested against: covariates, factors, a model of your own; permutations and their seed.
     landmarks : mapping of name to Landmarks, or sequence of path
         Of some specimens, to be numbered on the mean.
     symmetry : "auto", path or sequence of pairs, optional
-        For bilateral shapes: symmetric and asymmetric components. The mirror plane is that of the pairs of landmarks
-        (a CSV file with a row per pair, or the pairs), or with "auto" the one whose mirror image fits best.
+        For bilateral shapes: pairs of landmarks (or their CSV file), or "auto" for the mirror image that fits best.
     individuals : sequence of str, optional
         Whom each shape of the result belongs to, "" where unknown. Replicates tell the error of measurement.
     sides : sequence of str, optional
         Left or right of each shape, where these are shapes of their own: both sides of individuals are compared.
     repeats : sequence of mapping of name to Landmarks, or of path
-        Further digitisations of the landmarks, for the error of placing them; the files of each are in a folder of
-        their own. Sides are then compared by these landmarks.
+        Further digitisations of the landmarks, a folder each, by which sides are compared.
     exclude : sequence of str
         Names of shapes that do not count.
     include_doubtful : bool
@@ -118,15 +115,12 @@ def write_surface_variation(
     Returns
     -------
     SurfaceVariation
-        Principal components of the surfaces in dense correspondence, see :func:`collalign.dense_correspondence`.
-        Shapes in doubt or incomplete are left out; page and ``left_out.csv`` name them. ``notes`` is for the reader
-        of the tables. ``quality`` says how well each specimen is represented.
+        Principal components of the surfaces in dense correspondence. ``left_out.csv`` names the shapes left out.
 
     Raises
     ------
     InputError
-        If there is no result, foreign files are in the way, or shapes are not bilateral, or of one part each; or
-        individuals and sides leave nothing to compare.
+        If there is no result, foreign files are in the way, or symmetry, individuals or sides fit nothing.
     CollectionError
         If fewer than two shapes are complete and sure, or can be registered.
 
