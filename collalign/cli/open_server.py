@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from importlib import resources
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from socket import SHUT_RDWR, socket
+from socket import SHUT_RDWR, SHUT_WR, socket
 from socketserver import ThreadingMixIn
 from tempfile import TemporaryFile
 from threading import BoundedSemaphore, Lock
@@ -31,6 +31,8 @@ _MOST_REQUEST_BYTES = 2**20
 #: Connections that are open at a time, and for how long one may say nothing.
 _MOST_CONNECTIONS, _SILENT_S = 32, 20.0
 _PIECE = 2**16
+#: How long what is sent beyond an answer is waited for, and pieces of it that are read.
+_LAST_WORDS_S, _MOST_LAST_WORDS = 1.0, 64
 _HOST = "127.0.0.1"
 #: What a browser lets the page of this command do, and the pages of a result, which may come from anybody.
 _INLINE = (
@@ -196,6 +198,12 @@ class _Quiet(WSGIRequestHandler):
             answer = _Answer(self.rfile, output, self.get_stderr(), self.get_environ())
             answer.request_handler = self
             answer.run(app)
+            # A connection that is closed with something unread breaks, and its answer may be lost.
+            self.connection.shutdown(SHUT_WR)
+            self.connection.settimeout(_LAST_WORDS_S)
+            for _ in range(_MOST_LAST_WORDS):
+                if not self.connection.recv(_PIECE):
+                    return
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Say nothing of requests, whose addresses hold keys."""

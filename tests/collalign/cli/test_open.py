@@ -7,7 +7,7 @@ import signal
 import stat
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from http.client import HTTPConnection
 from io import BytesIO
 from pathlib import Path
@@ -82,7 +82,8 @@ class Client:
         connection = HTTPConnection(self.host, timeout=60)
         headers = {"Origin": f"http://{self.host}", "Cookie": self.cookie} | headers
         path = path if path.startswith("/") else f"{self.base}{path}"
-        connection.request("POST" if body else "GET", path, body, headers)
+        with suppress(BrokenPipeError):  # the answer may be there before all is sent
+            connection.request("POST" if body else "GET", path, body, headers)
         with connection.getresponse() as answer:
             self.given = answer.getheader("Set-Cookie", "")
             self.cookie = self.given.partition(";")[0] or self.cookie
