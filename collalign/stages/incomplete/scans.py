@@ -41,7 +41,7 @@ from data_tools.io.source import Origin
 from data_tools.local_surface import PART_CELL, LocalSurface
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.poses import AGREE_DEG, pose_angle_deg, scales_of
+from data_tools.poses import AGREE_DEG, moved_by, pose_angle_deg, scales_of
 from data_tools.sight import TUNED
 from pairwise.features.overlap import LocalPoses, match_overlapping
 from pairwise.results import Status
@@ -54,6 +54,9 @@ BADLY_MATCHED = 0.75
 #: seen from different directions: the mean of the unit lines of sight is shorter than this. Those of a cone of about
 #: 40 degrees to either side have .87, those all around 0.
 MOST_SURE, MOST_ALIKE = 0.5, 0.8
+#: A scene is wider than its images: their middles are spread by more than this share of their root mean square
+#: radius. Frames of a room have .9, views of a bunny, a horse and a piano .17 to .44, whole shapes less.
+LEAST_WIDER = 0.6
 #: Why shapes count as incomplete that nobody called so.
 SCAN = "scan"
 #: Cells are powers of two to this share, so that a shape more does not change that of all others.
@@ -119,12 +122,14 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
-        described, overlaps = without_scenes(
+        described, overlaps, is_scene = without_scenes(
             [surfaces[i] for i in range(num)], overlap_pairs(session, shapes, surfaces)
         )
-        joined = join_scans(described, overlaps, session.options.group)
+        joined = join_scans(described, overlaps, session.options.group, is_scene)
     if not reasons:
         if not _are_scans(joined, described, pairs):
+            return None
+        if is_scene.any() and _coincide(joined, described):
             return None
         if not were_seen(shapes):
             # Overlap alone does not tell a part of the same object from another one that was cut elsewhere. Of 33
@@ -133,6 +138,15 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             limited = np.minimum(joined.confidence, STRANGE_LIMIT)
             joined = replace(joined, confidence=limited)
     return _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), SCAN))
+
+
+def _coincide(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
+    """Return whether the middles of joined surfaces lie together, as those of whole shapes do."""
+    part = joined.parts[0].tolist()
+    middles = [moved_by(joined.transforms[i], surfaces[i].points.mean(axis=0)) for i in part]
+    radii = [np.sqrt(surfaces[i].points.var(axis=0).sum()) for i in part]
+    spread = np.sqrt(np.var(middles, axis=0).sum())
+    return bool(spread < LEAST_WIDER * np.median(radii))
 
 
 def _are_scans(

@@ -189,16 +189,18 @@ def test_images_of_a_room_lose_their_lines_of_sight_and_those_of_an_object_keep_
     surfaces = scans[0]
     pairs = [(i, j) for j in range(NUM) for i in range(j)]
     room = {pair: seen_link(0.85, 0.02, 0.3) for pair in pairs}
-    found, poses = without_scenes(surfaces, room)
+    found, poses, is_scene = without_scenes(surfaces, room)
     assert known_sights(surfaces) == [True] * NUM
     assert known_sights(found) == [False] * NUM
+    assert is_scene.all()
     assert all(
         np.isnan(one.in_front).all() and np.isnan(one.beside).all() for one in poses.values()
     )
     assert overlap_chances(room[0, 1])[0] < 0.5 < overlap_chances(poses[0, 1])[0]
     thing = {pair: seen_link(0.5, 0.0, 0.0) for pair in pairs}
-    found, poses = without_scenes(surfaces, thing)
+    found, poses, is_scene = without_scenes(surfaces, thing)
     assert known_sights(found) == [True] * NUM
+    assert not is_scene.any()
     assert poses == thing
 
 
@@ -209,14 +211,27 @@ def test_one_image_that_pairs_contradict_among_those_of_an_object_keeps_its_line
         for j in range(NUM)
         for i in range(j)
     }
-    found, poses = without_scenes(surfaces, links)
+    found, poses, is_scene = without_scenes(surfaces, links)
     assert known_sights(found) == [True] * NUM
+    assert not is_scene.any()
     assert poses == links
 
 
 def test_pairs_without_lines_of_sight_say_nothing_about_scenes(scans):
     surfaces = scans[0]
     links = {(0, 1): seen_link(0.9, np.nan, np.nan), (1, 2): seen_link(0.1, 0.5, 0.5, 0.0)}
-    found, poses = without_scenes(surfaces, links)
+    found, poses, is_scene = without_scenes(surfaces, links)
     assert known_sights(found) == [True] * NUM
+    assert not is_scene.any()
     assert poses == links
+
+
+def test_a_single_pair_of_images_of_a_scene_is_never_sure(scans):
+    surfaces, poses = scans
+    links = {(0, 1): link(poses, 0, 1, SURE)}
+    sure, scene = (
+        join_scans(surfaces[:2], links, "SO", is_scene)
+        for is_scene in (None, np.array([True, True]))
+    )
+    assert sure.confidence.min() > 0.95
+    assert 0.85 < scene.confidence.max() <= 0.9 + 1e-9
