@@ -122,8 +122,10 @@ def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatA
     outwards = np.vdot(normals, arms) / max(
         np.linalg.norm(arms, axis=1).sum(), np.finfo(float).tiny
     )
-    is_open = is_open_surface(shape.vertices, shape.faces)
-    return points, -normals if outwards < (INSIDE_OUT if is_open else 0.0) else normals
+    is_turned = outwards < 0.0 and (
+        outwards < INSIDE_OUT or not is_open_surface(shape.vertices, shape.faces)
+    )
+    return points, -normals if is_turned else normals
 
 
 def _cell_means(
