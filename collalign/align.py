@@ -6,6 +6,7 @@ import platform
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from importlib.metadata import version
 from types import MappingProxyType
 from typing import Any, Unpack
@@ -27,9 +28,7 @@ from collalign.products.pair import FormerPairs
 from collalign.products.run_record import REST, Made, RunRecord
 from collalign.products.shapes import Shapes
 from collalign.stages import steps
-from collalign.stages.components import pose_with_components
-from collalign.stages.extra_material import pose_without_extra
-from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
+from collalign.stages.incomplete.detect import named_incomplete
 from collalign.stages.match_pairs import num_reused_pairs
 from collalign.stages.mixed_sides import sides_of_result
 from collalign.stages.own_knowledge import (
@@ -41,8 +40,9 @@ from collalign.stages.own_knowledge import (
     with_marks,
     with_own_samples,
 )
+from collalign.stages.pieces import Pieces, pieces_that_match
 from collalign.stages.poses.placement import common_positions
-from collalign.stages.posing import looks_for_incomplete
+from collalign.stages.posing import pose_all
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
@@ -195,36 +195,38 @@ def align_listing(
         given = own_points(own, files, session.options.cleaning)
         session = with_marks(with_own_samples(session, given), own)
 
-    def posed_with(session: AlignSession) -> tuple[Run, Matched, Posed]:
-        with steps.timed(session, times_s, "shapes"):
-            shapes = prepare_shapes(session, listing, given)
-            decided = decided_reading(session, shapes)
-            if decided is not session:
-                session, shapes = decided, prepare_shapes(decided, listing, given)
-            constraints = given_constraints(shapes, session.options, own, fixed, kept)
-        run = Run(
-            session=session,
-            shapes=shapes,
-            constraints=constraints,
-            former=former,
-            times_s=times_s,
-        )
-        missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
-        if not missing and looks_for_incomplete(session.options):
-            stay = {
-                *constraints.fixed,
-                *((constraints.reference,) if session.options.reference else ()),
-            }
-            found_open = open_among_closed(session.options, shapes)
-            missing = {i: why for i, why in found_open.items() if i not in stay}
-        return pose_without_extra(
-            run, missing, lambda extra: prepare_shapes(session, listing, given, extra)
-        )
+        shapes = prepare_shapes(session, listing, given)
+        decided = decided_reading(session, shapes)
+        if decided is not session:
+            session, shapes = decided, prepare_shapes(decided, listing, given)
 
-    run, matched, posed = pose_with_components(session, posed_with)
+        def read(
+            pieces: Pieces, extra: Mapping[str, ExtraSurface] = MappingProxyType({})
+        ) -> Shapes:
+            return prepare_shapes(session, listing, given, extra, pieces)
+
+        pieces = pieces_that_match(session, shapes, listing.names, read)
+        shapes = read(pieces) if pieces else shapes
+        constraints = given_constraints(shapes, session.options, own, fixed, kept)
+    run = Run(
+        session=session,
+        shapes=shapes,
+        read_without=partial(read, pieces),
+        constraints=constraints,
+        former=former,
+        times_s=times_s,
+    )
+    missing = named_incomplete(session.options, shapes.names, {*incomplete} & {*shapes.names})
+    run, matched, posed = pose_all(run, missing)
     session.enter(FINISHED)
+    of_pieces = (Note("components-joined", tuple(pieces)),) if pieces else ()
     matched = replace(
-        matched, notes=(*own_notes(own, given, run.constraints, posed.rotations), *matched.notes)
+        matched,
+        notes=(
+            *own_notes(own, given, run.constraints, posed.rotations),
+            *of_pieces,
+            *matched.notes,
+        ),
     )
     times_s[REST] = time.perf_counter() - began_s - sum(times_s.values())
     found = _collected(run, matched, posed, listing)
@@ -235,12 +237,13 @@ def matched_samples(
     session: AlignSession,
     listing: FolderListing,
     extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
+    assembled: Iterable[str] = (),
 ) -> Shapes:
     """Return the samples of listed files as an alignment with the session's options matches them.
 
-    It may have left out the ``extra`` material of some, by name.
+    It may have left out the ``extra`` material of some, and read all pieces of some that are ``assembled``, by name.
     """
-    return prepare_shapes(session, listing, extra=extra)
+    return prepare_shapes(session, listing, extra=extra, pieces=dict.fromkeys(assembled, "all"))
 
 
 def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing) -> Collection:
@@ -282,6 +285,14 @@ def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing)
         copies=copies,
         incomplete=posed.incomplete,
         extra=posed.extra,
+        assembled=tuple(
+            name
+            for name, how in zip(shapes.names, shapes.cleaning, strict=True)
+            if how.components == "all" and wanted.cleaning.components != "all"
+        ),
+        limited_by={
+            name: code for name, code in zip(shapes.names, posed.limited_by, strict=False) if code
+        },
         by_hand=_by_hand(run, posed),
         options=wanted,
         group=matched.group,

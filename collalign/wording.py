@@ -63,8 +63,8 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "copies": lambda of: _copies(of, **of.values),
     "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
     "part. How the parts are rotated against each other is uncertain.",
-    "components-joined": "Most shapes are assembled of several components, and the largest ones left poses in doubt. "
-    "So the surface around all components was matched. To forbid this, use --cleaning.components largest.",
+    "components-joined": "Matched by all components, which tell poses apart better than the largest ones: {shapes}. "
+    "To forbid this, use --cleaning.components largest.",
     "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
     "shapes, try --cleaning.components all.",
     "doubtful": "In doubt: {shapes}. The report shows them and their alternative poses.",
@@ -314,10 +314,18 @@ _COPIES = {
 _REASONS = {
     "named": "you named it",
     "found-before": "found by an earlier run",
-    "open-surface": "its surface is open, the others are closed",
     "cut-off": "similar shapes go on beyond its rim",
     "scan": "it shares only a part with the others",
     "stranger": "it resembles no other shape",
+    "no-relative": "it resembles no other shape",
+    "contradicted": "points and neighbourhoods would rather have another pose",
+    "block": "it may be rotated together with some others",
+    "misfit": "it fits the others badly",
+    "few-shapes": "few shapes and no neighbourhood tell its poses apart",
+    "symmetry": "other poses look the same",
+    "side": "its side is in doubt",
+    "partners": "it is no surer than the shapes that it lies on",
+    "overlap-alone": "nothing but overlap joins it to the others",
     "doubtful": "in doubt",
     "incomplete": "incomplete",
     "other-part": "not aligned with the largest part",

@@ -38,8 +38,8 @@ class CleaningOptions:
         largest keeps only the connected part of the largest area, with those within 20 % of it, and without the few
         vertices far from all others; fragments otherwise attract samples, and outliers change poses. all keeps
         everything, as objects need that are assembled of parts, and matches the surface around all of them. auto
-        keeps the largest, but where most shapes lose more than a twentieth of their area, two shapes are matched by
-        all components, and a collection is if the largest ones leave poses in doubt and all components leave less.
+        keeps the largest, but of a shape that loses more than a twentieth of its area so all of them. A collection
+        takes those by which the pairs of a shape tell poses apart better.
     columns : str
         Names of the columns of text tables, in their order and separated by commas, among them x, y and z:
         class,x,y,z. Further columns need no name. It is needed where a table has no heading and columns that are not

@@ -82,11 +82,9 @@ def quick_search():
     from collalign import RunOptions
     from collalign.nonrigid import portfolio
     from collalign.registration import register
-    from collalign.stages import steps
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RunOptions, "is_alone", property(lambda run: run.scheduler is None))
-        patch.setattr(steps, "MOST_SEARCHED", 0)  # the golden of bodies searches
         patch.setattr(register, "TUNED", register.TUNED._replace(num_centres=150))
         patch.setattr(portfolio, "TUNED", portfolio.TUNED._replace(num_source=16, num_screened=5))
         yield

@@ -46,7 +46,7 @@ LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
 #: left out in turn the log-loss is .018 with both, .031 with dense points, .031 with neighbourhoods alone.
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
 WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
-#: No more is stated than a logistic model of two things allows, or :data:`UNCERTAIN` if that is more: of
+#: No more is stated than a logistic model of two things allows, or half of what is above :data:`UNCERTAIN`: of
 #: :func:`cycle_log_odds`, and of the block margin. Its constant and weights. Few shapes may all agree on a wrong
 #: pose, and so do many of which a block is rotated: their pairs err together, so that log-odds above the last number
 #: count as that. Chosen on 342 draws of 38 generated families, on 230 of 48 others (chains, bodies that bend either
@@ -81,10 +81,10 @@ ALIKE_MISMATCH = 0.41
 #: more, at the best of the poses that were tried; of 160 shapes of 41 draws at their true poses a piano of another
 #: build has .96, others less, clouds of uneven density 1.0 with no misfit. No intruder stands out among armadillos,
 #: which mismatch each other by .85.
-#: Confidence in the pose of such a shape is the fourth at most: there is nothing that it could be aligned with. It is
-#: the same for shapes of which dense points and neighbourhoods both prefer another pose: 7 of 10 that were stated at
-#: .5 or more were wrong, in twos to sixes of 37 generated families and 9 classes.
-STRANGE, MISFIT_SHARE, LEAST_MISFIT, STRANGE_LIMIT = 1.0, 0.15, 0.4, 0.5
+#: There is nothing that such a shape could be aligned with. Nor is a shape right of which dense points and
+#: neighbourhoods both prefer another pose: 7 of 10 that were stated at .5 or more were wrong, in twos to sixes of 37
+#: generated families and 9 classes.
+STRANGE, MISFIT_SHARE, LEAST_MISFIT = 1.0, 0.15, 0.4
 #: Chances of a pair to be right, evenly spaced, over which the odds of :func:`cycle_log_odds` are averaged.
 NUM_CHANCES = 500
 #: No confidence is stated beyond this: the model itself may be wrong.
@@ -146,32 +146,60 @@ def resembles_none(evidence: FloatArray) -> BoolArray:
     return np.asarray((mismatch + MISFIT_SHARE * misfit > STRANGE) & (misfit > LEAST_MISFIT))
 
 
-def ceiling(evidence: FloatArray) -> FloatArray:
-    """Return the most that is stated of poses with this evidence (N, len(KINDS)), shape (N,).
+def half_sure(chances: FloatArray) -> FloatArray:
+    """Return chances (N,) with half of what each has above :data:`UNCERTAIN`: in doubt, and in the same order."""
+    return np.minimum(chances, UNCERTAIN + 0.5 * np.maximum(chances - UNCERTAIN, 0.0))
 
-    No more than :data:`STRANGE_LIMIT` of shapes that resemble no other, and of those that points and neighbourhoods
-    would both rather have in another pose. No more than :data:`LIMIT_WEIGHTS` say, which see how few shapes there
-    are, whether their pairs contradict each other, and whether a block of them may be rotated. No more than
-    :data:`UNCERTAIN` where the misfit exceeds twice the margin: how badly the shape fits outweighs what tells its
-    poses apart. Its pairs may all say the same, but they compare what hardly compares. Of 1491 shapes of 184 runs
-    over 22 collections at .95 or more by the weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen
-    among seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often. No more than
-    that either where neither cycles nor neighbourhoods tell poses apart.
+
+def limited(evidence: FloatArray, chances: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return what is stated of poses with chances by the weights alone (N,), and the code of what limits each.
+
+    What limits a confidence keeps the order of the chances, so that right and wrong poses do not share one number:
+
+    * ``no-relative``: the shape resembles no other one; half of the chance.
+    * ``contradicted``: points and neighbourhoods would both rather have it in another pose; half of the chance.
+    * ``block``: a block of shapes may be rotated as one. No more than :data:`LIMIT_WEIGHTS` say, which see how few
+      shapes there are, whether their pairs contradict each other, and what tells the block's poses apart.
+    * ``misfit``: it exceeds twice the margin, so that how badly the shape fits outweighs what tells its poses apart.
+      Its pairs may all say the same, but they compare what hardly compares. Of 1491 shapes of 184 runs over 22
+      collections at .95 or more by the weights alone 42 were such, 9 of them wrong, of the others 1.0 %; chosen among
+      seven rules on 12 of these collections, where the wrong ones were two shapes, drawn often.
+    * ``few-shapes``: neither cycles nor neighbourhoods tell poses apart.
+
+    The last three leave half of what a chance has above :data:`UNCERTAIN`.
+
+    Parameters
+    ----------
+    evidence : ndarray, shape (N, len(KINDS))
+    chances : ndarray, shape (N,)
     """
     kinds = [MARGIN, MISFIT, LOCAL_MARGIN, CYCLES, BLOCK_MARGIN]
     margin, misfit, local, cycles, block = evidence[:, kinds].T
     of_blocks = LIMIT_WEIGHTS @ [np.ones(len(cycles)), np.minimum(cycles, MOST_CYCLES), block]
-    limit = np.clip(1.0 / (1.0 + np.exp(-of_blocks)), UNCERTAIN, MOST_CONFIDENT)
-    is_weak = (misfit > 2.0 * np.maximum(margin, TIED)) | ((cycles < 0.0) & (local < LEAST_LOCAL))
-    limit = np.where(is_weak, np.minimum(limit, UNCERTAIN), limit)
-    is_contradicted = np.maximum(margin, local) < 0.0
-    return np.where(resembles_none(evidence) | is_contradicted, STRANGE_LIMIT, limit)
+    halved = half_sure(chances)
+    always = np.ones(len(chances), dtype=np.bool_)
+    limits = (
+        ("block", always, np.maximum(1.0 / (1.0 + np.exp(-of_blocks)), halved)),
+        ("misfit", misfit > 2.0 * np.maximum(margin, TIED), halved),
+        ("few-shapes", (cycles < 0.0) & (local < LEAST_LOCAL), halved),
+        ("contradicted", np.maximum(margin, local) < 0.0, 0.5 * chances),
+        ("no-relative", resembles_none(evidence), 0.5 * chances),
+    )
+    stated, codes = chances, np.full(len(chances), "", dtype="U16")
+    for code, applies, most in limits:
+        binds = applies & (most < stated)
+        stated, codes = np.where(binds, most, stated), np.where(binds, code, codes)
+    return stated, tuple(codes.tolist())
+
+
+def _limited(evidence: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    score = terms(evidence) @ WEIGHTS + CONSTANT
+    return limited(evidence, np.minimum(1.0 / (1.0 + np.exp(-score)), MOST_CONFIDENT))
 
 
 def probability(evidence: FloatArray) -> FloatArray:
     """Return how probably poses with evidence (N, len(KINDS)) are right, shape (N,); NaN where nothing is known."""
-    score = terms(evidence) @ WEIGHTS + CONSTANT
-    return np.asarray(np.minimum(1.0 / (1.0 + np.exp(-score)), ceiling(evidence)))
+    return _limited(evidence)[0]
 
 
 def pose_confidence(trust: Trust) -> FloatArray:
@@ -179,15 +207,25 @@ def pose_confidence(trust: Trust) -> FloatArray:
 
     Where turns leave a whole part as it is, no pose is likelier than any other that they lead to.
     """
+    return confidence_and_limits(trust)[0]
+
+
+def confidence_and_limits(trust: Trust) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the confidence in each pose, shape (N,), and the code of what limits it, empty where nothing does.
+
+    Codes are those of :func:`limited`, and ``symmetry`` where other poses look alike.
+    """
     ties = [
         ((own < TIED) & (over < TIED_LEAD)).sum()
         for own, over in zip(trust.excess, trust.leads, strict=True)
     ]
     alike = np.array([len(turns) for turns in trust.symmetries])
-    single = np.minimum(probability(trust.evidence), 1.0 / (1.0 + np.array(ties)))
-    return np.where(
-        alike > 1, np.minimum(single, symmetric_confidence(trust) / np.maximum(alike, 1)), single
-    )
+    alone, codes = _limited(trust.evidence)
+    single = np.minimum(alone, 1.0 / (1.0 + np.array(ties)))
+    shared = symmetric_confidence(trust) / np.maximum(alike, 1)
+    stated = np.where(alike > 1, np.minimum(single, shared), single)
+    named = np.where(stated < alone, "symmetry", np.array(codes, dtype="U16"))
+    return stated, tuple(named.tolist())
 
 
 def symmetric_confidence(trust: Trust) -> FloatArray:

@@ -170,6 +170,15 @@ class Collection(CollectionData):
         The shapes of which parts are missing; what they lack has no labels, and counts in no mean.
     extra : tuple of ExtraMaterial
         Material of single shapes that no other one has, such as a stand. Poses ignore it.
+    assembled : tuple of str
+        The shapes that were read by all of their components, where the options leave that open.
+    limited_by : mapping of str to str
+        What limits the confidence of a shape, by its name, as a code: ``no-relative`` (it resembles no other shape),
+        ``contradicted`` (points and neighbourhoods would rather have another pose), ``block`` (a block of shapes may
+        be rotated as one), ``misfit`` (it fits badly), ``few-shapes``, ``symmetry`` (other poses look alike),
+        ``side`` (which side it is of is in doubt), ``partners`` (an incomplete shape is no surer than those that it
+        lies on), ``cut-off`` (similar shapes go on beyond its rim, and too few are left to pose it on),
+        ``overlap-alone`` (nothing but overlap joins scans). :func:`collalign.reason_text` has the words.
     by_hand : mapping of str to float
         The shapes whose pose a person set, each with the confidence that the evidence alone gives to that pose; NaN
         where there is no evidence. Their ``confidence`` is 1.

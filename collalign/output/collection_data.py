@@ -29,7 +29,7 @@ from data_tools.io.listing import hash_shape
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
 from data_tools.notes import Note
-from data_tools.options import AS_STORED
+from data_tools.options import AS_STORED, CleaningOptions
 from data_tools.poses import each_moved_by, scales_of
 from data_tools.surface.shape import Shape
 
@@ -93,6 +93,8 @@ class CollectionData:
     copies: tuple[Copies, ...] = ()
     incomplete: tuple[Incomplete, ...] = ()
     extra: tuple[ExtraMaterial, ...] = ()
+    assembled: tuple[str, ...] = ()
+    limited_by: Mapping[str, str] = field(default_factory=dict)
     by_hand: Mapping[str, Annotated[float, Holds(nan=True)]] = field(default_factory=dict)
     options: AlignOptions
     group: str
@@ -323,6 +325,10 @@ class CollectionData:
                 for one in self.extra
                 if one.shape in position
             ),
+            assembled=tuple(name for name in self.assembled if name in of(self.names)),
+            limited_by={
+                name: code for name, code in self.limited_by.items() if name in of(self.names)
+            },
             labels={column: of(values) for column, values in self.labels.items()},
             vertices=of(self.vertices),
             faces=of(self.faces),
@@ -352,9 +358,14 @@ class CollectionData:
             path=path,
             digest=hash_shape(path) if self.fresh is None else self.fresh.digests[at],
             transform=self.transforms[at],
-            cleaning=self.options.cleaning,
+            cleaning=self.cleaning_of(at),
             incomplete=bool(self.is_incomplete[at]),
         )
+
+    def cleaning_of(self, at: int) -> CleaningOptions:
+        """Return how a shape was read."""
+        cleaning = self.options.cleaning
+        return replace(cleaning, components="all") if self.names[at] in self.assembled else cleaning
 
     def shape_at(self, at: int, *, aligned: bool = False) -> Shape:
         """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""

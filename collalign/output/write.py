@@ -191,6 +191,12 @@ def _by_hand(collection: CollectionData, name: str) -> dict[str, Any]:
     return {"set_by_hand": True, "confidence_by_evidence": _number(collection.by_hand[name])}
 
 
+def _limit(collection: CollectionData, name: str) -> dict[str, Any]:
+    """Return what limits the confidence of a shape, as a code and in words; nothing where nothing does."""
+    code = collection.limited_by.get(name)
+    return {} if code is None else {"limited_by": code, "limited_by_text": reason_text(code)}
+
+
 def _symmetry(trust: Trust | None, shape: int) -> dict[str, Any]:
     """Return the rotations that leave a shape's class unchanged, and the confidence up to them; {} without any."""
     if trust is None or len(trust.symmetries[shape]) < 2:
@@ -277,6 +283,8 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
                 "confidence": _number(confidence),
                 **_by_hand(collection, name),
                 "centroid_size": _number(size),
+                **({"pieces": "all"} if name in collection.assembled else {}),
+                **_limit(collection, name),
                 **_symmetry(collection.made.trust, i),
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),

@@ -16,6 +16,7 @@ from data_tools.io.source import Origin
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
+from data_tools.surface.cleaning import is_assembled
 from data_tools.surface.extra import ExtraSurface
 from data_tools.surface.shape import Shape
 
@@ -165,6 +166,8 @@ class Shapes:
     keys : tuple of str
         Keys of the shapes' records in the store.
     samples : tuple of Samples
+    cleaning : tuple of CleaningOptions
+        How each was read.
     chirality : tuple of SurfaceChirality or None
         Which way each surface turns, where that was found out while it was sampled.
     excluded : tuple of Excluded
@@ -177,6 +180,7 @@ class Shapes:
     digests: tuple[str, ...]
     keys: tuple[str, ...]
     samples: tuple[Samples, ...]
+    cleaning: tuple[CleaningOptions, ...]
     chirality: tuple[SurfaceChirality | None, ...]
     excluded: tuple[Excluded, ...]
     notes: tuple[Note, ...] = ()
@@ -190,7 +194,17 @@ class Shapes:
             digests=tuple(self.digests[i] for i in chosen),
             keys=tuple(self.keys[i] for i in chosen),
             samples=tuple(self.samples[i] for i in chosen),
+            cleaning=tuple(self.cleaning[i] for i in chosen),
             chirality=tuple(self.chirality[i] for i in chosen),
+        )
+
+    @property
+    def are_assembled(self) -> bool:
+        """Whether most shapes are assembled of components, by whichever of these they were read."""
+        every = zip(self.samples, self.cleaning, strict=True)
+        return (
+            sum(how.components == "all" or is_assembled(one.notes) for one, how in every)
+            > len(self.names) / 2
         )
 
     def label(self, i: int, j: int) -> str:

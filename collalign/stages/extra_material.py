@@ -1,4 +1,4 @@
-"""Extra material of shapes, such as a stand: poses without it, and which points it has.
+"""Extra material of shapes, such as a stand: which points it has, and what a result says of it.
 
 It is surface far from that of the other shapes, which lack little on the rest. Centroid, size and invariants would be
 off by it.
@@ -6,9 +6,9 @@ off by it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.matching_input import match_at_rotation
-from collalign.options import MAX_ROUNDS, AlignSession
+from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import ExtraMaterial, Shapes
 from collalign.stages.incomplete.add import label_map
@@ -37,7 +37,6 @@ from collalign.stages.poses.placement import (
     in_label_order,
     labels_at_common_poses,
 )
-from collalign.stages.posing import looks_for_incomplete, pose_all
 from collalign.stages.steps import Matched, Posed, Run
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
@@ -45,58 +44,73 @@ from data_tools.notes import Note
 from data_tools.surface.extra import ExtraSurface
 from pairwise.partial_surface import PartialSurface
 
-#: Extra material by name, and the run, pairs and poses without it.
-_Found: TypeAlias = Mapping[str, ExtraSurface]
-_Answer: TypeAlias = tuple[Run, Matched, Posed]
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Extra:
+    """Extra material of shapes, by name."""
+
+    surfaces: Mapping[str, ExtraSurface] = field(default_factory=dict)
+
+    def is_same(self, other: Extra) -> bool:
+        """Return whether the same surface is extra."""
+        return self.surfaces.keys() == other.surfaces.keys() and all(
+            (one.is_extra & other.surfaces[name].is_extra).sum()
+            >= TUNED.same_share * (one.is_extra | other.surfaces[name].is_extra).sum()
+            for name, one in self.surfaces.items()
+        )
+
+    def lacks_some_of(self, other: Extra) -> bool:
+        """Return whether a shape has extra material in the other and none in this."""
+        return bool(other.surfaces.keys() - self.surfaces.keys())
 
 
-def pose_without_extra(
-    run: Run, missing: Mapping[int, str], prepare: Callable[[_Found], Shapes]
-) -> _Answer:
-    """Pose all shapes, those with extra material without it; in rounds, since it may spoil the first poses.
+def extra_material(answer: tuple[Run, Matched, Posed], whole: Shapes, before: Extra) -> Extra:
+    """Return the extra material of whole shapes at the poses of an answer; none where most of these are in doubt.
 
     Parameters
     ----------
-    run : Run
-    missing : mapping of int to str
-        Why some shapes are incomplete.
-    prepare : callable
-        Returns the shapes without the extra material of some, by name.
-
-    Returns
-    -------
-    run : Run
-        With the samples of whole surfaces, unless ``options.ignore_extra`` leaves the extra material out of these.
-    matched : Matched
-    posed : Posed
+    answer : (Run, Matched, Posed)
+    whole : Shapes
+    before : Extra
+        What the shapes were posed without.
     """
-    whole, first = run.shapes, (run, *pose_all(run, missing))
-    if not _looks_for_extra(run):
-        return first
-    answer, extra = first, _found_at(first, whole, TUNED.lacking_at_first)
-    for _ in range(MAX_ROUNDS):
-        shapes = prepare(extra) if extra else whole
-        if not extra or shapes.names != whole.names:
-            return first
-        cut = replace(run, shapes=shapes)
-        answer, before = (cut, *pose_all(cut, missing)), extra
-        extra = _found_at(answer, whole, TUNED.lacking)
-        if _are_same(extra, before):
-            break
-    if before.keys() - extra.keys():
-        return first
-    (cut, matched, posed), extra = answer, before
-    ignored = run.session.options.ignore_extra
+    run, _, posed = answer
+    if np.median(posed.solution.confidence) <= TUNED.doubtful:
+        return Extra()
+    lacking = {one.shape for one in posed.incomplete}
+    part = [i for i in max(posed.solution.parts, key=len).tolist() if i not in lacking]
+    most_lacking = TUNED.lacking if before.surfaces else TUNED.lacking_at_first
+    with run.stage("extra material"):
+        found = find_extra(run.session, whole.samples, posed.transforms, part, most_lacking)
+    return Extra(surfaces={whole.names[i]: surface for i, surface in found.items()})
+
+
+def with_extra_material(
+    answer: tuple[Run, Matched, Posed], whole: Run, extra: Extra
+) -> tuple[Run, Matched, Posed]:
+    """Return poses without extra material with what it is; the samples are of whole surfaces unless it is ignored.
+
+    Parameters
+    ----------
+    answer : (Run, Matched, Posed)
+    whole : Run
+        With the shapes as they are.
+    extra : Extra
+    """
+    if not extra.surfaces:
+        return answer
+    cut, matched, posed = answer
+    names, ignored = whole.shapes.names, whole.session.options.ignore_extra
     if not ignored:
-        cut, posed = run, _with_whole_samples(posed, whole, extra)
+        cut, posed = whole, _with_whole_samples(posed, whole.shapes, extra)
     of_shapes = tuple(
-        ExtraMaterial(shape=i, surface=extra[name])
-        for i, name in enumerate(whole.names)
-        if name in extra
+        ExtraMaterial(shape=i, surface=extra.surfaces[name])
+        for i, name in enumerate(names)
+        if name in extra.surfaces
     )
     note = Note(
         "extra-material",
-        tuple(whole.names[one.shape] for one in of_shapes),
+        tuple(names[one.shape] for one in of_shapes),
         {
             "shares": tuple(one.share for one in of_shapes),
             "sides": tuple(one.side(posed.transforms[one.shape]) for one in of_shapes),
@@ -106,41 +120,10 @@ def pose_without_extra(
     return cut, matched, replace(posed, extra=of_shapes, notes=(*posed.notes, note))
 
 
-def _looks_for_extra(run: Run) -> bool:
-    """Return whether all shapes are of one kind, with confidences, and nobody decided about poses."""
-    options = run.session.options
-    return (
-        looks_for_incomplete(options)
-        and options.synchronization == "robust"
-        and not run.constraints.fixed
-    )
-
-
-def _found_at(answer: _Answer, whole: Shapes, most_lacking: float) -> dict[str, ExtraSurface]:
-    """Return the extra material of whole shapes at the poses of an answer; none where most of these are in doubt."""
-    run, _, posed = answer
-    if np.median(posed.solution.confidence) <= TUNED.doubtful:
-        return {}
-    lacking = {one.shape for one in posed.incomplete}
-    part = [i for i in max(posed.solution.parts, key=len).tolist() if i not in lacking]
-    with run.stage("extra material"):
-        found = find_extra(run.session, whole.samples, posed.transforms, part, most_lacking)
-    return {whole.names[i]: surface for i, surface in found.items()}
-
-
-def _are_same(found: _Found, before: _Found) -> bool:
-    """Return whether the same surface is extra as before."""
-    return found.keys() == before.keys() and all(
-        (one.is_extra & before[name].is_extra).sum()
-        >= TUNED.same_share * (one.is_extra | before[name].is_extra).sum()
-        for name, one in found.items()
-    )
-
-
-def _with_whole_samples(posed: Posed, whole: Shapes, extra: _Found) -> Posed:
+def _with_whole_samples(posed: Posed, whole: Shapes, extra: Extra) -> Posed:
     """Return poses that stay, with maps and labels of the samples of whole surfaces."""
     samples, rotations = whole.samples, posed.rotations
-    changed = {i for i, name in enumerate(whole.names) if name in extra}
+    changed = {i for i, name in enumerate(whole.names) if name in extra.surfaces}
 
     def of_whole(pair: AlignedPair) -> AlignedPair:
         if not {pair.target, pair.source} & changed:

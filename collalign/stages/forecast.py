@@ -14,7 +14,6 @@ from collalign.engine.session import Session
 from collalign.engine.store import Store
 from collalign.options import AUTO, AlignOptions
 from collalign.stages.choose_pairs import all_pairs
-from collalign.stages.evidence.candidates import MOST_SEARCHED
 from collalign.stages.evidence.weigh import wants_maps, weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs
@@ -107,8 +106,8 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         shapes = prepare_shapes(session, listing.some(chosen))
         prepared_s = time.perf_counter() - started
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
-        if wants_maps(options, shapes.samples, pairs):
-            weigh_pairs(session, shapes, pairs, searched=num <= MOST_SEARCHED)
+        if wants_maps(options, shapes, pairs):
+            weigh_pairs(session, shapes, pairs)
         costs = costs_of(session.store)
         sizes = {kind: session.store.median_bytes(kind) for kind in costs}
     busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
@@ -162,9 +161,7 @@ def forecast(
     )
     alone = {"start": start_s, "outputs": TILE * match_s * min(num, MOST_TILES)}
     if missing_pairs and not math.isnan(costs["evidence"]):
-        settled = (
-            num * MAX_PARTNERS / 2 if num > MOST_SEARCHED else 0.0
-        )  # as if half of the shapes were in doubt
+        settled = num * MAX_PARTNERS / 2  # as if half of the shapes were in doubt
         shared["maps"] = num * costs["surfaces"] + (missing_pairs + settled) * costs["evidence"]
         tasks["maps"] = round(num + missing_pairs + settled)
         records |= {"surfaces": num, "evidence": missing_pairs + settled}

@@ -1,4 +1,9 @@
-"""Which shapes of a run are posed on each other, which on the others: complete ones, incomplete ones, scans."""
+"""From shapes to poses: pose them, see what the poses say of each shape, and pose them once more without that.
+
+Shapes of which a part is missing are placed on the others, and material that no other shape has is left out. That is
+seen at poses as if all were whole; where there is such a shape it may have spoilt these. Shapes of which most are
+open may be scans of one thing instead; what they share tells.
+"""
 
 from __future__ import annotations
 
@@ -6,160 +11,179 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeAlias
 
-from collalign.options import AUTO, MAX_ROUNDS, AlignOptions
+from collalign.options import AUTO, AlignOptions
 from collalign.products.pair import are_weighed
 from collalign.stages import steps
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
-from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import (
-    MIN_SHAPES,
-    OPEN,
-    find_incomplete,
-    found_complete,
-    match_like_copies,
-    may_be_broken,
+from collalign.stages.extra_material import (
+    Extra,
+    extra_material,
+    with_extra_material,
 )
+from collalign.stages.incomplete.add import with_incomplete
+from collalign.stages.incomplete.detect import are_too_many, find_incomplete
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
 
-#: The run of the shapes that are posed, its group decided; their pairs; their poses.
-_Answer: TypeAlias = tuple[Run, Matched, Posed]
+#: Times that shapes are posed at most.
+MOST_POSINGS = 3
+#: A run, its shapes' pairs and their poses.
+Answer: TypeAlias = tuple[Run, Matched, Posed]
 
 
-def looks_for_incomplete(options: AlignOptions) -> bool:
-    """Return whether nobody said which shapes are incomplete, and all are of one kind."""
-    return options.incomplete == AUTO and options.clusters == 1
+def pose_all(run: Run, missing: Mapping[int, str]) -> Answer:
+    """Pose all shapes.
+
+    Parameters
+    ----------
+    run : Run
+    missing : mapping of int to str
+        Shapes that a person, or an earlier run, calls incomplete, by position, and the code of that reason.
+
+    Returns
+    -------
+    run : Run
+        With the shapes that the result is of: without extra material only where ``options.ignore_extra`` says so.
+    matched : Matched
+    posed : Posed
+    """
+    if len(missing) == len(run.shapes.names):
+        matched = steps.unmatched(run)
+        scans = align_scans(with_group(run, matched.group), (), missing)
+        assert scans is not None  # which is for shapes that nobody called so
+        return run, matched, scans
+    known = None
+    if not missing and _may_be_scans(run):
+        known, found = _as_scans(run)
+        if found is not None:
+            return found
+    return _pose_in_rounds(run, missing, known)
 
 
-def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
-    """Pose all shapes; ``missing`` says why some are incomplete: they were called so, or their surface is open."""
-    all_named = len(missing) == len(run.shapes.names)
-    tries_scans = _tries_scans(run, missing)
-    if tries_scans and were_seen(run.shapes):
-        # Depth images match badly as whole shapes, and what they share tells whether they are of one object.
-        unmatched = steps.unmatched(run)
-        scans = align_scans(with_group(run, unmatched.group), (), {})
-        if scans is not None:
-            return unmatched, scans
-    known = steps.match(run) if all_named or tries_scans else None
-    is_bad = known is not None and match_badly(run.shapes, known[1].pairs)
-    if known and (all_named or is_bad):
-        decided, matched = known
-        scans = align_scans(decided, matched.pairs, missing if all_named else {})
-        if scans is not None:
-            return replace(matched, notes=()), scans  # which are about whole shapes
-    if OPEN in missing.values():
-        return _pose_few_open(run, missing)
-    return _pose_on_complete(run, missing, known, in_doubt=is_bad)
-
-
-def _pose_few_open(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:
-    """Pose shapes a few of which are open: those that match like copies, or turn out to be complete, are complete."""
-    known = steps.match(run)
-    alike = match_like_copies(known[1].pairs)
-    missing = {i: why for i, why in missing.items() if why != OPEN or i not in alike}
-    matched, posed = _pose_on_complete(run, missing, None if missing else known)
-    whole = found_complete(posed.incomplete)
-    if whole:
-        matched, posed = _pose_on_complete(
-            run, {i: why for i, why in missing.items() if i not in whole}
-        )
-    return matched, posed
-
-
-def _tries_scans(run: Run, missing: Mapping[int, str]) -> bool:
-    """Return whether shapes may be scans of which none is complete: nobody said otherwise, and options allow it."""
+def _may_be_scans(run: Run) -> bool:
+    """Return whether shapes may be scans of which none is complete: options allow it, and some have borders."""
     options = run.session.options
     return (
-        not missing
-        and looks_for_incomplete(options)
+        _looks_at_shapes(options)
         and options.synchronization == "robust"
         and not options.deformable
         and not run.constraints.fixed
         and 3 <= len(run.shapes.names) <= MAX_ALL_PAIRS
         and any(item.rim != "closed" for item in run.shapes.samples)
-        and (may_be_broken(options, run.shapes) or were_seen(run.shapes))
+        and (not run.shapes.are_assembled or were_seen(run.shapes))
     )
 
 
-def _pose_on_complete(
-    run: Run,
-    missing: Mapping[int, str],
-    known: tuple[Run, Matched] | None = None,
-    *,
-    in_doubt: bool = False,
-) -> tuple[Matched, Posed]:
-    """Pose complete shapes and judge that, then the others on them.
+def _as_scans(run: Run) -> tuple[tuple[Run, Matched] | None, Answer | None]:
+    """Return the pairs of whole shapes where they were matched, and the poses of scans where shapes are scans.
 
-    ``known`` are the pairs of all where matched. Shapes are ``in_doubt`` if they match so badly as whole shapes that
-    hardly any can be complete; where maps are asked, they bend.
+    Depth images match badly as whole shapes; whether they are of one object is told by what they share.
     """
-    decided, matched, posed = _pose_others(run, missing) if known is None else _pose(run, known)
-    if {*missing.values()} <= {OPEN} and looks_for_incomplete(run.session.options):
-        missing, (decided, matched, posed) = _without_found(run, missing, (decided, matched, posed))
-    if in_doubt and not are_weighed(matched.pairs):
-        posed = replace(posed, suspects=frozenset(range(len(posed.rotations))))
-    posed = _with_confidences(decided, matched, posed)
+    if were_seen(run.shapes):
+        unmatched = steps.unmatched(run)
+        scans = align_scans(with_group(run, unmatched.group), (), {})
+        if scans is not None:
+            return None, (run, unmatched, scans)
+    decided, matched = steps.match(run)
+    if match_badly(run.shapes, matched.pairs):
+        scans = align_scans(decided, matched.pairs, {})
+        if scans is not None:
+            return None, (run, replace(matched, notes=()), scans)  # notes are about whole shapes
+    return (decided, matched), None
+
+
+def _pose_in_rounds(
+    run: Run, missing: Mapping[int, str], known: tuple[Run, Matched] | None
+) -> Answer:
+    """Pose shapes, and again without what turns out to be incomplete or extra; ``known`` are the pairs of all."""
+    whole, extra, first = run, Extra(), None
+    for rounds_left in reversed(range(MOST_POSINGS)):
+        answer, known = _pose_complete(run, missing, known), None
+        fresh, in_doubt = _found_incomplete(run, missing, answer)
+        if fresh and rounds_left:
+            missing = {**missing, **fresh}
+            continue
+        answer = _with_confidences(run, missing, answer, in_doubt)
+        first = first or answer
+        found = extra_material(answer, whole.shapes, extra) if _looks_for_extra(run) else extra
+        if found.lacks_some_of(extra):
+            return first  # it is no extra material without it
+        if found.is_same(extra) or not rounds_left:
+            break
+        shapes = whole.read_without(found.surfaces)
+        if shapes.names != whole.shapes.names:
+            return first
+        run, extra = replace(whole, shapes=shapes), found
+    return with_extra_material(answer, whole, extra)
+
+
+def _looks_at_shapes(options: AlignOptions) -> bool:
+    """Return whether nobody said which shapes are incomplete, and all are of one kind."""
+    return options.incomplete == AUTO and options.clusters == 1
+
+
+def _looks_for_extra(run: Run) -> bool:
+    """Return whether extra material is looked for: there are confidences, and nobody decided about poses."""
+    options = run.session.options
+    return (
+        _looks_at_shapes(options)
+        and options.synchronization == "robust"
+        and not run.constraints.fixed
+    )
+
+
+def _pose_complete(
+    run: Run, missing: Mapping[int, str], known: tuple[Run, Matched] | None
+) -> Answer:
+    """Pose the shapes of which nothing is missing; section 6.3 of Maron et al. (2016)."""
     if missing:
-        posed = with_incomplete(with_group(run, matched.group), posed, missing)
-    return matched, posed
-
-
-def _without_found(
-    run: Run, missing: Mapping[int, str], answer: _Answer
-) -> tuple[dict[int, str], _Answer]:
-    """Return the shapes that turn out to be incomplete, and the others posed without them; in rounds.
-
-    Incomplete shapes among complete ones may spoil poses, and so hide others. Where too few would be left, they stay,
-    in doubt. Shapes that bend so much that maps were asked tell nothing.
-    """
-    missing = dict(missing)
-    for _ in range(0 if are_weighed(answer[1].pairs) else MAX_ROUNDS):
-        posed = answer[2]
-        kept = [i for i in range(len(run.shapes.names)) if i not in missing]
-        with run.stage("incomplete shapes"):
-            found = find_incomplete(
-                run.session, run.shapes.some(kept), posed.pairs, posed.transforms
+        kept = _complete(run, missing)
+        if len(kept) < 2:
+            raise CollectionError(
+                f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
             )
-        fresh = {
-            kept[n]: reason for n, reason in found.items() if kept[n] not in run.constraints.fixed
-        }
-        if not fresh:
-            break
-        if len(kept) - len(fresh) < MIN_SHAPES:
-            suspects = frozenset(kept.index(i) for i in fresh)
-            answer = (*answer[:2], replace(posed, suspects=suspects))
-            break
-        missing |= fresh
-        answer = _pose_others(run, missing)
-    return missing, answer
-
-
-def _pose_others(run: Run, missing: Mapping[int, str]) -> _Answer:
-    """Pose the shapes that are not incomplete."""
-    if not missing:
-        return _pose(run)
-    kept = [i for i in range(len(run.shapes.names)) if i not in missing]
-    if len(kept) < 2:
-        raise CollectionError(
-            f"{len(kept)} complete shapes: at least two are needed to pose {len(missing)} incomplete ones on"
-        )
-    reference = run.session.options.reference
-    if reference and run.constraints.reference in missing:
-        raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")
-    return _pose(run.some(kept))
-
-
-def _pose(run: Run, known: tuple[Run, Matched] | None = None) -> _Answer:
-    """Pose complete shapes, from their pairs if these are known; section 6.3 of Maron et al. (2016)."""
+        reference = run.session.options.reference
+        if reference and run.constraints.reference in missing:
+            raise InputError(f"reference: {reference!r} is incomplete; choose a complete shape")
+        run, known = run.some(kept), None
     decided, matched = steps.match(run) if known is None else known
     matched = steps.prove(decided, matched)
     matched = steps.weigh(decided, matched)
     return decided, matched, steps.pose(decided, matched)
 
 
-def _with_confidences(decided: Run, matched: Matched, posed: Posed) -> Posed:
-    """State confidences, reconsider doubtful shapes, and map all vertices, once posed together."""
-    posed = steps.reconsider_doubtful(decided, matched, steps.state_trust(decided, posed))
-    return steps.with_vertices(decided, posed)
+def _complete(run: Run, missing: Mapping[int, str]) -> list[int]:
+    return [i for i in range(len(run.shapes.names)) if i not in missing]
+
+
+def _found_incomplete(
+    run: Run, missing: Mapping[int, str], answer: Answer
+) -> tuple[dict[int, str], frozenset[int]]:
+    """Return which of the posed shapes turn out to be incomplete, and which seem to be, by position among the posed.
+
+    They only seem so where too few would be left, or most are. Shapes that bend so much that maps were asked tell
+    nothing.
+    """
+    decided, matched, posed = answer
+    if not _looks_at_shapes(run.session.options) or are_weighed(matched.pairs):
+        return {}, frozenset()
+    kept = _complete(run, missing)
+    with run.stage("incomplete shapes"):
+        found = find_incomplete(run.session, decided.shapes, posed.pairs, posed.transforms)
+    if are_too_many(len(found), len(kept)):
+        return {}, frozenset(found)
+    fixed = run.constraints.fixed
+    return {kept[n]: reason for n, reason in found.items() if kept[n] not in fixed}, frozenset()
+
+
+def _with_confidences(
+    run: Run, missing: Mapping[int, str], answer: Answer, seem_incomplete: frozenset[int]
+) -> Answer:
+    """State confidences, reconsider doubtful shapes, map all vertices, and place the incomplete shapes."""
+    decided, matched, posed = answer
+    posed = steps.state_trust(decided, replace(posed, seem_incomplete=seem_incomplete))
+    posed = steps.with_vertices(decided, steps.reconsider_doubtful(decided, matched, posed))
+    if missing:
+        posed = with_incomplete(with_group(run, matched.group), posed, missing)
+    return run, matched, posed

@@ -24,7 +24,7 @@ from data_tools.io.listing import TABLES, FolderListing, hash_shape
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source, location
 from data_tools.notes import Note, listed
-from data_tools.options import NUM_QUANTILES, CleaningOptions
+from data_tools.options import NUM_QUANTILES, CleaningOptions, Components
 from data_tools.surface.cleaning import (
     PLAIN_LEFT_OUT,
     SHARED_TAKEN,
@@ -48,6 +48,7 @@ def prepare_shapes(
     listing: FolderListing,
     own: Mapping[str, OwnPoints] | None = None,
     extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
+    pieces: Mapping[str, Components] = MappingProxyType({}),
 ) -> Shapes:
     """Read, clean, sample and embed every file whose result the store does not hold yet.
 
@@ -59,6 +60,8 @@ def prepare_shapes(
         Samples and invariants that are given, by name.
     extra : mapping of str to ExtraSurface, optional
         Material of some shapes that is left out, by name.
+    pieces : mapping of str to str, optional
+        Components of some shapes that are read in place of those that the options say, by name.
 
     Raises
     ------
@@ -71,12 +74,14 @@ def prepare_shapes(
     """
     wanted = session.options.sampling.num_points
     own = own or {}
-    shapes = _prepare(session, listing, session.options, own, extra)
+    shapes = _prepare(session, listing, session.options, own, extra, pieces)
     counts = {one.name: one.num_places for one in shapes.samples}
     num = common_num_points([*counts.values()], wanted)
     if num < wanted:
         fewer = replace(session.options.sampling, num_points=num)
-        shapes = _prepare(session, listing, replace(session.options, sampling=fewer), own, extra)
+        shapes = _prepare(
+            session, listing, replace(session.options, sampling=fewer), own, extra, pieces
+        )
     shapes = replace(shapes, notes=few_points(counts, num, wanted))
     odd = odd_sizes(dict(zip(shapes.names, [item.scale for item in shapes.samples], strict=True)))
     said = {name: item.notes for name, item in zip(shapes.names, shapes.samples, strict=True)}
@@ -266,9 +271,10 @@ def _prepare(
     options: AlignOptions,
     own: Mapping[str, OwnPoints],
     extra: Mapping[str, ExtraSurface],
+    pieces: Mapping[str, Components],
 ) -> Shapes:
     """Read, clean, sample and embed every file, each at as many points as asked for."""
-    wanted, excluded = wanted_shapes(listing, options, own, extra)
+    wanted, excluded = wanted_shapes(listing, options, own, extra, pieces)
     session.store.set_note(NUM_FILES, str(len(wanted)))
     found = session.compute(
         SAMPLING, wanted, time_limit_s=session.run.shape_time_limit_s, strict=options.strict
@@ -284,6 +290,7 @@ def _prepare(
         digests=tuple(wanted[name].arguments["digest"] for name in found),
         keys=tuple(wanted[name].key for name in found),
         samples=tuple(replace(samples, chirality=None) for samples in read),
+        cleaning=tuple(wanted[name].arguments["cleaning"] for name in found),
         chirality=tuple(samples.chirality for samples in read),
         excluded=tuple(excluded),
     )
@@ -306,21 +313,15 @@ def wanted_shapes(
     options: AlignOptions,
     own: Mapping[str, OwnPoints],
     extra: Mapping[str, ExtraSurface] = MappingProxyType({}),
+    pieces: Mapping[str, Components] = MappingProxyType({}),
 ) -> tuple[dict[str, Wanted], list[Excluded]]:
     """Return what is wanted of the file of every name, and the files that cannot even be opened."""
     wanted, excluded = {}, []
     # Not part of the key: samples are the same, and what lacks the chirality is measured later.
     with_chirality = options.group == "auto" and len(listing.files) <= MOST_FOR_SIDES
-    cleaning = options.cleaning
-    if cleaning.components == AUTO:  # the largest ones are tried first
-        cleaning = replace(cleaning, components="largest")
-    settings = {
-        "cleaning": cleaning,
-        "sampling": options.sampling,
-        "embedding": options.embedding,
-    }
-    keyed = vars(cleaning).copy()
-    del keyed["columns"]  # which change nothing of files that are no tables
+    usual = options.cleaning
+    if usual.components == AUTO:
+        usual = replace(usual, components="largest")
     for file, name in zip(listing.files, listing.names, strict=True):
         try:
             digest = hash_shape(file)
@@ -331,6 +332,14 @@ def wanted_shapes(
             continue
         # The reader depends on the suffix as well as on the content.
         given = [points[name].digest for points in (own, extra) if name in points]
+        cleaning = replace(usual, components=pieces.get(name, usual.components))
+        settings = {
+            "cleaning": cleaning,
+            "sampling": options.sampling,
+            "embedding": options.embedding,
+        }
+        keyed = vars(cleaning).copy()
+        del keyed["columns"]  # which change nothing of files that are no tables
         suffix, columns = file.suffix.lower(), cleaning.columns
         if suffix in TABLES or (suffix == ".*" and columns):
             given += ["columns", columns]
@@ -420,6 +429,6 @@ def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> W
             "path": shapes.files[i],
             "name": shapes.names[i],
             "digest": shapes.digests[i],
-            "cleaning": session.options.cleaning,
+            "cleaning": shapes.cleaning[i],
         },
     )

@@ -7,12 +7,12 @@ after the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
+from collalign.confidence.pose_model import resembles_none
 from collalign.confidence.side_model import MIN_SHAPES
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
@@ -21,7 +21,6 @@ from collalign.products.shapes import Constraints, Excluded, ExtraMaterial, Inco
 from collalign.products.trust import Trust
 from collalign.stages.choose_pairs import choose_pairs, describe_shapes, grow_pairs, match_chosen
 from collalign.stages.deformation import map_vertices, vertex_notes
-from collalign.stages.evidence.candidates import MOST_SEARCHED
 from collalign.stages.evidence.weigh import wants_maps, weigh_doubtful_pairs, weigh_pairs
 from collalign.stages.mixed_sides import decide_group
 from collalign.stages.poses.agreement import with_common_match
@@ -42,14 +41,19 @@ from collalign.stages.trust.trust_notes import remedies, trust_notes
 from collalign.synchronization import SynchronizationResult
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.notes import Note
+from data_tools.surface.extra import ExtraSurface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """What a run works on: shapes, what is known and decided about them, and the seconds of its stages so far."""
+    """What a run works on: shapes, what is known and decided about them, and the seconds of its stages so far.
+
+    ``read_without`` reads the shapes again, without extra material of some of them, by name.
+    """
 
     session: AlignSession
     shapes: Shapes
+    read_without: Callable[[Mapping[str, ExtraSurface]], Shapes]
     constraints: Constraints
     former: FormerPairs | None
     times_s: dict[str, float]
@@ -70,8 +74,13 @@ class Run:
 
 def with_group(run: Run, group: str) -> Run:
     """Return the run with the group that was decided."""
-    options = replace(run.session.options, group="O" if group == "O" else "SO")
-    return replace(run, session=replace(run.session, options=options))
+    return replace(run, session=with_decided_group(run.session, group))
+
+
+def with_decided_group(session: AlignSession, group: str) -> AlignSession:
+    """Return the session with a group, in which nothing is reflected unless it is "O"."""
+    options = replace(session.options, group="O" if group == "O" else "SO")
+    return replace(session, options=options)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,11 +145,10 @@ def prove(run: Run, matched: Matched) -> Matched:
 
 def weigh(run: Run, matched: Matched) -> Matched:
     """Let non-rigid maps propose poses and judge all, where shapes bend."""
-    if not wants_maps(run.session.options, run.shapes.samples, matched.pairs):
+    if not wants_maps(run.session.options, run.shapes, matched.pairs):
         return matched
     with run.stage("maps"):
-        searched = len(run.shapes.names) <= MOST_SEARCHED
-        pairs = weigh_pairs(run.session, run.shapes, matched.pairs, searched=searched)
+        pairs = weigh_pairs(run.session, run.shapes, matched.pairs)
     # Mirrored energies of few shapes cannot tell a mirrored body from one in another posture; maps can.
     are_few = matched.group == "SO" and len(run.shapes.names) < MIN_SHAPES
     side_limits = {} if are_few else matched.side_limits
@@ -154,7 +162,8 @@ class Posed:
     ``matched`` are the pairs within parts as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
-    ``suspects`` are shapes that seem to be incomplete, of too few to be posed without them.
+    ``seem_incomplete`` are shapes that would be posed on the others if these were enough.
+    ``limited_by`` are the codes of what limits confidences, empty where nothing does.
     """
 
     pairs: list[AlignedPair]
@@ -166,7 +175,8 @@ class Posed:
     consensus: FloatArray
     notes: tuple[Note, ...]
     side_limits: Mapping[int, float]
-    suspects: frozenset[int] = frozenset()
+    seem_incomplete: frozenset[int] = frozenset()
+    limited_by: tuple[str, ...] = ()
     trust: Trust | None = None
     vertices: VertexMaps | None = None
     incomplete: tuple[Incomplete, ...] = ()
@@ -225,11 +235,11 @@ def state_trust(run: Run, posed: Posed) -> Posed:
         trust = gather_trust(
             session, samples, posed.matched, posed.rotations, posed.solution.components
         )
-        limits = dict.fromkeys(sorted(posed.suspects), STRANGE_LIMIT)
-        limits |= {i: min(most, limits.get(i, most)) for i, most in posed.side_limits.items()}
-        solution = with_trust(posed.solution, trust, run.constraints, limits)
+        solution, limited_by = with_trust(
+            posed.solution, trust, run.constraints, posed.side_limits, posed.seem_incomplete
+        )
         notes = trust_notes(run.shapes.names, trust, solution.confidence, run.constraints)
-        posed = replace(posed, solution=solution, trust=trust)
+        posed = replace(posed, solution=solution, limited_by=limited_by, trust=trust)
         strange = resembles_none(trust.evidence)
         helps = remedies(
             run.session, run.shapes, posed.matched, posed.confidence_but_for_sides, strange
@@ -238,8 +248,8 @@ def state_trust(run: Run, posed: Posed) -> Posed:
 
 
 def reconsider_doubtful(run: Run, matched: Matched, posed: Posed) -> Posed:
-    """Weigh and pose doubtful shapes anew, where maps were made and have not searched all pairs."""
-    if not are_weighed(matched.pairs) or len(run.shapes.names) <= MOST_SEARCHED:
+    """Weigh and pose doubtful shapes anew, where maps were made."""
+    if not are_weighed(matched.pairs):
         return posed
     with run.stage("maps"):
         pairs = weigh_doubtful_pairs(

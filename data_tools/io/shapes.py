@@ -21,7 +21,7 @@ from data_tools.io.listing import READERS, TABLES, joint_digest, parts_of
 from data_tools.io.source import Origin, Source, read_source, read_start
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
-from data_tools.surface.cleaning import are_assembled, clean, drop_non_finite
+from data_tools.surface.cleaning import clean, drop_non_finite, is_assembled
 from data_tools.surface.hidden import as_seen
 from data_tools.surface.outliers import without_outliers
 from data_tools.surface.shape import Shape
@@ -173,7 +173,7 @@ def _is_there(path: Origin | str) -> bool:
 
 
 def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None) -> list[Shape]:
-    """Read shapes that are matched with each other: of all or of none, all components are kept.
+    """Read shapes that are matched with each other; all components are kept of those that are assembled of several.
 
     Parameters
     ----------
@@ -187,9 +187,13 @@ def read_alike(paths: Sequence[Origin], cleaning: CleaningOptions | None = None)
     """
     cleaning = CleaningOptions() if cleaning is None else cleaning
     shapes = [read_shape(path, cleaning) for path in paths]
-    if cleaning.components == "auto" and are_assembled(cleaning, [shape.notes for shape in shapes]):
-        shapes = [read_shape(path, replace(cleaning, components="all")) for path in paths]
-    return shapes
+    if cleaning.components != "auto":
+        return shapes
+    whole = replace(cleaning, components="all")
+    return [
+        read_shape(path, whole) if is_assembled(shape.notes) else shape
+        for path, shape in zip(paths, shapes, strict=True)
+    ]
 
 
 def shape_from_source(

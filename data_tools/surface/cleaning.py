@@ -113,7 +113,7 @@ DEGENERATE_TOL = 1e-14
 #: Components whose area is at least this share of the largest one's are kept with it: which of two bones in a file is
 #: the larger one is chance, and would differ from file to file.
 NEAR_TIE = 0.8
-#: Where more than this share of the area of the median shape is dropped with its smaller components, these are no
+#: Where more than this share of the area of a shape is dropped with its smaller components, these are no
 #: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
 #: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
 MOST_DROPPED = 0.05
@@ -488,21 +488,15 @@ def is_plain(vertices: FloatArray, faces: IntArray) -> bool:
     return bool(left.mean() <= 1.0 - PLAIN.of_box)
 
 
-def are_assembled(options: CleaningOptions, notes: Sequence[Sequence[Note]]) -> bool:
-    """Return whether shapes are assembled of components: the smaller ones are too much of most to be fragments.
-
-    Who asks for all components says so too.
+def is_assembled(notes: Sequence[Note]) -> bool:
+    """Return whether a shape is assembled of components: those that cleaning dropped are too much to be fragments.
 
     Parameters
     ----------
-    options : CleaningOptions
-    notes : sequence of sequence of Note
-        What cleaning said of each shape.
+    notes : sequence of Note
+        What cleaning said of the shape.
     """
-    if options.components == "all":
-        return True
-    dropped = [1.0 - share_kept(own) for own in notes]
-    return bool(dropped) and float(np.median(dropped)) > MOST_DROPPED
+    return 1.0 - share_kept(notes) > MOST_DROPPED
 
 
 def _drop_unreferenced(

@@ -43,9 +43,7 @@ def weighed_pairs(data: Path, collection: str, quick: bool) -> list[WeighedPair]
         matched(data, collection, NUM_QUICK if quick else NUM_SHAPES, options) as all_pairs,
     ):
         at = [all_pairs.posed.names.index(name) for name in all_pairs.shapes.names]
-        for pair in weigh.weigh_pairs(
-            all_pairs.session, all_pairs.shapes, all_pairs.pairs, searched=False
-        ):
+        for pair in weigh.weigh_pairs(all_pairs.session, all_pairs.shapes, all_pairs.pairs):
             able = np.isfinite(pair.log_odds)
             truth = all_pairs.posed.relative[at[pair.target], at[pair.source]]
             right = np.asarray(rotation_angle_deg(pair.rotations[able, :3, :3], truth)) <= RIGHT_DEG

@@ -156,9 +156,6 @@ SWITCHES: dict[str, Switch] = {
     "growing the graph of pairs": Switch(patches={"collalign.stages.choose_pairs.MAX_ROUNDS": 0}),
     # maps
     "maps": Switch(patches={f"{_STEPS}.wants_maps": _always(False)}, where=BENT, since=PAIRS),
-    "searching every pair of few shapes": Switch(
-        patches={f"{_STEPS}.MOST_SEARCHED": 0}, where=BENT, since=PAIRS
-    ),
     "settling doubts by maps": Switch(
         patches={f"{_STEPS}.reconsider_doubtful": _given(2)}, where=BENT, since=PAIRS
     ),
@@ -191,7 +188,9 @@ SWITCHES: dict[str, Switch] = {
         }
     ),
     "ties": Switch(patches={f"{_TRUST}.pose_confidence": _without_ties}),
-    "cap of misfits": Switch(patches={f"{_MODEL}.UNCERTAIN": pose_model.MOST_CONFIDENT}),
+    "limits of misfits, blocks and few shapes": Switch(
+        patches={f"{_MODEL}.UNCERTAIN": pose_model.MOST_CONFIDENT}
+    ),
     "limit by cycles": Switch(patches={f"{_MODEL}.LIMIT_WEIGHTS": np.array([50.0, 0.0, 0.0])}),
     "shapes that resemble no other": Switch(patches={f"{_MODEL}.STRANGE": np.inf}),
     "dense margin beside the local one": Switch(patches={f"{_MODEL}.WEIGHTS": _ONE_WAY}),
@@ -199,10 +198,7 @@ SWITCHES: dict[str, Switch] = {
     "looking for incomplete shapes": Switch(
         patches={"collalign.stages.posing.find_incomplete": _always({})}, where=OPEN
     ),
-    "broken shapes by their open surface": Switch(
-        patches={"collalign.align.open_among_closed": _always({})}, where=OPEN
-    ),
     "trying scans": Switch(
-        patches={"collalign.stages.posing._tries_scans": _always(False)}, where=OPEN
+        patches={"collalign.stages.posing._may_be_scans": _always(False)}, where=OPEN
     ),
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from collalign.confidence.pose_model import ceiling, probability, terms
+from collalign.confidence.pose_model import limited, probability, terms
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from experiments.collections.landmarked import COLLECTIONS
 from experiments.collections.posed import MIRRORED_DEG
@@ -82,10 +82,9 @@ def stated_by_held_out_weights(records: dict[str, dict[str, Any]]) -> dict[str, 
         weights, constant = fit_weights(*training_rows(others))
         chance = 1.0 / (1.0 + np.exp(-(terms(record["evidence"]) @ weights + constant)))
         is_limited = record["stated"] < probability(record["evidence"]) - ROUNDING
-        limit = np.where(is_limited, record["stated"], ceiling(record["evidence"]))
-        held_out[kind] = record | {
-            "stated": np.where(np.isnan(chance), record["stated"], np.minimum(chance, limit))
-        }
+        stated, _ = limited(record["evidence"], chance)
+        stated = np.where(is_limited, np.minimum(stated, record["stated"]), stated)
+        held_out[kind] = record | {"stated": np.where(np.isnan(chance), record["stated"], stated)}
     return held_out
 
 

@@ -26,9 +26,9 @@ EXAMPLES = [
     Note("not-shapes", values={"num": 9, "files": ("notes.txt", "truth.json")}),
     Note("components-kept", values={"kept": 1, "total": 2, "share": 99.0, "dropped": 8}),
     Note("components-kept", values={"kept": 2, "total": 2, "share": 100.0, "dropped": 0}),
-    Note("all-incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
+    Note("all-incomplete", PAIR, {"reasons": ("named", "cut-off"), "coverages": (0.37, 0.0)}),
     Note("all-incomplete", PAIR, {"reasons": ("scan", "scan"), "coverages": (0.37, 0.5)}),
-    Note("incomplete", PAIR, {"reasons": ("named", "open-surface"), "coverages": (0.37, 0.0)}),
+    Note("incomplete", PAIR, {"reasons": ("named", "cut-off"), "coverages": (0.37, 0.0)}),
     Note("coarse-coordinates", PAIR, {"steps": (0.5, 0.25)}),
     *(
         Note("copies", (*"abcdefghijkl",), {"kind": kind})

@@ -9,7 +9,6 @@ from scipy.spatial import Delaunay
 
 from collalign import AlignOptions, RunOptions, align_collection
 from collalign.engine.session import Session
-from collalign.stages import posing
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.scans import (
     BADLY_MATCHED,
@@ -122,20 +121,11 @@ def test_scans_that_nobody_called_so_and_no_direction_saw_are_in_doubt(
     monkeypatch.setattr(scanning, "were_seen", lambda shapes: False)
     guessed = aligned(views[0])
     np.testing.assert_array_equal(guessed.transforms, by_default.transforms)
-    np.testing.assert_array_equal(guessed.confidence, np.minimum(by_default.confidence, 0.5))
+    share = scanning.OVERLAP_ALONE
+    np.testing.assert_array_equal(guessed.confidence, share * by_default.confidence)
+    assert {*guessed.limited_by.values()} == {"overlap-alone"}
     called = aligned(views[0], incomplete="all")
     np.testing.assert_array_equal(called.confidence, by_default.confidence)
-
-
-def test_open_shapes_that_match_badly_as_wholes_and_cannot_be_joined_are_in_doubt(
-    views, aligned, monkeypatch
-):
-    whole = aligned(views[0], incomplete="")
-    assert whole.confidence.max() > 0.5, "or there would be nothing to limit"
-    monkeypatch.setattr(posing, "were_seen", lambda shapes: False)
-    monkeypatch.setattr(posing, "align_scans", lambda *_: None)
-    monkeypatch.setattr(posing, "may_be_broken", lambda *_: True)
-    assert aligned(views[0]).confidence.max() <= 0.5
 
 
 def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch):
@@ -145,7 +135,9 @@ def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch)
     middles = from_front[faces].mean(axis=1)[:, 1]
     faces = faces[np.abs(middles - np.quantile(middles, 0.3)) > 0.05 * np.ptp(middles)]  # a gap
     monkeypatch.setattr(scanning, "DOUBT", 1.1)
-    collection = aligned({**clouds, "view0": (clouds["view0"], faces)}, incomplete="all")
+    in_pieces = {**clouds, "view0": (clouds["view0"], faces)}
+    assert aligned(in_pieces, incomplete="all").assembled == ("view0",)
+    collection = aligned(in_pieces, incomplete="all", cleaning={"components": "largest"})
     assert [one.shapes for one in collection.notes if one.code == "components-left-out"] == [
         ("view0",)
     ]

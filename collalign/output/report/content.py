@@ -25,6 +25,7 @@ from collalign.output.report.sections import (
 from collalign.output.views import camera
 from collalign.products.named_frame import NamedFrame
 from collalign.products.trust import DOUBT
+from collalign.wording import reason_text
 from data_tools.arrays import FloatArray
 from data_tools.errors import printable
 from data_tools.poses import moved_by
@@ -172,6 +173,9 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
             "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
             "byHand": {"evidence": collection.by_hand[name]}
             if name in collection.by_hand
+            else None,
+            "limitedBy": reason_text(collection.limited_by[name])
+            if name in collection.limited_by
             else None,
             "reflected": bool(collection.reflected[at]),
             "part": int(collection.part_numbers[at]),

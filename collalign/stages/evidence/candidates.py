@@ -1,15 +1,12 @@
-"""Candidate poses of a pair that its maps, or a search, ask for, each with what every kind of evidence says of it.
+"""Candidate poses of a pair that its maps ask for, each with what every kind of evidence says of it.
 
-Poses of maps on few samples are right for four of five pairs of bodies, which a large collection outvotes. Each pair
-of a small collection is searched like a match of two shapes, since few others can contradict a wrong one there: maps
-start from within as well, and the surfaces are laid onto each other. Doubtful shapes of larger collections start
-from their rivals alone (:mod:`collalign.stages.evidence.weigh`).
+Poses of maps on few samples are right for four of five pairs of bodies, which a collection outvotes. Surfaces of
+doubtful shapes are laid onto those of the others from their rivals (:mod:`collalign.stages.evidence.weigh`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, TypeAlias
 
@@ -21,7 +18,7 @@ from collalign.confidence.candidate_model import EVIDENCE, evidence_score
 from collalign.confidence.map_model import RIGHT_SHARE, Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
-from collalign.nonrigid.portfolio import candidates_from, chirality_of, find_candidates
+from collalign.nonrigid.portfolio import candidates_from, chirality_of
 from collalign.nonrigid.pose_maps import MAX_FACES, NUM_SIGN_MAPS, PoseMapper, sampled_surface
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from data_tools.arrays import FloatArray, IntArray
@@ -34,14 +31,12 @@ from data_tools.poses import SAME_DEG, keep_apart
 
 #: Candidates kept, those of the best evidence.
 MAX_CANDIDATES = 10
-#: Collections of at most so many shapes are searched: 28 pairs of .9 s. Of 216 shapes in 36 sixes of SCAPE and of
-#: SHREC07's humans and armadillos, on which this was chosen, 8 are beyond 20 deg, 19 without.
-MOST_SEARCHED = 8
-#: Surfaces of a search. With 60 functions, 400 samples and 6000 triangles pairs take half as long again, and the
-#: right pose is first in 186 instead of 184 of 228 doubtful pairs of planes, SCAPE, humans, birds and armadillos.
-SEARCHED = SurfaceOptions(num_functions=50, num_dense=300, max_faces=MAX_FACES // 2)
-#: The same where poses are the starts: nothing asks for geodesic samples there.
-STARTED = replace(SEARCHED, num_samples=8)
+#: Surfaces that are laid onto each other. With 60 functions, 400 samples and 6000 triangles pairs take half as long
+#: again, and the right pose is first in 186 instead of 184 of 228 doubtful pairs of planes, SCAPE, humans, birds and
+#: armadillos. Nothing asks for geodesic samples.
+LAID = SurfaceOptions(num_functions=50, num_samples=8, num_dense=300, max_faces=MAX_FACES // 2)
+#: Surfaces that a worker keeps.
+_NUM_KEPT = 32
 
 #: A pose (3, 3) that a map asks for, the samples' best one-to-one match there (k,), and the evidence of both, in the
 #: order of :data:`collalign.confidence.candidate_model.EVIDENCE`.
@@ -109,15 +104,15 @@ def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     return [ranked[at] for at in keep_apart(rotations, SAME_DEG, num=MAX_CANDIDATES)]
 
 
-def searched_surfaces(
-    files: Iterable[Mapping[str, Any]], areas: Iterable[float], options: SurfaceOptions
+def laid_surfaces(
+    files: Iterable[Mapping[str, Any]], areas: Iterable[float]
 ) -> list[SpectralShape]:
-    """Return surfaces prepared for a search, none where one is in pieces: a search would see only the largest.
+    """Return surfaces to lay onto each other, none where one is in pieces: only the largest would be seen.
 
     Files are what :func:`collalign.stages.evidence.map_surfaces.prepare_surface_file` takes; areas are of all pieces.
     """
     try:
-        found = [_prepared(options, **file) for file in files]
+        found = [_prepared(**file) for file in files]
     except InputError:
         return []
     return (
@@ -127,21 +122,17 @@ def searched_surfaces(
     )
 
 
-def search_pair(
+def candidates_laid(
     target: Samples,
     source: Samples,
     surfaces: Sequence[SpectralShape],
     group: str,
-    starts: FloatArray | None,
+    starts: FloatArray,
 ) -> list[WeighedPose]:
-    """Return poses of a pair that a search proposes, or those that maps from some starts (m, 3, 3) ask for."""
+    """Return poses of a pair that maps ask for which lay its surfaces onto each other from some starts (m, 3, 3)."""
     to, of = surfaces
     options = NonrigidOptions(orientation="any" if group == "O" else "preserving")
-    found = (
-        find_candidates(to, of, options)
-        if starts is None
-        else candidates_from(to, of, starts, options)
-    )
+    found = candidates_from(to, of, starts, options)
     weigher = PoseWeigher(target, source, PoseMapper(sampled_surface(to), sampled_surface(of)))
     return [
         weigher.weigh(one.functional_map, one.evidence, chirality=chirality_of(one, options))
@@ -149,8 +140,6 @@ def search_pair(
     ]
 
 
-@lru_cache(maxsize=4 * MOST_SEARCHED)
-def _prepared(
-    options: SurfaceOptions, path: Origin, name: str, digest: str, cleaning: CleaningOptions
-) -> SpectralShape:
-    return prepare_surface(read_shape(path, cleaning, name=name, digest=digest), options)
+@lru_cache(maxsize=_NUM_KEPT)
+def _prepared(path: Origin, name: str, digest: str, cleaning: CleaningOptions) -> SpectralShape:
+    return prepare_surface(read_shape(path, cleaning, name=name, digest=digest), LAID)

@@ -32,12 +32,10 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.products.trust import UNCERTAIN
 from collalign.stages.evidence.candidates import (
-    SEARCHED,
-    STARTED,
     PoseWeigher,
+    candidates_laid,
     distinct_weighed,
-    search_pair,
-    searched_surfaces,
+    laid_surfaces,
 )
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces
 from collalign.stages.local_evidence import rigid_overlap
@@ -48,7 +46,6 @@ from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError, OptionsError
 from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import rotation_angle_deg
-from data_tools.surface.cleaning import are_assembled
 
 #: Maps are asked where the median of the pairs' lowest energies is above this share of the points' squared size: the
 #: shapes differ so much that one-to-one matches of positions do not settle poses. At default options teeth have .09,
@@ -68,13 +65,13 @@ RIGID_OVERLAP, MOST_REFINED = 0.88, 24
 MAX_CYCLES = 2000
 
 
-def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequence[Pair]) -> bool:
+def wants_maps(options: AlignOptions, shapes: Shapes, pairs: Sequence[Pair]) -> bool:
     """Return whether the poses of maps join the pairs' candidates.
 
     Parameters
     ----------
     options : AlignOptions
-    samples : sequence of Samples
+    shapes : Shapes
     pairs : sequence of Pair
         With their first, rigid candidates.
 
@@ -90,8 +87,9 @@ def wants_maps(options: AlignOptions, samples: Sequence[Samples], pairs: Sequenc
         )
     if options.maps != "auto" or not able:
         return options.maps == "always"
-    if are_assembled(options.cleaning, [item.notes for item in samples]):
+    if shapes.are_assembled:
         return False  # a map is of one component
+    samples = shapes.samples
     rich = [
         pair for pair in pairs if not (samples[pair.target].is_poor or samples[pair.source].is_poor)
     ]
@@ -161,10 +159,12 @@ def weigh_pair(
     surfaces: tuple[StoredSurface, StoredSurface],
     group: str,
     starts: FloatArray,
-    is_first: bool,
     files: Sequence[Mapping[str, Any]] = (),
 ) -> PairEvidence:
     """Weigh poses of one pair and find those of its maps; runs inside a worker.
+
+    Maps start from these poses, and from those of the principal axes and signs of eigenfunctions as well unless
+    surfaces are laid onto each other, which takes longer.
 
     Parameters
     ----------
@@ -173,22 +173,19 @@ def weigh_pair(
     group : {"SO", "O"}
     starts : ndarray, shape (m, 3, 3)
         Poses that start maps.
-    is_first : bool
-        Start from those of the principal axes, and from signs of eigenfunctions, as well.
     files : sequence of two mappings, optional
-        Of both shapes, for the search that takes the place of this, see :func:`searched_surfaces`.
+        Of both shapes, to lay their surfaces onto each other, see :func:`laid_surfaces`.
     """
-    areas = [surface.area for surface in surfaces]
-    whole = searched_surfaces(files, areas, SEARCHED if is_first else STARTED) if files else []
+    whole = laid_surfaces(files, [surface.area for surface in surfaces]) if files else []
     if whole:
-        candidates = search_pair(target, source, whole, group, None if is_first else starts)
+        candidates = candidates_laid(target, source, whole, group, starts)
     else:
         to, of = (surface.posed for surface in surfaces)
         weigher = PoseWeigher(target, source, PoseMapper(to, of))
-        if is_first:
+        if not files:
             starts = np.concatenate([starts, axis_poses(to, of, mirrored=group == "O")])
         candidates = [weigher.candidate_from(start) for start in starts]
-        if is_first:
+        if not files:
             candidates += weigher.candidates_from_signs(mirrored=group == "O")
     rotations, maps, evidence = (
         np.stack(values) for values in zip(*distinct_weighed(candidates), strict=True)
@@ -197,22 +194,18 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-7", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-8", run=weigh_pair, reader=PairEvidence)
 
 
-def weigh_pairs(
-    session: AlignSession, shapes: Shapes, pairs: Sequence[Pair], *, searched: bool
-) -> list[Pair]:
+def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:
     """Return the pairs with the candidates of their maps, and with the log-odds and evidence of these.
 
     They have their first, rigid candidates, and the session's group is decided. Pairs whose shapes have no surface
-    (point clouds) keep their candidates, with the log-odds of their energies. Searched as in :func:`search_pair`.
+    (point clouds) keep their candidates, with the log-odds of their energies.
     """
     own = {e: np.ascontiguousarray(pair.rotations[:, :3, :3]) for e, pair in enumerate(pairs)}
     weighed = [by_energy(pair) for pair in pairs]
-    for e, found in weigh_starts(
-        session, shapes, pairs, own, is_first=True, searched=searched
-    ).items():
+    for e, found in weigh_starts(session, shapes, pairs, own, laid=False).items():
         weighed[e] = with_evidence(pairs[e], found)
     return weighed
 
@@ -223,8 +216,7 @@ def weigh_starts(
     pairs: Sequence[Pair],
     starts: Mapping[int, FloatArray],
     *,
-    is_first: bool,
-    searched: bool,
+    laid: bool,
 ) -> Results[int, PairEvidence]:
     """Return what maps of some pairs make of some poses, by position of the pair, as :func:`weigh_pair` does.
 
@@ -235,10 +227,8 @@ def weigh_starts(
     pairs : sequence of Pair
     starts : mapping of int to ndarray (m, 3, 3)
         Poses of each pair that is to be weighed; pairs without surfaces are left out.
-    is_first : bool
-        Start from the pairings of the principal axes and from signs of eigenfunctions as well.
-    searched : bool
-        Whether pairs are searched as in :func:`search_pair`.
+    laid : bool
+        Whether surfaces are laid onto each other.
     """
     surfaces = prepare_surfaces(session, shapes)
     group, wanted = session.options.group, {}
@@ -249,12 +239,11 @@ def weigh_starts(
             settings = {
                 "group": group,
                 "starts": poses.tolist(),
-                "is_first": is_first,
-                "searched": searched,
+                "laid": laid,
             }
             files = (
                 [wanted_file(PREPARING, session, shapes, end).arguments for end in (i, j)]
-                if searched
+                if laid
                 else ()
             )
             wanted[e] = Wanted(
@@ -266,14 +255,13 @@ def weigh_starts(
                     "surfaces": ends,
                     "group": group,
                     "starts": poses,
-                    "is_first": is_first,
                     "files": files,
                 },
             )
     found = session.compute(
         WEIGHING, wanted, time_limit_s=session.run.pair_time_limit_s, strict=session.options.strict
     )
-    if searched:  # of the files themselves
+    if laid:  # of the files themselves
         refuse_lost(shapes, {i for e in found.failures for i in (pairs[e].target, pairs[e].source)})
     return found
 
@@ -328,11 +316,7 @@ def weigh_doubtful_pairs(
         for _, e in sorted(ranked)[:MAX_PARTNERS]:
             i, j = pairs[e].target, pairs[e].source
             starts[e] = np.swapaxes(rivals, 1, 2) @ poses[j] if own == i else poses[i].T @ rivals
-    found = (
-        weigh_starts(session, shapes, pairs, starts, is_first=False, searched=True)
-        if starts
-        else {}
-    )
+    found = weigh_starts(session, shapes, pairs, starts, laid=True) if starts else {}
     return [with_evidence(pair, found[e]) if e in found else pair for e, pair in enumerate(pairs)]
 
 

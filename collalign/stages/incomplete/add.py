@@ -9,7 +9,7 @@ import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_MISMATCH
 from collalign.confidence.incomplete_model import is_other_body, is_unlike, log_odds
-from collalign.confidence.pose_model import STRANGE_LIMIT, resembles_none
+from collalign.confidence.pose_model import resembles_none
 from collalign.engine.records import Record
 from collalign.options import AlignSession
 from collalign.products.consistent_maps import VertexMaps
@@ -104,13 +104,14 @@ def _merged(
     names, solution = run.shapes.names, complete.solution
     num = len(names)
     transforms, rotations = np.tile(np.eye(4), (num, 1, 1)), np.tile(np.eye(3), (num, 1, 1))
-    confidence = np.full(num, np.nan)
+    confidence, limited_by = np.full(num, np.nan), [""] * num
     alternatives: list[tuple[Alternative, ...]] = [()] * num
     labels = np.full((num, complete.labels.shape[1]), -1, dtype=np.int64)
     transforms[at], rotations[at] = complete.transforms, complete.rotations
     confidence[at], labels[at] = solution.confidence, complete.labels
     for c, i in enumerate(at):
         alternatives[i] = solution.alternatives[c]
+        limited_by[i] = complete.limited_by[c] if complete.limited_by else ""
     mismatches = {i: float(record["mismatch"]) for i, record in found.items()}
     strange = _strange(_trust(complete.trust, at, num, mismatches), found)
     trust = _trust(
@@ -122,8 +123,12 @@ def _merged(
         excess = float(np.asarray(record["evidence"])[1, 0])
         is_elsewhere = is_unlike(mismatches[i], float(record["likeness"]), excess)
         may_be_stranger = i in strange or is_elsewhere
-        limit = STRANGE_LIMIT if may_be_stranger else _mean_confidence(confidence, partners, i)
-        confidence[i] = min(pose_chance(record), limit)
+        chance, most = pose_chance(record), _mean_confidence(confidence, partners, i)
+        confidence[i] = min(0.5 * chance if may_be_stranger else chance, most)
+        if may_be_stranger:
+            limited_by[i] = "no-relative"
+        elif confidence[i] < chance:
+            limited_by[i] = "partners"
         alternatives[i] = incomplete_alternatives(record, transforms[i])
         placed = common_positions([run.shapes.samples[i]], transforms[i][None])[0]
         labels[i] = nearest_labels(placed, complete.consensus)
@@ -154,6 +159,7 @@ def _merged(
         solution=replace(
             solution, confidence=confidence, alternatives=tuple(alternatives), parts=tuple(parts)
         ),
+        limited_by=tuple(limited_by),
         rotations=rotations,
         transforms=transforms,
         labels=labels,

@@ -9,26 +9,21 @@ import numpy as np
 from collalign.confidence.incomplete_model import MISSING_SHARE
 from collalign.engine.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
-from collalign.products.pair import AlignedPair, Pair
-from collalign.products.shapes import Incomplete, Shapes
+from collalign.products.pair import AlignedPair
+from collalign.products.shapes import Shapes
 from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
 from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
 from data_tools.names import known_names
 from data_tools.poses import Similarity, moved_by, scales_of
-from data_tools.surface.cleaning import are_assembled
 from pairwise.partial_match import refine, scales_allowed
 from pairwise.partial_surface import PartialSurface
 
-#: Codes of reasons: a person named the shape, an earlier run found it, its surface is open among closed ones, or
-#: similar shapes go on beyond its rim.
-NAMED, FOUND, OPEN, CUT_OFF = "named", "found-before", "open-surface", "cut-off"
+#: Codes of reasons: a person named the shape, an earlier run found it, or similar shapes go on beyond its rim.
+NAMED, FOUND, CUT_OFF = "named", "found-before", "cut-off"
 #: Shapes that each is compared with: those of least energy.
 NUM_PARTNERS = 6
-#: Neighbourhoods of copies differ by less than this share of what any two do, in the median of these partners: guns
-#: with holes have .21 and .22, complete ones at most .19, molars .50.
-MISMATCH_OF_COPIES = 0.3
 #: Only where so much of the least share that is missing lies beyond the rim at the common pose is that refined. Of 93
 #: cut and whole molars and skulls, those found had .084 and more there; below .043 the share grew by less than .03.
 NEARLY_MISSING = 0.5
@@ -64,44 +59,6 @@ def named_incomplete(
     return {names.index(name): NAMED for name in sorted(named.values())}
 
 
-def open_among_closed(options: AlignOptions, shapes: Shapes) -> dict[int, str]:
-    """Return the shapes whose surfaces are open, as at a break, where most, and enough, are not."""
-    num = len(shapes.samples)
-    if not may_be_broken(options, shapes):
-        return {}
-    suspects = [i for i, item in enumerate(shapes.samples) if item.rim == "open"]
-    if num - len(suspects) < MIN_SHAPES or len(suspects) > MOST_MISSING * num:
-        return {}
-    return dict.fromkeys(suspects, OPEN)
-
-
-def may_be_broken(options: AlignOptions, shapes: Shapes) -> bool:
-    """Return whether a border may be a break. Objects that are assembled of components have borders everywhere."""
-    return not are_assembled(options.cleaning, [item.notes for item in shapes.samples])
-
-
-def match_like_copies(pairs: Iterable[Pair]) -> set[int]:
-    """Return the shapes whose surfaces, at the poses of their best pairs, are alike as those of copies are.
-
-    No search has to tell whether these are incomplete; :func:`find_incomplete` looks at them like at the others.
-    """
-    mismatches: dict[int, list[float]] = {}
-    for pair in pairs:
-        if len(pair.mismatches):
-            for shape in (pair.target, pair.source):
-                mismatches.setdefault(shape, []).append(float(pair.mismatches.min()))
-    return {
-        shape
-        for shape, found in mismatches.items()
-        if np.median(sorted(found)[:NUM_PARTNERS]) < MISMATCH_OF_COPIES
-    }
-
-
-def found_complete(incomplete: Iterable[Incomplete]) -> set[int]:
-    """Return the shapes that were taken for broken, but are open at a hole: no part of them is missing."""
-    return {one.shape for one in incomplete if one.reason == OPEN and one.beyond < MISSING_SHARE}
-
-
 def find_incomplete(
     session: AlignSession, shapes: Shapes, pairs: Sequence[AlignedPair], transforms: FloatArray
 ) -> dict[int, str]:
@@ -109,10 +66,10 @@ def find_incomplete(
 
     Works on the dense samples at the poses (N, 4, 4) that they have as if all were complete, from which each shape is
     first refined on its partners; shapes that have too few of them are not looked at. A mesh can only be incomplete
-    if its surface is open.
+    if its surface is open, and objects that are assembled of components have borders everywhere.
     """
     samples = shapes.samples
-    if not may_be_broken(session.options, shapes):
+    if shapes.are_assembled:
         return {}
     are_dense = [len(item.dense_positions) >= NUM_POINTS for item in samples]
     if sum(are_dense) < MIN_SHAPES or all(item.rim == "closed" for item in samples):
@@ -136,9 +93,12 @@ def find_incomplete(
         }
         shares = session.map_parallel("incomplete shapes", share_beyond, tasks, shared=table)
     missing = [i for i in range(len(samples)) if shares.get(i, 0.0) >= MISSING_SHARE]
-    if len(missing) > MOST_MISSING * len(samples):
-        return {}
     return dict.fromkeys(missing, CUT_OFF)
+
+
+def are_too_many(num_missing: int, num: int) -> bool:
+    """Return whether so many of some shapes seem to be incomplete that the others cannot tell."""
+    return num_missing > MOST_MISSING * num or num - num_missing < MIN_SHAPES
 
 
 def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from collalign.confidence.candidate_model import LEAST_COST, LEAST_MISMATCH, candidate_costs
 from collalign.confidence.pose_model import (
+    confidence_and_limits,
     cycle_log_odds,
+    half_sure,
     is_as_good,
     pose_confidence,
     resembles_none,
@@ -424,16 +427,25 @@ def with_trust(
     solution: SynchronizationResult,
     trust: Trust,
     constraints: Constraints,
-    side_limits: Mapping[int, float] | None = None,
-) -> SynchronizationResult:
-    """Return the solution with confidences and alternatives as the evidence has them; poses set by hand are certain.
+    side_limits: Mapping[int, float] = MappingProxyType({}),
+    seem_incomplete: Iterable[int] = (),
+) -> tuple[SynchronizationResult, tuple[str, ...]]:
+    """Return the solution with confidences and alternatives as the evidence has them, and what limits confidences.
+
+    Poses set by hand are certain. Limits are the codes of :func:`confidence_and_limits`, ``cut-off`` and ``side``.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points. ``side_limits`` are
     the most that may be stated of shapes whose side is in doubt.
     """
-    confidence = pose_confidence(trust)
-    for i, limit in (side_limits or {}).items():
-        confidence[i] = min(confidence[i], limit)
+    confidence, codes = confidence_and_limits(trust)
+    limited_by = [*codes]
+    for i in seem_incomplete:
+        limit = float(half_sure(confidence[i]))
+        if confidence[i] > limit:
+            confidence[i], limited_by[i] = limit, "cut-off"
+    for i, limit in side_limits.items():
+        if confidence[i] > limit:
+            confidence[i], limited_by[i] = limit, "side"
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess
@@ -450,5 +462,7 @@ def with_trust(
             for r in keep_apart(poses, APART_DEG, num=MAX_ALTERNATIVES)
         )
         alternatives.append(chosen)
-    confidence[list(constraints.by_hand)] = 1.0
-    return replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))
+    for i in constraints.by_hand:
+        confidence[i], limited_by[i] = 1.0, ""
+    stated = replace(solution, confidence=read_only(confidence), alternatives=tuple(alternatives))
+    return stated, tuple(limited_by)

@@ -80,7 +80,7 @@ def certify_collection(
     with Session.open(decided, as_options("run", run, RunOptions), shown) as session:
         ignored = collection.extra if decided.ignore_extra else ()
         extra = {collection.names[one.shape]: one.surface for one in ignored}
-        prepared = matched_samples(session, listing, extra)
+        prepared = matched_samples(session, listing, extra, collection.assembled)
         if prepared.names != listing.names:
             raise InputError(f"{prepared.excluded[0].file} cannot be read as it was for the result")
         if prepared.samples[0].coordinates.shape[1] != 3:

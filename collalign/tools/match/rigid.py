@@ -20,7 +20,7 @@ from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.source import Origin, location
 from data_tools.options import CleaningOptions
 from data_tools.poses import Similarity, scales_of
-from data_tools.surface.cleaning import are_assembled
+from data_tools.surface.cleaning import is_assembled
 from data_tools.surface.hidden import differ_in_walls
 from data_tools.threads import one_blas_thread
 from pairwise.dense import RefinedPose, ranked_on_dense
@@ -191,29 +191,30 @@ def match_rigid(
 
 
 def _sampled_alike(origins: Sequence[Origin], options: TwoShapeOptions) -> list[Samples]:
-    """Sample two shapes; of both or of none, all components are kept."""
+    """Sample two shapes; all components are kept of those that are assembled of several."""
 
-    def sampled(cleaning: CleaningOptions) -> list[Samples]:
-        return [
-            sample_file(
-                origin.absolute(),
-                cleaning,
-                options.sampling,
-                options.embedding,
-                name=readable_stem(origin) if isinstance(origin, Path) else origin.name,
-            )
-            for origin in origins
-        ]
+    def sampled(origin: Origin, cleaning: CleaningOptions) -> Samples:
+        return sample_file(
+            origin.absolute(),
+            cleaning,
+            options.sampling,
+            options.embedding,
+            name=readable_stem(origin) if isinstance(origin, Path) else origin.name,
+        )
 
-    found = sampled(options.cleaning)
-    if options.cleaning.components == AUTO and are_assembled(
-        options.cleaning, [one.notes for one in found]
-    ):
-        return sampled(replace(options.cleaning, components="all"))
+    cleaning = options.cleaning
+    found = [sampled(origin, cleaning) for origin in origins]
     notes, are_sided = [one.notes for one in found], [len(one.dense_normals) > 0 for one in found]
-    if options.cleaning.inner == AUTO and differ_in_walls(notes, are_sided):
-        found = sampled(replace(options.cleaning, inner="drop"))
-    return found
+    if cleaning.inner == AUTO and differ_in_walls(notes, are_sided):
+        cleaning = replace(cleaning, inner="drop")
+        found = [sampled(origin, cleaning) for origin in origins]
+    if cleaning.components != AUTO:
+        return found
+    whole = replace(cleaning, components="all")
+    return [
+        sampled(origin, whole) if is_assembled(one.notes) else one
+        for origin, one in zip(origins, found, strict=True)
+    ]
 
 
 @one_blas_thread()

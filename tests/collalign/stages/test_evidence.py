@@ -18,14 +18,13 @@ from collalign.engine.records import from_record
 from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.pose_maps import PoseMapper, prepare_posed
 from collalign.options import AlignOptions
-from collalign.stages import steps
+from collalign.products.shapes import Shapes
 from collalign.stages.evidence.candidates import (
     MAX_CANDIDATES,
-    SEARCHED,
     PoseWeigher,
+    candidates_laid,
     distinct_weighed,
-    search_pair,
-    searched_surfaces,
+    laid_surfaces,
 )
 from collalign.stages.evidence.weigh import (
     BENT_ENERGY,
@@ -52,6 +51,20 @@ from tests.products import pair_of, samples_at
 
 #: Samples of shapes whose neighbourhoods are not described.
 BARE = [samples_at(np.eye(3))] * 6
+
+
+def shapes_of(samples, components="largest"):
+    """Return shapes of samples, all read by the same components."""
+    return Shapes(
+        names=tuple("abcdef"[: len(samples)]),
+        files=(),
+        digests=(),
+        keys=(),
+        samples=tuple(samples),
+        cleaning=(CleaningOptions(components=components),) * len(samples),
+        chirality=(),
+        excluded=(),
+    )
 
 
 def a_pair(energies):
@@ -120,35 +133,28 @@ def test_mirrored_poses_are_proposed_only_where_they_may_be(tmp_path):
     ]
     for file, one in zip(files, two, strict=True):
         write_mesh(file["path"], one)
-    surfaces = searched_surfaces(files, [shape.area] * 2, SEARCHED)
-    assert not searched_surfaces(files, [2.0 * shape.area] * 2, SEARCHED)
-    proper = weigher.candidates_from_signs(mirrored=False) + search_pair(
-        *samples, surfaces, "SO", None
-    )
+    surfaces = laid_surfaces(files, [shape.area] * 2)
+    assert not laid_surfaces(files, [2.0 * shape.area] * 2)
+    proper = weigher.candidates_from_signs(mirrored=False)
     assert {round(float(np.linalg.det(rotation))) for rotation, _, _ in proper} == {1}
-    for both in (
-        weigher.candidates_from_signs(mirrored=True),
-        search_pair(*samples, surfaces, "O", None),
-    ):
-        best = distinct_weighed(both)[0][0]
-        assert rotation_angle_deg(best, flip[:3, :3]) < 10.0
-    (asked,) = search_pair(*samples, surfaces, "O", best[None])
+    best = distinct_weighed(weigher.candidates_from_signs(mirrored=True))[0][0]
+    assert rotation_angle_deg(best, flip[:3, :3]) < 10.0
+    (asked,) = candidates_laid(*samples, surfaces, "O", best[None])
     assert rotation_angle_deg(asked[0], best) < 10.0
 
 
 def test_maps_are_asked_where_pairs_match_badly():
     rigid, bending = a_pair([0.5 * BENT_ENERGY, 0.9]), a_pair([1.5 * BENT_ENERGY, 0.9])
     options = AlignOptions()
-    assert not wants_maps(options, BARE, [rigid, rigid, bending])
-    assert wants_maps(options, BARE, [rigid, bending, bending])
-    assert wants_maps(replace(options, maps="always"), BARE, [rigid])
-    assert not wants_maps(replace(options, maps="never"), BARE, [bending])
-    assert not wants_maps(replace(options, synchronization="spectral"), BARE, [bending])
-    assembled = replace(options, cleaning=CleaningOptions(components="all"))
-    assert not wants_maps(assembled, BARE, [bending])
+    assert not wants_maps(options, shapes_of(BARE), [rigid, rigid, bending])
+    assert wants_maps(options, shapes_of(BARE), [rigid, bending, bending])
+    assert wants_maps(replace(options, maps="always"), shapes_of(BARE), [rigid])
+    assert not wants_maps(replace(options, maps="never"), shapes_of(BARE), [bending])
+    assert not wants_maps(replace(options, synchronization="spectral"), shapes_of(BARE), [bending])
+    assert not wants_maps(options, shapes_of(BARE, "all"), [bending])
     mixed = replace(options, maps="always", embedding=EmbeddingOptions(kind="xyz+lb"))
     with pytest.raises(OptionsError, match="maps"):
-        wants_maps(mixed, BARE, [rigid])
+        wants_maps(mixed, shapes_of(BARE), [rigid])
 
 
 def test_maps_are_not_asked_where_surfaces_overlap_at_rigid_poses():
@@ -159,9 +165,9 @@ def test_maps_are_not_asked_where_surfaces_overlap_at_rigid_poses():
     )
     weak = replace(a_pair([1.5 * BENT_ENERGY]), target=0, source=1)
     near = replace(weak, rotations=Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix()[None])
-    assert not wants_maps(AlignOptions(), [whole, whole], [near])
-    assert wants_maps(AlignOptions(), [whole, whole], [weak])
-    assert wants_maps(AlignOptions(), [whole, other], [near])
+    assert not wants_maps(AlignOptions(), shapes_of([whole, whole]), [near])
+    assert wants_maps(AlignOptions(), shapes_of([whole, whole]), [weak])
+    assert wants_maps(AlignOptions(), shapes_of([whole, other]), [near])
 
 
 def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
@@ -175,12 +181,12 @@ def test_maps_are_not_asked_where_all_cycles_of_pairs_close():
         for i, j in edges
     ]
     assert closing_share(weak) == 1.0
-    assert not wants_maps(AlignOptions(), BARE, weak)
+    assert not wants_maps(AlignOptions(), shapes_of(BARE), weak)
     wrong = [
         replace(pair, rotations=pair.rotations @ np.diag([1.0, -1.0, -1.0])) for pair in weak[:3]
     ]
     assert closing_share([*wrong, *weak[3:]]) < CLOSING_CYCLES
-    assert wants_maps(AlignOptions(), BARE, [*wrong, *weak[3:]])
+    assert wants_maps(AlignOptions(), shapes_of(BARE), [*wrong, *weak[3:]])
     mirrored = [replace(pair, rotations=-pair.rotations) for pair in weak[:1]]
     assert closing_share([*mirrored, *weak[1:]]) < 1.0
 
@@ -198,7 +204,6 @@ def test_candidates_of_maps_follow_the_rigid_ones_and_alone_take_part():
 
 
 def test_bent_figures_are_put_right_by_maps(tmp_path, monkeypatch):
-    monkeypatch.setattr(steps, "MOST_SEARCHED", 0)  # the goldens search
     rng, turns = np.random.default_rng(5), []
     (folder := tmp_path / "figures").mkdir()
     for number in range(4):

@@ -148,7 +148,9 @@ def test_nothing_is_looked_for_where_most_poses_are_in_doubt(monkeypatch):
     for sure, num in ((0.5, 0), (0.51, 1)):
         solution = SimpleNamespace(confidence=np.array([0.2, sure, 0.9]), parts=(np.arange(3),))
         posed = SimpleNamespace(solution=solution, incomplete=(), transforms=None)
-        assert extra_material._found_at((run, None, posed), whole, 0.5) == {}
+        assert not extra_material.extra_material(
+            (run, None, posed), whole, extra_material.Extra()
+        ).surfaces  # type: ignore[arg-type]
         assert len(looked) == num
 
 

@@ -16,13 +16,12 @@ from collalign.confidence.incomplete_model import (
     share_of_best,
 )
 from collalign.engine.session import Session
-from collalign.products.shapes import Constraints
+from collalign.products.shapes import Constraints, Shapes
+from collalign.products.trust import DOUBT
 from collalign.stages.evidence.weigh import by_energy
 from collalign.stages.incomplete.detect import (
     find_incomplete,
-    match_like_copies,
     named_incomplete,
-    open_among_closed,
     share_beyond,
 )
 from collalign.stages.incomplete.place import (
@@ -33,7 +32,7 @@ from collalign.stages.incomplete.place import (
 )
 from collalign.stages.incomplete.posed_points import posed_points
 from collalign.stages.incomplete.scans import common_points
-from collalign.stages.posing import _tries_scans, _without_found
+from collalign.stages.posing import _found_incomplete, _may_be_scans
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
@@ -265,14 +264,18 @@ def test_a_broken_tooth_is_found_among_seven(tmp_path, monkeypatch):
     assert judged == [6]  # confidences of poses that are thrown away are not computed
 
 
-def test_a_shape_that_seems_incomplete_among_too_few_is_in_doubt(planted, store, monkeypatch):
+def test_a_shape_that_seems_incomplete_among_too_few_is_in_doubt(
+    planted, without, store, monkeypatch
+):
     monkeypatch.setattr(
         "collalign.stages.posing.find_incomplete", lambda *_: {2: "cut-off", 4: "cut-off"}
     )
     aligned = align(planted[0], store=store)
     assert not aligned.incomplete
-    assert aligned.confidence[[2, 4]].max() <= 0.5 < aligned.confidence[[0, 1, 3]].min()
-    assert "tooth2" in only(aligned.notes, "open-borders").shapes
+    assert aligned.confidence.max() > DOUBT, "or there would be nothing to limit"
+    assert aligned.confidence[[2, 4]].max() < DOUBT
+    limits = aligned.limited_by
+    assert {aligned.names[at] for at in (2, 4)} == {n for n in limits if limits[n] == "cut-off"}
 
 
 def test_nothing_is_missing_among_whole_teeth(without):
@@ -405,43 +408,46 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         assert not find_incomplete(session, shapes, pairs, poses), "a rim is no half of a shape"
         every[0] = 4
         run = Run(
-            session=session, shapes=shapes, constraints=Constraints(), former=None, times_s={}
+            session=session,
+            shapes=shapes,
+            read_without=lambda _: shapes,
+            constraints=Constraints(),
+            former=None,
+            times_s={},
         )
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
-        assert _without_found(run, {}, (run, bent, None)) == ({}, (run, bent, None))  # type: ignore[arg-type,comparison-overlap]
+        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, frozenset())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("options", "missing", "rims", "tries"),
+    ("options", "rims", "tries"),
     [
-        ({}, {}, "open", True),
-        ({}, {1: "named"}, "open", False),
-        ({}, {}, "closed", False),
-        ({"incomplete": "never"}, {}, "open", False),
-        ({"clusters": 2}, {}, "open", False),
-        ({"synchronization": "spectral"}, {}, "open", False),
-        ({"deformable": True}, {}, "open", False),
+        ({}, "open", True),
+        ({}, "closed", False),
+        ({"incomplete": "never"}, "open", False),
+        ({"clusters": 2}, "open", False),
+        ({"synchronization": "spectral"}, "open", False),
+        ({"deformable": True}, "open", False),
     ],
 )
-def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, missing, rims, tries):
+def test_shapes_are_tried_as_scans_where_nobody_said_otherwise(options, rims, tries):
     run = unmatched_run(AlignOptions(**options), SimpleNamespace(rim=rims, notes=(), local=None))
-    assert _tries_scans(run, missing) == tries
+    assert _may_be_scans(run) == tries
     run.shapes.names = "ab"
-    assert not _tries_scans(run, missing)
+    assert not _may_be_scans(run)
 
 
 @pytest.mark.parametrize("seen", [False, True])
 def test_assembled_objects_are_tried_as_scans_where_they_were_seen_from_one_side(seen):
     local = SimpleNamespace(sights=np.eye(3)[: int(seen)], points=np.zeros((500, 3)))
-    lost = (Note(COMPONENTS_KEPT, values={"share": 60}),)
-    options = AlignOptions(cleaning=CleaningOptions(components="largest"))
-    run = unmatched_run(options, SimpleNamespace(rim="open", notes=lost, local=local))
-    assert _tries_scans(run, {}) == seen
+    run = unmatched_run(AlignOptions(), SimpleNamespace(rim="open", notes=(), local=local))
+    run.shapes.are_assembled = True
+    assert _may_be_scans(run) == seen
 
 
 def unmatched_run(options, sample):
     """Return what is asked of a run of four such shapes before any pair is matched."""
-    shapes = SimpleNamespace(names="abcd", samples=[sample] * 4)
+    shapes = SimpleNamespace(names="abcd", samples=[sample] * 4, are_assembled=False)
     session = SimpleNamespace(options=options)
     return SimpleNamespace(session=session, shapes=shapes, constraints=Constraints())
 
@@ -459,39 +465,22 @@ def test_points_that_stand_for_all_samples_lie_apart():
     assert far.max() <= spacing
 
 
-def test_open_shapes_are_broken_where_most_and_enough_are_not():
-    options = AlignOptions()
-    closed, other = (SimpleNamespace(rim=rim, notes=()) for rim in ("unknown", "open"))
-    for num, found in ((6, [6]), (4, [])):
-        shapes = SimpleNamespace(samples=[*[closed] * num, other])
-        assert list(open_among_closed(options, shapes)) == found
-    assert open_among_closed(options, SimpleNamespace(samples=[*[closed] * 5, *[other] * 6])) == {}
-
-
 @pytest.mark.parametrize("joined", [False, True])
 def test_borders_of_assembled_objects_are_no_breaks(joined):
     """Neither where all components are matched, nor where most of the surface is left out."""
-    options = AlignOptions(cleaning=CleaningOptions(components="all" if joined else "largest"))
+    how = CleaningOptions(components="all" if joined else "largest")
     lost = () if joined else (Note(COMPONENTS_KEPT, values={"share": 60}),)
-    closed, other = (SimpleNamespace(rim=rim, notes=lost) for rim in ("closed", "open"))
-    shapes = SimpleNamespace(samples=[*[closed] * 6, other])
-    assert open_among_closed(options, shapes) == {}
-    session = SimpleNamespace(options=options)
-    assert find_incomplete(session, shapes, (), np.eye(4)[None]) == {}
-
-
-def test_open_shapes_that_match_like_copies_are_posed_with_the_others():
-    pairs = [
-        SimpleNamespace(target=target, source=source, mismatches=np.array(mismatches))
-        for target, source, mismatches in (
-            (0, 1, [0.1, 0.6]),
-            (0, 2, [0.7, 0.2]),
-            (1, 2, [0.9]),
-            (2, 3, [0.5]),
-            (3, 4, []),
-        )
-    ]
-    assert match_like_copies(pairs) == {0}
+    shapes = Shapes(
+        names=tuple("abcdefg"),
+        files=(),
+        digests=(),
+        keys=(),
+        samples=tuple(SimpleNamespace(rim="open", notes=lost) for _ in range(7)),  # type: ignore[arg-type]
+        cleaning=(how,) * 7,
+        chirality=(),
+        excluded=(),
+    )
+    assert find_incomplete(None, shapes, (), np.eye(4)[None]) == {}  # type: ignore[arg-type]
 
 
 def test_parts_of_which_none_is_whole_are_put_together(tmp_path):

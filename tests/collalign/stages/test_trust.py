@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from collalign.confidence.pose_model import (
     MOST_CONFIDENT,
-    STRANGE_LIMIT,
     cycle_log_odds,
     is_as_good,
+    limited,
     pose_confidence,
     probability,
     resembles_none,
@@ -239,7 +239,31 @@ def test_evidence_beyond_what_the_model_has_seen_counts_as_its_limit():
     assert chance(0.9, -5.0, 0.9, -9.0) == chance(0.9, -0.3, 0.9, -2.0)
     assert 0.0 < chance(0.9, -5.0, 0.9, 0.0) < chance(0.9, 0.0, 0.9, 0.0) < 1.0
     misses_by_more = np.array([[1.0, 0.2, 1.0, 4.0, 0.5, 0.2, 0.3, 0.0, 20.0, 1.0]])
-    assert probability(misses_by_more) == UNCERTAIN
+    (stated,) = probability(misses_by_more)
+    assert UNCERTAIN < stated < DOUBT
+
+
+def test_what_limits_a_confidence_is_named_and_keeps_the_order_of_chances():
+    fine = [1.0, 0.5, 1.0, 4.0, 0.0, 0.5, 0.3, 0.0, 20.0, 1.0]
+    changes = {
+        "": {},
+        "misfit": {"misfit": 2.0},
+        "few-shapes": {"cycles": -1.0, "local margin": 0.1},
+        "contradicted": {"margin": -0.2, "local margin": -0.1},
+        "no-relative": {"mismatch": 1.2, "local misfit": 0.8},
+        "block": {"block margin": -2.0},
+    }
+    evidence = np.tile(np.array(fine), (len(changes), 1))
+    for row, change in zip(evidence, changes.values(), strict=True):
+        for kind, value in change.items():
+            row[KINDS.index(kind)] = value
+    for code in changes:
+        at = list(changes).index(code)
+        stated, codes_of_limits = limited(evidence, np.full(len(evidence), 0.97))
+        lower, _ = limited(evidence, np.full(len(evidence), 0.95))
+        assert codes_of_limits[at] == code
+        assert lower[at] < stated[at] <= 0.97
+        assert (stated[at] == 0.97) == (code == "")
 
 
 def test_rivals_that_fit_as_well_share_the_confidence():
@@ -273,7 +297,7 @@ def test_poses_that_are_alike_share_the_confidence_of_all_shapes():
 def test_cheaper_rivals_are_likelier_and_come_first():
     trust = trust_of([0.7, 0.1, 0.7, 0.5], [0.5, 0.1, 0.3, 0.9])
     first = solved(pairs_at(np.stack([np.eye(3)] * 2)))
-    solution = with_trust(first, trust, Constraints())
+    solution, _ = with_trust(first, trust, Constraints())
     (confidence,), (found,) = solution.confidence, solution.alternatives
     np.testing.assert_array_equal([other.rotation for other in found], trust.rivals[0][[1, 2, 0]])
     chances = confidence * np.exp([-other.log_odds for other in found])
@@ -369,7 +393,7 @@ def test_the_cost_looks_both_ways(rng):
 
 def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certain(crowns, right):
     _, truth = crowns
-    solution = with_trust(
+    solution, _ = with_trust(
         solved(pairs_at(truth)),
         right,
         Constraints(fixed=dict(enumerate(truth)), by_hand=frozenset({1})),
@@ -387,13 +411,17 @@ def test_alternatives_share_what_the_pose_leaves_and_poses_set_by_hand_are_certa
 
 def test_what_may_be_a_mirror_image_is_trusted_by_one_half(crowns, right):
     pairs = pairs_at(crowns[1])
-    plain = with_trust(solved(pairs), right, Constraints()).confidence
-    capped = with_trust(
-        solved(pairs), right, Constraints(), side_limits={2: 0.5, 5: 0.5}
-    ).confidence
+    plain = with_trust(solved(pairs), right, Constraints())[0].confidence
+    limited, codes_of_limits = with_trust(
+        solved(pairs), right, Constraints(), {2: 0.5, 5: 0.5}, seem_incomplete={3}
+    )
+    capped = limited.confidence
+    assert [at for at, code in enumerate(codes_of_limits) if code == "side"] == [2, 5]
+    assert codes_of_limits[3] == "cut-off"
+    assert UNCERTAIN < capped[3] < DOUBT
     assert plain.min() > 0.5
     np.testing.assert_array_equal(capped[[2, 5]], 0.5)
-    np.testing.assert_array_equal(np.delete(capped, [2, 5]), np.delete(plain, [2, 5]))
+    np.testing.assert_array_equal(np.delete(capped, [2, 3, 5]), np.delete(plain, [2, 3, 5]))
 
 
 def test_notes_name_the_doubtful_and_the_contradicted(right, flipped):
@@ -615,11 +643,11 @@ def test_few_shapes_need_neighbourhoods_that_tell_poses_apart(num, is_enough):
     assert vague >= UNCERTAIN
 
 
-def test_a_shape_that_fits_better_in_another_pose_is_even_odds():
+def test_a_shape_that_fits_better_in_another_pose_is_less_than_even_odds():
     against = {"margin": -0.02, "local_margin": -0.02}
-    assert probability(seen_of(**against)) == STRANGE_LIMIT
+    assert probability(seen_of(**against)) < 0.5
     for known in ({"margin": 0.02}, {"local_margin": 0.02}, {"local_margin": np.nan}):
-        assert probability(seen_of(**against | known)) > STRANGE_LIMIT
+        assert probability(seen_of(**against | known)) > 0.5
 
 
 def test_neighbourhoods_that_are_not_known_leave_the_word_to_dense_points():

@@ -157,7 +157,7 @@ export function shapeDialog(app) {
     if (compare !== undefined) drawn.add(row, `for comparison: ${collection.shapes[compare].name}`, () => [after(app, compare, { color: GREY })]);
     poseFigures(row, index, ghost);
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
-    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}`, shape.reflected && "reflected by the alignment", ...labels, `file ${shape.file}`];
+    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}${shape.limitedBy ? `, no more because ${shape.limitedBy}` : ""}`, shape.reflected && "reflected by the alignment", ...labels, `file ${shape.file}`];
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     const others = certain.map((other) => [String(other), `${collection.shapes[other].name} (${percent(collection.shapes[other].confidence)})`]);
     box.body.replaceChildren(
