@@ -89,6 +89,7 @@ def shown_pair(pair: AlignedPair) -> AlignedPair:
         rotations=np.ascontiguousarray(pair.rotations[kept, :3, :3]),
         maps=np.zeros((len(kept), 0), dtype=np.int64),
         energies=pair.energies[kept],
+        how=pair.how,
         lower_bound=pair.lower_bound,
         status=pair.status,
         chirality_proven=pair.chirality_proven,
@@ -165,7 +166,7 @@ CORRESPONDENCES_FILE = "correspondences.npz"
 #: The only file of a result that differs between two runs with the same result.
 RUN_FILE = "run.json"
 #: Raised with every change that older readers cannot understand.
-EVIDENCE_VERSION = 5
+EVIDENCE_VERSION = 6
 #: Fields of a collection that ``correspondences.npz`` has, and their names there.
 CORRESPONDENCES = {"samples": "vertex_indices", "positions": "positions", "consensus": "consensus"}
 

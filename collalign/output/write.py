@@ -67,6 +67,7 @@ _TABLES = (
 _PAIR_COLUMNS = (
     "target",
     "source",
+    "how",
     "energy",
     "lower_bound",
     "status",
@@ -342,6 +343,7 @@ def _pairs_table(collection: CollectionData) -> str:
         [
             collection.names[pair.target],
             collection.names[pair.source],
+            pair.how,
             repr(pair.energy),
             repr(pair.lower_bound),
             pair.status,

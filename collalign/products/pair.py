@@ -34,8 +34,13 @@ class Pair:
         space; the lowest energy first, poses that the collection asked for last.
     maps : ndarray of int, shape (m, k)
         The samples matched at each candidate; -1 where unmatched.
+    how : {"whole", "map", "part", "overlap"}
+        Who proposed the candidates, and so what their energies are: the search over whole shapes; maps of their
+        surfaces; complete shapes on which an incomplete one was placed; surfaces of which both are parts.
     energies : ndarray, shape (m,)
-        Sum of squared distances of the normalised samples, invariants included; 0 where the two are copies.
+        Sum of squared distances of the normalised samples, invariants included; 0 where the two are copies. Of
+        "part", the geometric mean over both surfaces of squared distances to the other, at most that of points
+        without a counterpart; of "overlap", 1 minus the share of the surfaces that both have.
     mismatches : ndarray, shape (m,)
         Mean distance of the descriptors of neighbourhoods at closest points of each candidate, as a share of the
         median distance of any two; NaN where it is not known, empty where it is not for any.
@@ -68,6 +73,7 @@ class Pair:
     rotations: Annotated[FloatArray, Holds(shape="m d d", rotations=True)]
     maps: Annotated[IntArray, Holds(shape="m _", lower=-1)]
     energies: Annotated[FloatArray, Holds(shape="m")]
+    how: str = "whole"
     mismatches: Annotated[FloatArray, Holds(shape="m?", nan=True)] = field(
         default_factory=_nothing(0)
     )

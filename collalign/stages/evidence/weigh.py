@@ -283,6 +283,7 @@ def with_evidence(pair: Pair, found: PairEvidence) -> Pair:
     own, num = by_energy(pair), len(pair.energies)
     return replace(
         pair,
+        how="map",
         rotations=read_only(np.concatenate([pair.rotations, rotations])),
         maps=read_only(np.concatenate([pair.maps, found.maps])),
         energies=read_only(np.concatenate([pair.energies, energies])),

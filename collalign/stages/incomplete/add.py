@@ -243,6 +243,7 @@ def incomplete_pairs(
                 rotations=read_only(np.ascontiguousarray(asked)),
                 maps=read_only(np.full((len(asked), labels.shape[1]), -1)),
                 energies=read_only(energies[order]),
+                how="part",
                 status=Status.LOCAL_OPTIMUM.name,
                 choice=0 if agrees else -1,
                 inlier=agrees,

@@ -291,6 +291,7 @@ def _pair(
         rotations=read_only(chosen.rotations),
         maps=read_only(np.full((len(chosen), labels.shape[1]), -1)),
         energies=read_only(1.0 - chosen.overlap),
+        how="overlap",
         status=Status.LOCAL_OPTIMUM.name,
         choice=nearest if agrees else -1,
         inlier=agrees,
