@@ -324,6 +324,7 @@ _REASONS = {
     "few-shapes": "few shapes and no neighbourhood tell its poses apart",
     "symmetry": "other poses look the same",
     "side": "its side is in doubt",
+    "one-view": "it shows one side only, which need not be that of the others",
     "partners": "it is no surer than the shapes that it lies on",
     "overlap-alone": "nothing but overlap joins it to the others",
     "doubtful": "in doubt",

@@ -177,7 +177,8 @@ class Collection(CollectionData):
         ``contradicted`` (points and neighbourhoods would rather have another pose), ``block`` (a block of shapes may
         be rotated as one), ``misfit`` (it fits badly), ``few-shapes``, ``symmetry`` (other poses look alike),
         ``side`` (which side it is of is in doubt), ``partners`` (an incomplete shape is no surer than those that it
-        lies on), ``cut-off`` (similar shapes go on beyond its rim, and too few are left to pose it on),
+        lies on), ``cut-off`` (similar shapes go on beyond its rim, and too few are left to pose it on), ``one-view``
+        (it is an image of one side, and images could not be joined as scans),
         ``overlap-alone`` (nothing but overlap joins scans). :func:`collalign.reason_text` has the words.
     by_hand : mapping of str to float
         The shapes whose pose a person set, each with the confidence that the evidence alone gives to that pose; NaN

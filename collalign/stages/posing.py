@@ -26,6 +26,8 @@ from collalign.stages.incomplete.scans import align_scans, match_badly, were_see
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
 
+#: Why a confidence is limited: the shape is an image of one side.
+ONE_VIEW = "one-view"
 #: Times that shapes are posed at most.
 MOST_POSINGS = 3
 #: A run, its shapes' pairs and their poses.
@@ -100,11 +102,11 @@ def _pose_in_rounds(
     whole, extra, first = run, Extra(), None
     for rounds_left in reversed(range(MOST_POSINGS)):
         answer, known = _pose_complete(run, missing, known), None
-        fresh, in_doubt = _found_incomplete(run, missing, answer)
+        fresh, seem_incomplete = _found_incomplete(run, missing, answer)
         if fresh and rounds_left:
             missing = {**missing, **fresh}
             continue
-        answer = _with_confidences(run, missing, answer, in_doubt)
+        answer = _with_confidences(run, missing, answer, seem_incomplete)
         first = first or answer
         found = extra_material(answer, whole.shapes, extra) if _looks_for_extra(run) else extra
         if found.lacks_some_of(extra):
@@ -159,26 +161,28 @@ def _complete(run: Run, missing: Mapping[int, str]) -> list[int]:
 
 def _found_incomplete(
     run: Run, missing: Mapping[int, str], answer: Answer
-) -> tuple[dict[int, str], frozenset[int]]:
-    """Return which of the posed shapes turn out to be incomplete, and which seem to be, by position among the posed.
+) -> tuple[dict[int, str], dict[int, str]]:
+    """Return which of the posed shapes turn out to be incomplete, and why others seem to be, both by position.
 
-    They only seem so where too few would be left, or most are. Shapes that bend so much that maps were asked tell
-    nothing.
+    The latter is among the posed. They only seem so where too few would be left, or most are. Images that each show
+    one side, and could not be joined as scans, may show different ones. Shapes that bend so much that maps were asked
+    tell nothing.
     """
     decided, matched, posed = answer
     if not _looks_at_shapes(run.session.options) or are_weighed(matched.pairs):
-        return {}, frozenset()
+        return {}, {}
     kept = _complete(run, missing)
     with run.stage("incomplete shapes"):
         found = find_incomplete(run.session, decided.shapes, posed.pairs, posed.transforms)
+    views = dict.fromkeys(range(len(kept)), ONE_VIEW) if were_seen(decided.shapes) else {}
     if are_too_many(len(found), len(kept)):
-        return {}, frozenset(found)
+        return {}, views | found
     fixed = run.constraints.fixed
-    return {kept[n]: reason for n, reason in found.items() if kept[n] not in fixed}, frozenset()
+    return {kept[n]: reason for n, reason in found.items() if kept[n] not in fixed}, views
 
 
 def _with_confidences(
-    run: Run, missing: Mapping[int, str], answer: Answer, seem_incomplete: frozenset[int]
+    run: Run, missing: Mapping[int, str], answer: Answer, seem_incomplete: Mapping[int, str]
 ) -> Answer:
     """State confidences, reconsider doubtful shapes, map all vertices, and place the incomplete shapes."""
     decided, matched, posed = answer

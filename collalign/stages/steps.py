@@ -162,7 +162,7 @@ class Posed:
     ``matched`` are the pairs within parts as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
-    ``seem_incomplete`` are shapes that would be posed on the others if these were enough.
+    ``seem_incomplete`` says of some shapes why they may be incomplete, though they were posed with the others.
     ``limited_by`` are the codes of what limits confidences, empty where nothing does.
     """
 
@@ -175,7 +175,7 @@ class Posed:
     consensus: FloatArray
     notes: tuple[Note, ...]
     side_limits: Mapping[int, float]
-    seem_incomplete: frozenset[int] = frozenset()
+    seem_incomplete: Mapping[int, str] = field(default_factory=dict)
     limited_by: tuple[str, ...] = ()
     trust: Trust | None = None
     vertices: VertexMaps | None = None

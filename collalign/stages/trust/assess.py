@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -428,21 +428,22 @@ def with_trust(
     trust: Trust,
     constraints: Constraints,
     side_limits: Mapping[int, float] = MappingProxyType({}),
-    seem_incomplete: Iterable[int] = (),
+    seem_incomplete: Mapping[int, str] = MappingProxyType({}),
 ) -> tuple[SynchronizationResult, tuple[str, ...]]:
     """Return the solution with confidences and alternatives as the evidence has them, and what limits confidences.
 
-    Poses set by hand are certain. Limits are the codes of :func:`confidence_and_limits`, ``cut-off`` and ``side``.
+    Poses set by hand are certain. Limits are the codes of :func:`confidence_and_limits`, those in
+    ``seem_incomplete``, and ``side``.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points. ``side_limits`` are
     the most that may be stated of shapes whose side is in doubt.
     """
     confidence, codes = confidence_and_limits(trust)
     limited_by = [*codes]
-    for i in seem_incomplete:
+    for i, code in seem_incomplete.items():
         limit = float(half_sure(confidence[i]))
         if confidence[i] > limit:
-            confidence[i], limited_by[i] = limit, "cut-off"
+            confidence[i], limited_by[i] = limit, code
     for i, limit in side_limits.items():
         if confidence[i] > limit:
             confidence[i], limited_by[i] = limit, "side"

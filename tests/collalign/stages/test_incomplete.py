@@ -416,7 +416,7 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
             times_s={},
         )
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
-        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, frozenset())  # type: ignore[arg-type]
+        assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

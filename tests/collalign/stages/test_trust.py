@@ -413,7 +413,7 @@ def test_what_may_be_a_mirror_image_is_trusted_by_one_half(crowns, right):
     pairs = pairs_at(crowns[1])
     plain = with_trust(solved(pairs), right, Constraints())[0].confidence
     limited, codes_of_limits = with_trust(
-        solved(pairs), right, Constraints(), {2: 0.5, 5: 0.5}, seem_incomplete={3}
+        solved(pairs), right, Constraints(), {2: 0.5, 5: 0.5}, {3: "cut-off"}
     )
     capped = limited.confidence
     assert [at for at, code in enumerate(codes_of_limits) if code == "side"] == [2, 5]
