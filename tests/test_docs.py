@@ -1,5 +1,6 @@
 """Every bash and python block of the documentation runs, in order; `console` and `py` blocks need a cluster."""
 
+import inspect
 import json
 import os
 import pkgutil
@@ -19,6 +20,10 @@ pytestmark = pytest.mark.usefixtures("quick_search")
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+#: The public modules of collalign.
+FACES = [
+    one for one in (getattr(collalign, name) for name in collalign.__all__) if inspect.ismodule(one)
+]
 #: What only a shell understands.
 SHELL_SYNTAX = re.compile(r"""[|&;<>$`*?\\#'"]""")
 
@@ -107,27 +112,40 @@ def test_navigation_has_every_page():
         assert str(page.relative_to(ROOT / "docs")) in navigation
 
 
+def reference_names(pages="*"):
+    """Return the names that pages of the reference show, in their order."""
+    return [
+        name
+        for page in sorted((ROOT / "docs" / "reference").glob(f"{pages}.md"))
+        for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    ]
+
+
 def home(one):
     """Return the module that something public is from; of a module, itself."""
     return str(getattr(one, "__module__", getattr(one, "__name__", "")))
 
 
-def test_the_reference_has_every_public_name():
-    pages = (ROOT / "docs" / "reference").glob("*.md")
-    shown = [
-        name
-        for page in pages
-        for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)
-    ]
+def test_the_reference_has_every_public_name_once():
+    shown = reference_names()
     assert len(shown) == len({*shown})
     objects = [pkgutil.resolve_name(name) for name in shown]
     modules = {one.__name__ for one in objects if isinstance(one, ModuleType)}
-    for package in (collalign, pairwise):
-        public = {name: getattr(package, name) for name in {*package.__all__} - {"__version__"}}
+    for face in (collalign, pairwise, *FACES):
+        public = {name: getattr(face, name) for name in {*face.__all__} - {"__version__"}}
         missing = [
-            n for n, one in public.items() if one not in objects and home(one) not in modules
+            name
+            for name, one in public.items()
+            if not isinstance(one, ModuleType) and one not in objects and home(one) not in modules
         ]
         assert not missing
+
+
+@pytest.mark.parametrize("face", FACES, ids=lambda face: face.__name__)
+def test_a_page_of_the_reference_shows_one_module(face):
+    names = reference_names(face.__name__.rpartition(".")[2])
+    assert names
+    assert {name.rpartition(".")[0] for name in names} == {face.__name__}
 
 
 @pytest.mark.parametrize(

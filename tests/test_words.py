@@ -21,6 +21,7 @@ HOMES = {
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense.py", "stages/deformation"},
     "maps": {
+        "collalign/maps.py",
         "products",
         "output",
         "nonrigid",

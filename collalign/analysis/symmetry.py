@@ -88,6 +88,13 @@ def object_symmetry(
     Mardia, Bookstein and Moreton, Statistical assessment of bilateral symmetry of shapes, Biometrika 87 (2000).
     Klingenberg, Barluenga and Meyer, Shape analysis of symmetric structures, Evolution 56 (2002): the components, the
     sums of squares and the degrees of freedom.
+
+    Examples
+    --------
+    >>> skulls = np.load("landmarks.npy")  # (12, 8, 3): two points of the midline, three of each side
+    >>> found = collalign.statistics.object_symmetry(skulls, [0, 1, 5, 6, 7, 2, 3, 4])
+    >>> found.symmetric.shape, found.anova[0].effect
+    ((12, 8, 3), 'individual')
     """
     shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
     pairing = check_pairing(partner, shapes.shape[1])

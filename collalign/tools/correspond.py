@@ -380,12 +380,7 @@ def dense_correspondence(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
-    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
-    ...     dense = collalign.dense_correspondence(folder + "/result", progress=False)
+    >>> dense = collalign.maps.dense_correspondence("aligned")
     >>> dense.vertices.shape == (3, *dense.mean.shape)
     True
     """

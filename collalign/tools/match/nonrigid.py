@@ -134,7 +134,7 @@ class NonrigidMatch:
 
         Parameters
         ----------
-        target, source : as in :func:`collalign.match_shapes`
+        target, source : as in :func:`collalign.maps.match_shapes`
             The shapes that were matched.
         """
         from collalign.tools.match.pictures import match_figure, vertices_map
@@ -232,13 +232,10 @@ def match_shapes(
 
     Examples
     --------
-    >>> from data_tools.datasets.synthetic_shapes import figure
-    >>> body = figure(resolution=1)
-    >>> small = collalign.SurfaceOptions(num_functions=30, num_dense=100)
-    >>> found = collalign.match_shapes(body, body, surface_options=small)
-    >>> len(found.point_map_target_source) == len(body.vertices)
-    True
-    >>> figure = found.plot(body, body)
+    >>> small = {"num_functions": 30, "num_dense": 100}  # quicker, and coarser, than the default
+    >>> found = collalign.maps.match_shapes("standing.ply", "bent.ply", surface_options=small)
+    >>> found.point_map_target_source[:3].shape  # the vertex of standing.ply for each of bent.ply
+    (3,)
     """
     wanted = as_options("options", options, NonrigidOptions, keywords)
     surface = as_options("surface_options", surface_options, SurfaceOptions)

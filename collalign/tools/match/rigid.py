@@ -169,11 +169,9 @@ def match_rigid(
 
     Examples
     --------
-    >>> points = np.random.default_rng(0).random((70, 3))
-    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> found = collalign.match_rigid(points, points @ quarter)
-    >>> bool(np.allclose(found.transform[:3, :3], quarter))
-    True
+    >>> found = collalign.match_rigid("bones/A.ply", "bones/B.ply", group="SO")
+    >>> found.transform.shape  # from the coordinates of B.ply to those of A.ply
+    (4, 4)
     """
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")

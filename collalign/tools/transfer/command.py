@@ -20,18 +20,18 @@ from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
-from collalign.landmarks.table import slider_rows
-from collalign.landmarks.templates import (
-    SemilandmarkRequest,
-    read_templates,
-    shape_of,
-    specimen_among,
-)
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page, shown_part
+from collalign.template_landmarks.table import slider_rows
+from collalign.template_landmarks.templates import (
+    SemilandmarkRequest,
+    read_templates,
+    shape_of,
+    specimen_among,
+)
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.disagreement import (
