@@ -5,7 +5,30 @@
 >>> collalign.synchronize(pairs, measured).edge_inlier
 array([ True,  True,  True])
 
-The graph and its solvers know arrays alone: ``graph`` checks what a caller gives, ``solve`` chooses the method.
+* ``graph``: ``PairGraph``: pairs, checked, and the shapes that they connect
+* ``solve``: the entry: chooses the method
+* ``robust``: the robust method, its result and confidences
+* ``search``: poses of a component
+* ``hypotheses``: rotations that pairs propose, belief propagation
+* ``model``: the likelihood of pairs
+* ``averaging``: least squares, robust against outliers
+* ``spectral``: appendix B of the paper, signs
+* ``clusters``: parts
+* ``permutations``: labels
+* ``frames``: the gauge
+
+A new method is a module from a ``PairGraph`` with one rotation per pair to frames, its branch in
+``synchronize_graph`` and its name in ``METHODS`` of ``solve``, and in ``Synchronizer`` of ``collalign/options.py``.
+
+Words:
+
+* **part**: shapes whose poses can be compared; ``--clusters`` asks for a number of them. ``groups`` in
+  ``alignment.json`` lists them.
+* **component**: shapes that pairs connect.
+* **block**: shapes that a wrong rotation keeps together.
+* **side**: left or right, of specimens. The chirality of a pair is *reflected*.
+* **gauge**: what the common frame is; **reference**: the shape that sets it where nothing is fixed.
+* **hypotheses**: candidate rotations of one shape from its present pose; belief propagation chooses among them.
 """
 
 # The stages use what is not in ``__all__``, which is what a user finds here.
