@@ -150,7 +150,13 @@ def test_a_page_of_the_reference_shows_one_module(face):
 
 @pytest.mark.parametrize(
     "page",
-    [*PAGES, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "RESULTS.md"))],
+    [
+        *PAGES,
+        *(
+            ROOT / name
+            for name in ("README.md", "CONTRIBUTING.md", "RESULTS.md", "packaging/README.md")
+        ),
+    ],
     ids=lambda page: page.stem,
 )
 def test_links_lead_somewhere(page):
