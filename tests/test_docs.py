@@ -7,6 +7,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -162,3 +163,22 @@ def test_a_page_of_the_reference_shows_one_module(face):
 def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
         assert (page.parent / link).exists(), link
+
+
+def unknown_numbers(page):
+    """Return the rows of the page on numbers whose module has no such name."""
+    rows = re.findall(r"^\| `([\w.]+)` \| `([\w, .]+)` \|", page, re.MULTILINE)
+    sources = {module: inspect.getsource(import_module(module)) for module, _ in rows}
+    return [
+        (module, name)
+        for module, names in rows
+        for name in names.split(", ")
+        if name != "module" and name.rpartition(".")[2] not in sources[module]
+    ]
+
+
+def test_numbers_of_the_page_are_those_of_the_code():
+    page = (ROOT / "experiments" / "calibration" / "numbers.md").read_text("utf-8")
+    assert unknown_numbers(page) == []
+    changed = page.replace("COPIES_TOL", "NO_TOL")
+    assert unknown_numbers(changed) == [("data_tools.embedding.copies", "NO_TOL")]

@@ -22,10 +22,8 @@ from data_tools.threads import one_blas_thread
 class BentTuning(NamedTuple):
     """Numbers of a registration that starts from maps of bodies that bend; lengths in parts of their radius.
 
-    What starts was chosen while looking at six ants, armadillos, humans and centaurs each, by where landmarks end up;
-    six glasses were only measured: .10 radii instead of .30 (``docs/tutorials/deformable.md``). The fit was chosen on
-    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments consistent_maps`` measures
-    the maps.
+    What starts was chosen on six ants, armadillos, humans and centaurs each, and measured on six glasses.
+    The fit was chosen on twenty bodies of SCAPE; the centaur was held back.
     """
 
     length: float = 0.1

@@ -18,9 +18,8 @@ from data_tools.surface.shape import vertex_normals
 class LocalFit(NamedTuple):
     """Numbers of the fit; lengths are in parts of the mean's root mean square radius.
 
-    Chosen on planes and birds with one template, by the rank correlation of slip and error: the nearest 16 of 300
-    spread points gave .27 and .16. The last three were chosen by that of radius and error, each of seven classes left
-    out. With turns of .01 to .1 and a least hold of 1e-4 to 1e-3 it changes by .03 at most in any class.
+    Chosen on planes and birds with one template, by the rank correlation of slip and error; the last three by that of
+    radius and error, each of seven classes left out.
     """
 
     around: float = 0.2

@@ -397,8 +397,7 @@ def dense_correspondence(
 def choose_template(files: Sequence[PosedFile]) -> int:
     """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is.
 
-    The middle is that of the files' own vertices. Simplified surfaces have too few: of fourteen mouse skulls they
-    chose another, and landmarks carried from one of them erred .215 mm instead of .189.
+    The middle is that of the files' own vertices. Simplified surfaces have too few.
     """
     clouds: dict[int, FloatArray] = {}
     closed = []

@@ -80,8 +80,7 @@ class PartialMatch:
     def mirror_fits_better(self) -> bool:
         """Whether its mirror image has more chance than all rotations, and that no pose is right, together.
 
-        Of 16 pairs of a generated surface and a part of it, mirrored parts had .73 to .94, others at most .17, by
-        earlier weights of overlaps. Where a surface is bilateral, both kinds share.
+        Chosen on 16 pairs of a generated surface and a part of it. Where a surface is bilateral, both kinds share.
         """
         return self.mirror_chance > 0.5
 
