@@ -18,7 +18,7 @@ from data_tools.threads import one_blas_thread
 
 #: Rounds of superimposition on the mean, at most; it has settled when its squared movement is below this, relative to
 #: its squared size.
-MAX_ROUNDS, SETTLED = 200, 1e-20
+MAX_SUPERIMPOSITIONS, SETTLED = 200, 1e-20
 #: Fewest common labels from which a pose in space is determined.
 MIN_LABELS = 3
 
@@ -92,7 +92,7 @@ def generalized_procrustes(samples: ArrayLike) -> FloatArray:
     if not len(shapes):
         raise InputError("samples: no shapes")
     mean = shapes[0]
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SUPERIMPOSITIONS):
         aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
         new = aligned.mean(axis=0)
         new /= np.linalg.norm(new)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.analysis.procrustes import MAX_ROUNDS, SETTLED, best_rotations, unit_size
+from collalign.analysis.procrustes import MAX_SUPERIMPOSITIONS, SETTLED, best_rotations, unit_size
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, Effects
 from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
@@ -175,7 +175,7 @@ def _superimposed(shapes: FloatArray, partner: IntArray) -> tuple[FloatArray, Fl
     rest = np.linalg.svd(normal[None])[2][1:]
     start = shapes[0] @ np.vstack([normal, rest]).T
     mean = 0.5 * (start + mirror_image(start, partner))
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SUPERIMPOSITIONS):
         aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
         average = aligned.mean(axis=0)
         new = 0.5 * (average + mirror_image(average, partner))

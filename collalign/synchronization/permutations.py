@@ -35,7 +35,7 @@ TIE_SHARE = 1e-6
 MOST_HELD = 2**22
 
 #: Rounds of projected power iteration, at most.
-MAX_ROUNDS = 30
+MAX_POWER_ITERATIONS = 30
 
 
 @one_blas_thread()
@@ -153,7 +153,7 @@ def synchronize_maps(
     matches = _match_matrix(edges, maps, weights, num)
     labels = _first_labels(matches, positions)
     previous = None
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_POWER_ITERATIONS):
         fresh = _elected(matches, labels, positions)
         if np.array_equal(fresh, labels) or (
             previous is not None and np.array_equal(fresh, previous)

@@ -54,7 +54,7 @@ from data_tools.notes import MAX_NAMED
 TRANSFER_FILE = "transfer.csv"
 #: What the semi-axes of an ellipsoid are called, the longest first.
 AXES = ("along", "across", "normal")
-LEFT_OUT_FILE = "leave_one_out.csv"
+LEAVE_ONE_OUT_FILE = "leave_one_out.csv"
 AGREEMENT_TABLE, AGREEMENT_FILE, AGREEMENT_PICTURE = (
     "agreement.csv",
     "agreement.json",
@@ -108,7 +108,7 @@ def write_transfer(
                 staged[-1], format="png", metadata={"Software": None}
             )
         if leave_one_out:
-            staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
+            staged.append(_write(output.stage(LEAVE_ONE_OUT_FILE), left_out_rows(transferred)))
         decided = {
             "templates": transferred.templates,
             "num_landmarks": len(transferred.labels),
