@@ -165,6 +165,43 @@ def test_links_lead_somewhere(page):
         assert (page.parent / link).exists(), link
 
 
+#: What a reader may look up: pages, notebooks, and the integrations.
+NAMING = [
+    *PAGES,
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "RESULTS.md", "paper/paper.md")),
+    *sorted((ROOT / "docs").rglob("*.ipynb")),
+    *sorted(
+        one for one in (ROOT / "integrations").rglob("*") if one.suffix in (".md", ".py", ".R")
+    ),
+]
+
+
+def unknown_names(text):
+    """Return the names of the packages in a text, with dots or imported from modules, that are not there."""
+    names = re.findall(r"\b((?:collalign|pairwise|data_tools)(?:\.[A-Za-z_]\w*)+)", text)
+    for module, imported in re.findall(r"from (collalign[\w.]*|pairwise) import ([\w, ]+)", text):
+        names += [f"{module}.{name.split()[0]}" for name in imported.split(",")]
+    return sorted({name for name in names if not name.endswith(".md") and not is_there(name)})
+
+
+def is_there(name):
+    try:
+        pkgutil.resolve_name(name)
+    except (AttributeError, ImportError):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("page", NAMING, ids=lambda page: page.name)
+def test_names_in_documents_are_those_of_the_code(page):
+    assert unknown_names(page.read_text("utf-8")) == []
+
+
+def test_an_old_name_is_noticed():
+    text = "`collalign.Note`, collalign.load, from collalign import match_shapes, load\n"
+    assert unknown_names(text) == ["collalign.Note", "collalign.match_shapes"]
+
+
 def unknown_numbers(page):
     """Return the rows of the page on numbers whose module has no such name."""
     rows = re.findall(r"^\| `([\w.]+)` \| `([\w, .]+)` \|", page, re.MULTILINE)
