@@ -45,9 +45,7 @@ class StrayTuning(NamedTuple):
     off_plane: float = 0.2
     """They lie off the plane through twice as many neighbours, by more than this share of how far these are."""
     many_off: float = 0.3
-    """Where fewer than this share of them do, they are points of a thinly scanned surface. Of strays .37 and more do
-    where they are among themselves, else .7 in the median. Without strays it is .2, and where a cap is scanned 25
-    times as densely 0 to .14."""
+    """Where fewer than this share of them do, they are points of a thinly scanned surface."""
     largest_share: float = 0.12
     """More are sparse parts of the cloud."""
     fewest_points: int = 500
