@@ -1,4 +1,8 @@
-"""The dense stage: every posed shape registered to a mean surface, from maps of all vertices where there are any."""
+"""The dense stage: every posed shape registered to a mean surface, from maps of all vertices where there are any.
+
+Maps alone are as exact where they are right, but only poses help where they are wrong, and for clouds and incomplete
+shapes (``docs/tutorials/deformable.md`` has figures of both).
+"""
 
 from __future__ import annotations
 
