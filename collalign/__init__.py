@@ -1,8 +1,10 @@
 """Aligns a collection of 3D shapes consistently, and says how far each pose can be trusted.
 
 >>> import collalign
->>> collection = collalign.align_collection("folder_of_meshes")  # doctest: +SKIP
->>> collection.save("aligned")                                   # doctest: +SKIP
+>>> collection = collalign.align_collection("bones")
+>>> written = collection.save("aligned")
+
+``help(collalign.align_collection)`` says what may stand for the folder.
 """
 
 import lazy_loader

@@ -130,11 +130,13 @@ def align_collection(
 
     Examples
     --------
-    >>> points = np.random.default_rng(0).random((40, 3))
-    >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> aligned = collalign.align_collection({"original": points, "rotated": points @ quarter}, progress=False)
-    >>> bool(np.allclose(aligned.rotations[1], quarter, atol=1e-3))
-    True
+    >>> aligned = collalign.align_collection("bones", jobs=1)
+    >>> aligned.names, aligned["B"].transform.shape
+    (('A', 'B', 'C'), (4, 4))
+    >>> points = np.load("points.npy")  # (40, 3)
+    >>> aligned = collalign.align_collection({"original": points, "turned": points[:, [1, 2, 0]]}, progress=False)
+    >>> aligned.rotations[1].round().astype(int).tolist()
+    [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     """
     given: dict[str, Any] = {**keywords}
     kinds = {one.name: kind for kind in (AlignOptions, RunOptions, Own) for one in fields(kind)}

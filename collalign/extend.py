@@ -74,16 +74,11 @@ def add_to_collection(
 
     Examples
     --------
-    >>> import tempfile, pathlib
-    >>> points = np.random.default_rng(0).random((40, 3))
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     a, b, c = (pathlib.Path(folder, "shapes", name) for name in ("a.xyz", "b.xyz", "c.xyz"))
-    ...     a.parent.mkdir()
-    ...     for number, file in enumerate((a, b, c)):
-    ...         np.savetxt(file, points + number)
-    ...     files = collalign.align_collection([a, b], progress=False).save(folder + "/result")
-    ...     collalign.add_to_collection(folder + "/result", [c], progress=False).names
-    ('a', 'b', 'c')
+    >>> more = collalign.add_to_collection("aligned", "more")
+    >>> more.names
+    ('A', 'B', 'C', 'D')
+    >>> bool((more.transforms[:3] == collalign.load("aligned").transforms).all())
+    True
     """
     former = load(result)
     files = former.source_files()

@@ -1,4 +1,8 @@
-"""Every option of an alignment, in one place: the command line and the TOML file are generated from these classes."""
+"""Every option of an alignment, in one place: the command line and the TOML file are generated from these classes.
+
+>>> from collalign.options import AlignOptions, SamplingOptions
+>>> wanted = AlignOptions(seed=1, sampling=SamplingOptions(num_points=32))
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
+from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from data_tools.checks import check_count, check_kinds, check_number
 from data_tools.errors import OptionsError
@@ -22,6 +27,16 @@ from data_tools.options import (
     SamplingOptions,
 )
 from pairwise.options import MatchOptions, PairKeywords, PairOptions
+
+__all__ = [
+    "AlignOptions",
+    "CleaningOptions",
+    "EmbeddingOptions",
+    "PairOptions",
+    "RunOptions",
+    "SamplingOptions",
+    "TwoShapeOptions",
+]
 
 #: Seeds are below this: stores and keys hold 64-bit numbers.
 _SEED_LIMIT = int(np.iinfo(np.int64).max) + 1

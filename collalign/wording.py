@@ -367,8 +367,8 @@ def note_text(note: Note) -> str:
 
     Examples
     --------
-    >>> from data_tools.notes import Note
-    >>> collalign.note_text(Note("doubtful", ("a", "b")))
+    >>> texts = [collalign.note_text(note) for note in collalign.load("aligned").notes]
+    >>> collalign.note_text(collalign.results.Note("doubtful", ("a", "b")))
     'In doubt: a, b. The report shows them and their alternative poses.'
     """
     text = _TEXTS.get(note.code, "")

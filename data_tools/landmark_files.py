@@ -91,6 +91,12 @@ def read_landmarks(path: Path | str) -> Landmarks:
     ------
     InputError
         If the file is missing, of another kind, or holds no landmark, or a value is no number.
+
+    Examples
+    --------
+    >>> found = read_landmarks("A.fcsv")
+    >>> found.labels, found.points.shape
+    (('top', 'foot'), (2, 3))
     """
     path = existing_file(Path(path))
     name = path.name.lower()
@@ -139,6 +145,12 @@ def read_semilandmarks(path: Path | str, kind: Literal["curve", "patch"]) -> Sem
     ------
     InputError
         As :func:`read_landmarks`; if the file holds several curves, or a curve fewer than two points.
+
+    Examples
+    --------
+    >>> rim = read_semilandmarks("RIM/A.fcsv", "curve")
+    >>> rim.name, rim.kind, rim.points.shape
+    ('RIM', 'open curve', (3, 3))
     """
     path = Path(path)
     found = read_landmarks(path)

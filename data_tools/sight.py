@@ -19,8 +19,7 @@ from data_tools.rotations import half_sphere
 class SightTuning(NamedTuple):
     """Numbers by which a line of sight is found.
 
-    Views of an armadillo, a teddy, a chair and a horse, and scans of a bunny, have cosines of .16 to .6 and up to
-    7 % hidden points; planes, fish, birds, guitars, chairs and teeth as whole clouds are steeper or hide more.
+    Chosen between views of four models, with scans of a bunny, and whole clouds of six classes.
     """
 
     least_points: int = 100

@@ -1,4 +1,35 @@
-"""Procrustes matching of two point sets: relaxations, certificates, search, refinement. Arrays in, results out."""
+"""Procrustes matching of two point sets: relaxations, certificates, search, refinement. Arrays in, results out.
+
+* ``matching``, ``relaxations``: ``match`` and ``solve_relaxation``, the public entries
+* ``options``, ``results``: what they take and return
+* ``reexported``: types of ``data_tools`` that signatures here name
+* ``problem``, ``rotation_pattern``: the Procrustes matching problem and its energy; the pattern of its rotations
+* ``local_search``: local minimisation from given starts
+* ``rotation_search``, ``rotation_sets``: the search over rotations, with the starts that it makes of a problem; sets
+  of rotations that know no problem
+* ``portfolio``: all ways of matching two shapes whole, ranked by energy: which candidates are kept
+* ``pm_sdp``: the relaxation of the paper
+* ``branch_and_bound``: proofs of the best pose
+* ``certificates``: lower bounds that anybody can check
+* ``features``: poses on which neighbourhoods agree, and overlap
+* ``partial_match``, ``partial_counterparts``, ``partial_surface``: poses of two surfaces that share a part, by
+  search; what has a counterpart at many poses, and what it costs; a surface as points with normals, and a grid of
+  nearest points
+* ``dense``, ``surface_fit``: poses refined and ranked on dense points; the final fit of two surfaces, by their planes
+  and by what they share
+
+It knows no files and no processes, and prints nothing.
+
+Words:
+
+* **candidate**: a pose of a pair that was found. What may be matched is *allowed*.
+* **group**: ``SO`` or ``O``, rotations only or mirror images as well. Never a set of shapes.
+* **component**: here, coordinates that the pattern of R connects. Of a mesh, what its edges connect; of a collection,
+  shapes that pairs connect.
+* **block**: coordinates that one rotation moves.
+* **dense**: of more points of a surface than its samples.
+* **partial**: of two surfaces that share a part. A shape of a collection that lacks parts is *incomplete*.
+"""
 
 import lazy_loader
 

@@ -13,7 +13,6 @@ from .dense import refine_pose as refine_pose
 from .features.overlap import LocalPoses as LocalPoses
 from .features.overlap import evaluate_poses as evaluate_poses
 from .features.overlap import match_overlapping as match_overlapping
-from .matching import MatchKeywords as MatchKeywords
 from .matching import match as match
 from .options import MatchOptions as MatchOptions
 from .options import PairOptions as PairOptions

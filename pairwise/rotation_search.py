@@ -146,9 +146,8 @@ def screen(
 
 #: Largest number of principal-axis starts; 4 in three dimensions.
 _MAX_SIGN_STARTS = 16
-#: Sizes of sets of rotations of blocks of so many dimensions; of more as in three. Up to three dimensions they
-#: cover the group. Beyond, a step of nearest-neighbour ICP comes first. Up to seven dimensions these many rotations
-#: find poses as good as those of PM-SDP in less time (20 to 50 random points, noise .1 to .3); in eight they do not.
+#: Sizes of sets of rotations of blocks of so many dimensions; of more as in three. Up to three dimensions they cover
+#: the group. Beyond, a step of nearest-neighbour ICP comes first; measured up to seven dimensions on random points.
 _NUM_COVERING, _NUM_MORE = {2: 96, 3: 500}, {4: 4000, 5: 4000, 6: 16_000, 7: 16_000}
 MAX_COVERED_DIM, MAX_SEARCHED_DIM = max(_NUM_COVERING), max(_NUM_MORE)
 #: Poses closer than this are one.

@@ -1,5 +1,6 @@
-"""CONTRIBUTING.md shows the project as it is: its layers, the way of a pair, and where something new goes."""
+"""CONTRIBUTING.md and the docstrings of rooms show the project as it is: layers, modules, a pair's way."""
 
+import ast
 import re
 import tomllib
 from types import SimpleNamespace
@@ -11,17 +12,16 @@ from tests.test_layers import ROOT, sources
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 #: Folders from which the text names files.
-BASES = (
-    ROOT,
-    *(
-        ROOT / base
-        for base in (
-            "collalign",
-            "collalign/output",
-            "collalign/stages",
-            "collalign/synchronization",
-        )
-    ),
+BASES = tuple(
+    ROOT / base
+    for base in (
+        "",
+        "collalign",
+        "data_tools/io/formats",
+        "collalign/tools/variation",
+        "tests",
+        "experiments",
+    )
 )
 
 
@@ -33,7 +33,10 @@ def section(title):
 
 
 def named(text):
-    return re.findall(r"`([^`]+)`", text)
+    """Return what a text has in code, blocks aside."""
+    return re.findall(
+        r"`([^`]+)`", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    )
 
 
 def exists(path):
@@ -75,53 +78,48 @@ def test_every_layer_is_in_the_table_in_the_order_of_its_imports():
     "path", sorted({name for name in named(TEXT) if re.fullmatch(r"[\w/]+(\.py|/)", name)})
 )
 def test_every_file_and_folder_that_is_named_exists(path):
-    assert exists(path) or list((ROOT / "collalign").rglob(path.rstrip("/"))), path
+    assert exists(path), path
 
 
-@pytest.mark.parametrize(
-    ("folder", "names"),
-    [
-        (line.split("`")[1], named(line)[1:])
-        for line in section("The files of the larger folders").splitlines()
-        if line.startswith("| `")
-    ],
-)
-def test_the_files_of_a_folder_are_there(folder, names):
-    assert {*names} <= {file.stem for file in (ROOT / folder).glob("*.py")}
-
-
-def unnamed_modules(text):
-    """The modules of the three packages that a text does not name."""
-    words = {word for name in named(text) for word in re.findall(r"\w+", name)}
-    return {file.stem for _, file in sources()} - words - {"__init__", "__main__"}
-
-
-def test_the_tables_name_every_module():
-    tables = "".join(
-        section(title)
-        for title in (
-            "The folders of the two lower packages",
-            "The layers of collalign",
-            "The files of the larger folders",
+def room_docstrings():
+    """Return what each folder of the packages says of itself, by its path."""
+    folders = {file.parent for _, file in sources()}
+    return {
+        folder.relative_to(ROOT).as_posix(): ast.get_docstring(
+            ast.parse((folder / "__init__.py").read_text("utf-8"))
         )
-    )
-    assert not unnamed_modules(tables)
-    assert unnamed_modules(tables.replace("`geodesics`", "")) == {"geodesics"}
+        for folder in sorted(folders)
+    }
+
+
+def described(docstring):
+    """Return the modules that a docstring of a room lists, each once or more."""
+    lines = re.findall(r"^\* (``\w+``(?:, ``\w+``)*):", docstring, re.MULTILINE)
+    return [name for line in lines for name in re.findall(r"``(\w+)``", line)]
+
+
+@pytest.mark.parametrize("room", [room for room in room_docstrings() if room != "collalign"])
+def test_a_room_says_of_each_of_its_modules_what_it_is(room):
+    assert sorted(described(room_docstrings()[room])) == inside(room)
+
+
+def inside(room):
+    """Return the names of the modules and folders of a room, sorted."""
+    modules = [file.stem for file in (ROOT / room).glob("*.py") if not file.stem.startswith("__")]
+    return sorted([*modules, *(file.parent.name for file in (ROOT / room).glob("*/__init__.py"))])
 
 
 def test_the_way_of_a_pair_goes_through_steps_that_align_takes():
     driver = "".join(
         (ROOT / f"collalign/{n}.py").read_text() for n in ("align", "stages/posing", "stages/steps")
     )
-    steps = [
-        name
-        for name in named(section("The way of a pair"))
-        if re.fullmatch(r"[a-z]+(_[a-z]+)+", name)
-    ]
+    way = room_docstrings()["collalign/stages"].partition("The way of a pair.")[2]
+    steps = re.findall(r"``([a-z]+(?:_[a-z]+)+)``", way)
     assert len(steps) > 15
     for step in steps:
         assert defined(step), step
-    called = [step for step in steps if f"{step}(" in driver]
+    _, _, pairs = way.partition("**Pairs.**")
+    called = [step for step in re.findall(r"``(\w+)``", pairs) if f"{step}(" in driver]
     places = [driver.index(f"{step}(") for step in called]
     assert len(called) > 12
     assert places == sorted(places)
@@ -134,6 +132,7 @@ def test_the_checks_can_fail():
     assert defined("match_pair")
     with pytest.raises(AssertionError):
         section("No such heading")
+    assert described("A room.\n\n* ``a``, ``b``: two\n* **a**: a word\n") == ["a", "b"]
 
 
 def test_two_workers_share_the_files_and_one_has_those_that_kill(monkeypatch):

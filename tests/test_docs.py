@@ -1,11 +1,13 @@
 """Every bash and python block of the documentation runs, in order; `console` and `py` blocks need a cluster."""
 
+import inspect
 import json
 import os
 import pkgutil
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -19,6 +21,10 @@ pytestmark = pytest.mark.usefixtures("quick_search")
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BLOCK = re.compile(r"^```(bash|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+#: The public modules of collalign.
+FACES = [
+    one for one in (getattr(collalign, name) for name in collalign.__all__) if inspect.ismodule(one)
+]
 #: What only a shell understands.
 SHELL_SYNTAX = re.compile(r"""[|&;<>$`*?\\#'"]""")
 
@@ -107,34 +113,109 @@ def test_navigation_has_every_page():
         assert str(page.relative_to(ROOT / "docs")) in navigation
 
 
+def reference_names(pages="*"):
+    """Return the names that pages of the reference show, in their order."""
+    return [
+        name
+        for page in sorted((ROOT / "docs" / "reference").glob(f"{pages}.md"))
+        for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    ]
+
+
 def home(one):
     """Return the module that something public is from; of a module, itself."""
     return str(getattr(one, "__module__", getattr(one, "__name__", "")))
 
 
-def test_the_reference_has_every_public_name():
-    pages = (ROOT / "docs" / "reference").glob("*.md")
-    shown = [
-        name
-        for page in pages
-        for name in re.findall(r"^::: (.+)$", page.read_text("utf-8"), re.MULTILINE)
-    ]
+def test_the_reference_has_every_public_name_once():
+    shown = reference_names()
     assert len(shown) == len({*shown})
     objects = [pkgutil.resolve_name(name) for name in shown]
     modules = {one.__name__ for one in objects if isinstance(one, ModuleType)}
-    for package in (collalign, pairwise):
-        public = {name: getattr(package, name) for name in {*package.__all__} - {"__version__"}}
+    for face in (collalign, pairwise, *FACES):
+        public = {name: getattr(face, name) for name in {*face.__all__} - {"__version__"}}
         missing = [
-            n for n, one in public.items() if one not in objects and home(one) not in modules
+            name
+            for name, one in public.items()
+            if not isinstance(one, ModuleType) and one not in objects and home(one) not in modules
         ]
         assert not missing
 
 
+@pytest.mark.parametrize("face", FACES, ids=lambda face: face.__name__)
+def test_a_page_of_the_reference_shows_one_module(face):
+    names = reference_names(face.__name__.rpartition(".")[2])
+    assert names
+    assert {name.rpartition(".")[0] for name in names} == {face.__name__}
+
+
 @pytest.mark.parametrize(
     "page",
-    [*PAGES, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "RESULTS.md"))],
+    [
+        *PAGES,
+        *(
+            ROOT / name
+            for name in ("README.md", "CONTRIBUTING.md", "RESULTS.md", "packaging/README.md")
+        ),
+    ],
     ids=lambda page: page.stem,
 )
 def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
         assert (page.parent / link).exists(), link
+
+
+#: What a reader may look up: pages, notebooks, and the integrations.
+NAMING = [
+    *PAGES,
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "RESULTS.md", "paper/paper.md")),
+    *sorted((ROOT / "docs").rglob("*.ipynb")),
+    *sorted(
+        one for one in (ROOT / "integrations").rglob("*") if one.suffix in (".md", ".py", ".R")
+    ),
+]
+
+
+def unknown_names(text):
+    """Return the names of the packages in a text, with dots or imported from modules, that are not there."""
+    names = re.findall(r"\b((?:collalign|pairwise|data_tools)(?:\.[A-Za-z_]\w*)+)", text)
+    for module, imported in re.findall(r"from (collalign[\w.]*|pairwise) import ([\w, ]+)", text):
+        names += [f"{module}.{name.split()[0]}" for name in imported.split(",")]
+    return sorted({name for name in names if not name.endswith(".md") and not is_there(name)})
+
+
+def is_there(name):
+    try:
+        pkgutil.resolve_name(name)
+    except (AttributeError, ImportError):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("page", NAMING, ids=lambda page: page.name)
+def test_names_in_documents_are_those_of_the_code(page):
+    assert unknown_names(page.read_text("utf-8")) == []
+
+
+def test_an_old_name_is_noticed():
+    text = "`collalign.Note`, collalign.load, from collalign import match_shapes, load\n"
+    assert unknown_names(text) == ["collalign.Note", "collalign.match_shapes"]
+
+
+def unknown_numbers(page):
+    """Return the rows of the page on numbers whose module has no such name."""
+    rows = re.findall(r"^\| `([\w.]+)` \| `([\w, .]+)` \|", page, re.MULTILINE)
+    sources = {module: inspect.getsource(import_module(module)) for module, _ in rows}
+    return [
+        (module, name)
+        for module, names in rows
+        for name in names.split(", ")
+        if name != "module" and name.rpartition(".")[2] not in sources[module]
+    ]
+
+
+def test_numbers_of_the_page_are_those_of_the_code():
+    page = (ROOT / "experiments" / "calibration" / "numbers.md").read_text("utf-8")
+    assert unknown_numbers(page) == []
+    changed = page.replace("COPIES_TOL", "NO_TOL")
+    assert unknown_numbers(changed) == [("data_tools.embedding.copies", "NO_TOL")]

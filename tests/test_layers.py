@@ -95,7 +95,9 @@ def unnamed_numbers(source):
     )
 
 
-@pytest.mark.parametrize("room", ["synchronization", "stages", "registration", "landmarks"])
+@pytest.mark.parametrize(
+    "room", ["synchronization", "stages", "registration", "template_landmarks"]
+)
 def test_the_numbers_of_estimators_have_names(room):
     for path in (ROOT / "collalign" / room).rglob("*.py"):
         assert unnamed_numbers(path.read_text("utf-8")) == [], path

@@ -173,7 +173,7 @@ def listed_fields(text):
 
 
 def test_what_awaits_a_release_is_listed_in_one_place():
-    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    text = (ROOT / "packaging" / "README.md").read_text("utf-8")
     assert listed_fields(text) == missing_fields()
     assert listed_fields(text.replace(", `doi`", "")) != missing_fields()
 

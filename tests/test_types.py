@@ -11,11 +11,11 @@ import collalign
 import pairwise
 from collalign.align import CollectionKeywords
 from collalign.engine.run_options import RunKeywords
-from collalign.landmarks.templates import SemilandmarkKeywords
 from collalign.nonrigid.map_options import NonrigidKeywords
 from collalign.options import AlignKeywords, TwoShapeKeywords
 from collalign.products.own import Own, OwnKeywords
 from collalign.synchronization.graph import GraphArguments
+from collalign.template_landmarks.templates import SemilandmarkKeywords
 from data_tools.errors import OptionsError
 from data_tools.options import CleaningKeywords, EmbeddingKeywords, SamplingKeywords
 from pairwise.matching import MatchKeywords
@@ -23,15 +23,24 @@ from pairwise.options import PairKeywords
 from pairwise.problem import ProblemArguments
 
 KEYWORDS = (
-    *((CleaningKeywords, collalign.CleaningOptions), (SamplingKeywords, collalign.SamplingOptions)),
-    *((EmbeddingKeywords, collalign.EmbeddingOptions), (PairKeywords, collalign.PairOptions)),
-    *((AlignKeywords, collalign.AlignOptions), (TwoShapeKeywords, collalign.TwoShapeOptions)),
+    *(
+        (CleaningKeywords, collalign.options.CleaningOptions),
+        (SamplingKeywords, collalign.options.SamplingOptions),
+    ),
+    *(
+        (EmbeddingKeywords, collalign.options.EmbeddingOptions),
+        (PairKeywords, collalign.options.PairOptions),
+    ),
+    *(
+        (AlignKeywords, collalign.AlignOptions),
+        (TwoShapeKeywords, collalign.options.TwoShapeOptions),
+    ),
     *(
         (RunKeywords, collalign.RunOptions),
-        (NonrigidKeywords, collalign.NonrigidOptions),
+        (NonrigidKeywords, collalign.maps.NonrigidOptions),
         (OwnKeywords, Own),
     ),
-    (SemilandmarkKeywords, collalign.SemilandmarkRequest),
+    (SemilandmarkKeywords, collalign.landmarks.SemilandmarkRequest),
 )
 
 
@@ -55,7 +64,7 @@ def test_keywords_that_are_passed_on_are_those_of_what_takes_them():
     }
     for arguments, function in (
         (ProblemArguments, pairwise.Problem),
-        (GraphArguments, collalign.PairGraph),
+        (GraphArguments, collalign.synchronization.PairGraph),
     ):
         taken = function.from_user.__kwdefaults__
         assert {*arguments.__annotations__} == {*taken}

@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import pytest
 
-from tests.test_contributing import section
+from tests.test_contributing import room_docstrings
 from tests.test_layers import ROOT, sources
 
 #: Called as the command line calls them, as the driver lists its steps, or as every format of an export.
@@ -15,12 +15,13 @@ CALLED_ALIKE = (
     re.compile(r"stages/steps\.py$"),
     re.compile(r"tools/export/\w+\.py$"),
 )
-#: Words of CONTRIBUTING that files may be called after, and the folders or files where they have that meaning.
+#: Words that rooms define, and that files may be called after, and the folders or files where they have that meaning.
 HOMES = {
     "hypotheses": {"synchronization"},
     "evidence": {"stages/evidence", "stages/local_evidence", "output/evidence", "nonrigid"},
     "dense": {"pairwise/dense.py", "stages/deformation"},
     "maps": {
+        "collalign/maps.py",
         "products",
         "output",
         "nonrigid",
@@ -71,14 +72,16 @@ def test_files_are_called_after_a_word_where_it_has_its_meaning():
     assert strays(modules()) == []
 
 
-def test_every_word_that_is_held_is_defined():
-    rows = [
-        line.split("|")[1].strip()
-        for line in section("Words").splitlines()
-        if line.startswith("| ")
-    ]
-    assert HOMES.keys() <= {*rows}
-    assert {"candidate", "part", "fixed"} <= {*rows}
+def defined_words(docstrings):
+    """Return the words that docstrings of rooms define."""
+    return {word for text in docstrings for word in re.findall(r"\*\*(\w+)\*\*:? ", text)}
+
+
+def test_every_word_that_is_held_is_defined_in_a_room():
+    words = defined_words(room_docstrings().values())
+    assert HOMES.keys() <= words
+    assert {"candidate", "part", "fixed"} <= words
+    assert defined_words(["**part**: a", "*whole*: b"]) == {"part"}
 
 
 @pytest.mark.parametrize(

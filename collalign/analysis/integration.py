@@ -75,6 +75,13 @@ def two_block_pls(
     Rohlf and Corti, Use of two-block partial least-squares to study covariation in shape, Systematic Biology 49
     (2000). Adams and Collyer, On the comparison of the strength of morphological integration across morphometric
     datasets, Evolution 70 (2016): the effect size.
+
+    Examples
+    --------
+    >>> aligned = collalign.statistics.generalized_procrustes(np.load("landmarks.npy"))
+    >>> face, base = aligned[:, :4].reshape(12, -1), aligned[:, 4:].reshape(12, -1)
+    >>> 0.0 < collalign.statistics.two_block_pls(face, base).r <= 1.0
+    True
     """
     blocks = [
         as_floats(block, name, shape=(None, None))

@@ -99,6 +99,13 @@ def paired_sides(
     Klingenberg and McIntyre, Geometric morphometrics of developmental instability: analyzing patterns of fluctuating
     asymmetry with Procrustes methods, Evolution 52 (1998). Palmer and Strobeck, Fluctuating asymmetry: measurement,
     analysis, patterns, Annual Review of Ecology and Systematics 17 (1986).
+
+    Examples
+    --------
+    >>> bones, individuals = np.load("landmarks.npy"), np.repeat(["a", "b", "c", "d", "e", "f"], 2)
+    >>> found = collalign.statistics.paired_sides(bones, individuals, ["left", "right"] * 6)
+    >>> found.asymmetry.shape, found.anova[1].effect
+    ((6,), 'side')
     """
     points = np.array(as_floats(samples, "samples", shape=(None, None, 3)))
     owners = _labels_of(len(points), individuals, "individuals")
@@ -310,6 +317,12 @@ def measurement_error(
     ----------
     Lessells and Boag, Unrepeatable repeatabilities: a common mistake, The Auk 104 (1987): also where counts differ.
     Fruciano, Measurement error in geometric morphometrics, Development Genes and Evolution 226 (2016).
+
+    Examples
+    --------
+    >>> landmarks, specimens = np.load("landmarks.npy"), np.repeat(["a", "b", "c", "d", "e", "f"], 2)
+    >>> collalign.statistics.measurement_error(landmarks, specimens).repeatability > 0.9
+    True
     """
     points = as_floats(samples, "samples", shape=(None, None, 3))
     owners = _labels_of(len(points), individuals, "individuals")

@@ -18,7 +18,7 @@ from data_tools.threads import one_blas_thread
 
 #: Rounds of superimposition on the mean, at most; it has settled when its squared movement is below this, relative to
 #: its squared size.
-MAX_ROUNDS, SETTLED = 200, 1e-20
+MAX_SUPERIMPOSITIONS, SETTLED = 200, 1e-20
 #: Fewest common labels from which a pose in space is determined.
 MIN_LABELS = 3
 
@@ -81,12 +81,18 @@ def generalized_procrustes(samples: ArrayLike) -> FloatArray:
     ----------
     Gower, Generalized Procrustes analysis, Psychometrika 40 (1975). Rohlf and Slice, Extensions of the Procrustes
     method for the optimal superimposition of landmarks, Systematic Zoology 39 (1990).
+
+    Examples
+    --------
+    >>> landmarks = np.load("landmarks.npy")  # (12, 8, 3): six specimens, each digitised twice
+    >>> collalign.statistics.generalized_procrustes(landmarks).shape
+    (12, 8, 3)
     """
     shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
     if not len(shapes):
         raise InputError("samples: no shapes")
     mean = shapes[0]
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SUPERIMPOSITIONS):
         aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
         new = aligned.mean(axis=0)
         new /= np.linalg.norm(new)
@@ -106,12 +112,23 @@ def best_rotations(targets: FloatArray, sources: FloatArray) -> FloatArray:
 
 @one_blas_thread()
 def principal_components(aligned: ArrayLike) -> PrincipalComponents:
-    """Return principal components of superimposed shapes, shape (N, k, 3), at least two of them.
+    """Find the principal components of superimposed shapes.
+
+    Parameters
+    ----------
+    aligned : array_like, shape (N, k, 3)
+        At least two, superimposed, as :func:`generalized_procrustes` returns them.
 
     Raises
     ------
     InputError
         If there are fewer than two shapes or samples are missing.
+
+    Examples
+    --------
+    >>> aligned = collalign.statistics.generalized_procrustes(np.load("landmarks.npy"))
+    >>> collalign.statistics.principal_components(aligned).scores.shape
+    (12, 11)
     """
     points = as_floats(aligned, "aligned", shape=(None, None, 3))
     if len(points) < 2:

@@ -129,6 +129,14 @@ def procrustes_anova(
     Goodall, Procrustes methods in the statistical analysis of shape, JRSS B 53 (1991). Anderson, A new method for
     non-parametric multivariate analysis of variance, Austral Ecology 26 (2001). Collyer and Adams, RRPP: an R package
     for fitting linear models to high-dimensional data using residual randomization, MEE 9 (2018).
+
+    Examples
+    --------
+    >>> aligned = collalign.statistics.generalized_procrustes(np.load("landmarks.npy"))
+    >>> age = np.arange(12.0)[:, None]
+    >>> rows = collalign.statistics.procrustes_anova(aligned.reshape(12, -1), {"age": age})
+    >>> [(row.effect, row.df) for row in rows]
+    [('age', 1), ('residual', 10), ('total', 11)]
     """
     check_choice("sums", sums, SUMS_OF_SQUARES)
     values, orders = with_orders(shapes, permutations, seed)

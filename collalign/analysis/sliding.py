@@ -25,7 +25,7 @@ from data_tools.threads import one_blas_thread
 Criterion: TypeAlias = Literal["bending", "procrustes"]
 CRITERIA: tuple[Criterion, ...] = ("bending", "procrustes")
 #: Rounds at most, and the squared movement of the mean, relative to its squared size, at which it has settled.
-_MAX_ROUNDS, _SETTLED = 10, 1e-9
+_MAX_SLIDES, _SETTLED = 10, 1e-9
 #: Nearest points through which the tangent plane of a semilandmark of a surface is laid, itself among them.
 _AROUND = 5
 
@@ -79,7 +79,7 @@ def slide_semilandmarks(
     if not {*rows.ravel().tolist(), *surfaces} <= {*range(points.shape[1])}:
         raise InputError(f"sliders: a row is none of the {points.shape[1]} points")
     mean = np.zeros(points.shape[1:])
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(_MAX_SLIDES):
         aligned = generalized_procrustes(points)
         new = aligned.mean(axis=0)
         if np.sum((new - mean) ** 2) <= _SETTLED * np.sum(new**2):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collalign.analysis.procrustes import MAX_ROUNDS, SETTLED, best_rotations, unit_size
+from collalign.analysis.procrustes import MAX_SUPERIMPOSITIONS, SETTLED, best_rotations, unit_size
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, Effects
 from data_tools.arrays import FloatArray, IntArray, as_floats, read_only
 from data_tools.errors import InputError
@@ -88,6 +88,13 @@ def object_symmetry(
     Mardia, Bookstein and Moreton, Statistical assessment of bilateral symmetry of shapes, Biometrika 87 (2000).
     Klingenberg, Barluenga and Meyer, Shape analysis of symmetric structures, Evolution 56 (2002): the components, the
     sums of squares and the degrees of freedom.
+
+    Examples
+    --------
+    >>> skulls = np.load("landmarks.npy")  # (12, 8, 3): two points of the midline, three of each side
+    >>> found = collalign.statistics.object_symmetry(skulls, [0, 1, 5, 6, 7, 2, 3, 4])
+    >>> found.symmetric.shape, found.anova[0].effect
+    ((12, 8, 3), 'individual')
     """
     shapes = unit_size(as_floats(samples, "samples", shape=(None, None, 3)))
     pairing = check_pairing(partner, shapes.shape[1])
@@ -168,7 +175,7 @@ def _superimposed(shapes: FloatArray, partner: IntArray) -> tuple[FloatArray, Fl
     rest = np.linalg.svd(normal[None])[2][1:]
     start = shapes[0] @ np.vstack([normal, rest]).T
     mean = 0.5 * (start + mirror_image(start, partner))
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SUPERIMPOSITIONS):
         aligned = shapes @ np.swapaxes(best_rotations(mean, shapes), 1, 2)
         average = aligned.mean(axis=0)
         new = 0.5 * (average + mirror_image(average, partner))

@@ -3,6 +3,14 @@
 Exit codes: 0 all went well, 1 unexpected error, 2 bad input or options, 3 finished with something left out, 4 the
 workers were lost, 5 (of ``status``) not finished, 129, 130 and 143 interrupted by SIGHUP, Ctrl-C and SIGTERM,
 141 nobody reads the output any more.
+
+* ``align_command``: ``align``, ``add``, ``demo``
+* ``batch_command``, ``status``: many folders; how far a run is
+* ``check``, ``config``: reads files only; reads options
+* ``own_file``: what the caller knows, from files
+* ``open_command``, ``open_server``: shows a result and runs commands on its files; who is let in
+
+The commands of tools are listed in ``collalign/tools/__init__.py``. Only the command line prints and exits.
 """
 
 from __future__ import annotations

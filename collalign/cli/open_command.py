@@ -20,7 +20,6 @@ from typing import Any, BinaryIO
 from collalign.analysis.label_table import read_labels
 from collalign.cli.open_server import served
 from collalign.console.messages import say
-from collalign.landmarks.templates import read_templates
 from collalign.options import ALL, AUTO, NEVER, AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.corrections import fixed_by, read_corrections
@@ -28,6 +27,7 @@ from collalign.output.loading import load
 from collalign.output.moved_files import missing_files
 from collalign.output.provenance import option_words, shape_words
 from collalign.output.write import ALIGNMENT_FILE, REPORT_FILE
+from collalign.template_landmarks.templates import read_templates
 from collalign.tools.export.run import FORMATS
 from data_tools.errors import InputError
 from data_tools.io.files import resolved

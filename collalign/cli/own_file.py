@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from collalign.console.messages import warn
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.templates import read_templates, shape_of
 from collalign.products.own import Own
+from collalign.template_landmarks.on_surface import place_templates
+from collalign.template_landmarks.templates import read_templates, shape_of
 from collalign.wording import note_text
 from data_tools.errors import CollalignError, InputError
 from data_tools.io.archives import load_array
@@ -87,7 +87,7 @@ def read_marks(
     ----------
     own : Own
     path : Path
-        As :func:`collalign.landmarks.templates.read_templates` takes it.
+        As :func:`collalign.template_landmarks.templates.read_templates` takes it.
     listing : FolderListing
     cleaning : CleaningOptions
         How its files are read.

@@ -60,7 +60,7 @@ class RadiusEvidence:
     spread : ndarray, shape (l,)
         Of what the templates say, see :func:`spread`.
     distance : float
-        Of the specimen from its templates, see :func:`collalign.landmarks.carry.template_distance`.
+        Of the specimen from its templates, see :func:`collalign.template_landmarks.carry.template_distance`.
     residual : ndarray, shape (l,)
         Distance of the registered mean from the specimen's surface at each landmark.
     unit : float
@@ -69,13 +69,14 @@ class RadiusEvidence:
         Root mean square distance of corresponding points of all shapes from their mean.
     hold : ndarray, shape (l,)
         How well the templates' surfaces determine the place of each landmark
-        (:func:`collalign.landmarks.local_fit.holds`); the mean over the templates.
+        (:func:`collalign.template_landmarks.local_fit.holds`); the mean over the templates.
     slip, misfit : ndarray, shape (l,)
         Distance of where the map takes the landmark from where a rigid fit of its surroundings on a template does,
-        and how well these fit (:func:`collalign.landmarks.local_fit.fit_surroundings`); means over the templates.
+        and how well these fit (:func:`collalign.template_landmarks.local_fit.fit_surroundings`); means over the
+        templates.
     held : ndarray, shape (l, 3, 3)
-        Square root of the hold of the specimen's surface (:func:`collalign.landmarks.local_fit.holds`). Errors times
-        it are of one size in all directions.
+        Square root of the hold of the specimen's surface (:func:`collalign.template_landmarks.local_fit.holds`).
+        Errors times it are of one size in all directions.
     held_slip : ndarray, shape (l,)
         Slip times it; the root mean square over the templates.
     """

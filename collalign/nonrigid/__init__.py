@@ -1,1 +1,12 @@
-"""Maps of deformable surfaces, arrays in, results out (Maron et al. 2016, section 6.1, and beyond)."""
+"""Maps of deformable surfaces, arrays in, results out (Maron et al. 2016, section 6.1, and beyond).
+
+* ``spectral_shape``: what a map needs of a surface
+* ``map_starts``: first maps, from signs of eigenfunctions
+* ``functional_map``: ZoomOut
+* ``refine``: to dense samples and all vertices
+* ``portfolio``: candidate maps, best first
+* ``map_evidence``: how likely a map is
+* ``common_bases``: consistent around cycles
+* ``pose_maps``: poses judged by maps
+* ``map_options``: options of both
+"""

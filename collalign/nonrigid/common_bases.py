@@ -117,7 +117,7 @@ def _power_iteration(
 
 #: Log-odds that a candidate map loses per unit of the logarithm of its residual, the number of functions in which
 #: candidates are compared, and rounds of choosing.
-CYCLE_WEIGHT, NUM_COMPARED, MAX_ROUNDS = 4.0, 30, 8
+CYCLE_WEIGHT, NUM_COMPARED, MAX_CHOICE_ROUNDS = 4.0, 30, 8
 
 
 def choose_maps(
@@ -150,7 +150,7 @@ def choose_maps(
     choice = np.array([int(np.argmax(odds)) for odds in log_odds])
     weights = np.array([_certainty(odds) for odds in log_odds])
     bases, residuals = _bases_of(edges, low, choice, num_shapes, weights)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_CHOICE_ROUNDS):
         better = choice.copy()
         for pair, (edge, maps, odds) in enumerate(zip(edges, low, log_odds, strict=True)):
             gaps = map_residuals(np.tile(edge, (len(maps), 1)), maps, bases)

@@ -24,8 +24,7 @@ class SurfaceOptions:
     num_dense : int
         Euclidean farthest points on which candidates are refined and judged.
     max_faces : int
-        Larger meshes are decimated for the computation; vertices in between go where their neighbours do. Five pairs
-        of bodies, armadillos and ants err .026 with 12 000 as with 24 000, and take 5.0 instead of 7.7 s of CPU time.
+        Larger meshes are decimated for the computation; vertices in between go where their neighbours do.
     """
 
     num_functions: int = 120

@@ -49,12 +49,8 @@ def load(result: Collection | Path | str, *, sources: Path | str | None = None) 
 
     Examples
     --------
-    >>> import tempfile
-    >>> points = np.random.default_rng(0).random((40, 3))
-    >>> aligned = collalign.align_collection([points, points[::-1]], progress=False)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = aligned.save(folder)
-    ...     collalign.load(folder)["shape2"].reflected
+    >>> collection = collalign.load("aligned")
+    >>> collection["B"].reflected
     False
     """
     found = result if isinstance(result, Collection) else _read(Path(result))

@@ -142,7 +142,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LIGHT = np.array([0.3, 0.5, 0.81])
-_COLOUR = np.array([0.85, 0.8, 0.68])
+#: Of shapes on pictures, red, green and blue.
+BONE_COLOUR = np.array([0.85, 0.8, 0.68])
 _CELL_INCHES = 1.5
 #: In cells: of a row with its line of text, and of the space left free around a shape.
 _ROW_HEIGHT, _MARGIN = 1.2, 0.03
@@ -199,10 +200,10 @@ def contact_sheet(tiles: Iterable[Tile], frame: NamedFrame = UNNAMED) -> Figure:
         row, column = divmod(position, columns)
         corner = np.array([2.0 * column, size[1] - (row + 1) * _ROW_HEIGHT])
         linear = transform[:3, :3]
-        panels.append(seen_panel(shape.vertices @ view.T, shape.faces, corner, _COLOUR))
+        panels.append(seen_panel(shape.vertices @ view.T, shape.faces, corner, BONE_COLOUR))
         moved = shape.vertices @ (view @ linear).T
         flipped = bool(np.linalg.det(linear) < 0)
-        panels.append(seen_panel(moved, shape.faces, corner + _RIGHT, _COLOUR, flipped=flipped))
+        panels.append(seen_panel(moved, shape.faces, corner + _RIGHT, BONE_COLOUR, flipped=flipped))
         words: dict[str, Any] = {"fontsize": 7, "va": "bottom", "parse_math": False}
         axes.text(corner[0] + _MARGIN, corner[1] + 1.0, shape.name, **words)
         if not np.isnan(confidence):

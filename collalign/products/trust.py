@@ -39,7 +39,7 @@ class Trust:
           log-odds, mean over all pairs;
         * misfit: log of what the pose costs on dense points over that of the median shape that it is compared with;
         * local margin: as the margin, of the mismatch of neighbourhoods in place of dense points, .05 added to each;
-        * mismatch: of neighbourhoods with the most similar partner, as :attr:`collalign.Pair.mismatches` has it;
+        * mismatch: of neighbourhoods with the most similar partner (:attr:`collalign.results.Pair.mismatches`);
         * local misfit: log of this mismatch, .05 added, over that of the median shape that it is compared with;
         * cycles: log-odds that the pairs of all shapes that it can be compared with, as first matched, know the poses
           and do not choose between two at random (:func:`collalign.confidence.pose_model.cycle_log_odds`);

@@ -22,10 +22,8 @@ from data_tools.threads import one_blas_thread
 class BentTuning(NamedTuple):
     """Numbers of a registration that starts from maps of bodies that bend; lengths in parts of their radius.
 
-    What starts was chosen while looking at six ants, armadillos, humans and centaurs each, by where landmarks end up;
-    six glasses were only measured: .10 radii instead of .30 (``docs/tutorials/deformable.md``). The fit was chosen on
-    twenty bodies of SCAPE; of the centaur, which was held back, ``python -m experiments consistent_maps`` measures
-    the maps.
+    What starts was chosen on six ants, armadillos, humans and centaurs each, and measured on six glasses.
+    The fit was chosen on twenty bodies of SCAPE; the centaur was held back.
     """
 
     length: float = 0.1
@@ -40,8 +38,7 @@ class BentTuning(NamedTuple):
     """Nor one that rotates the whole surface by more than this against its pose: maps are right that rotate it by up
     to 16 degrees; those by 176 and more take the head for the tail."""
     map_length: float = 0.05
-    """What a map says of neighbours is averaged over so far before closest points pull. The bodies err .0144 to .0147
-    sqrt(area) with .03 to .1, and .0163 with .2; the centaur errs least with .06."""
+    """What a map says of neighbours is averaged over so far before closest points pull. Chosen on bodies."""
     point_length: float = 0.03
     """What closest points say of neighbours is averaged over so far."""
     normal_weight: float = 0.4

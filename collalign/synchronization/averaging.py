@@ -192,7 +192,7 @@ def maximise_likelihood(
 #: Residuals below this count as this, degrees: finer than any two ways to measure a rotation agree.
 SMALLEST_RESIDUAL_DEG = 3.0
 #: Reweightings at most; they end with a step shorter than this, radians.
-MAX_ROUNDS, SETTLED_RAD = 40, 1e-6
+MAX_REWEIGHTINGS, SETTLED_RAD = 40, 1e-6
 
 
 @one_blas_thread()
@@ -221,7 +221,7 @@ def average_frames(
     if not heaviest > 0:
         return frames
     floor = LEAST_SHARE * heaviest
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_REWEIGHTINGS):
         residuals = np.maximum(residuals_deg(frames, edges, measured), SMALLEST_RESIDUAL_DEG)
         current = weights * SMALLEST_RESIDUAL_DEG / residuals
         targets = np.einsum("em,emab->eab", current, measured) + floor * relative(frames, edges)

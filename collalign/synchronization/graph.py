@@ -370,7 +370,7 @@ def checked_edges(edges: ArrayLike, num_shapes: int | None) -> IntArray:
     if (count > 1).any():
         twice = unordered[np.argmax(count > 1)].tolist()
         raise InputError(
-            f"edges: the pair {twice} appears more than once; give its rotations as candidates"
+            f"edges: the pair {twice} appears more than once; several rotations of a pair are its candidates"
         )
     return pairs
 

@@ -7,11 +7,22 @@ correspond if they share a label, so that ``map_a_b[map_b_c] == map_a_c`` exactl
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from data_tools.arrays import FloatArray, IntArray, sums_by_owner
+from collalign.synchronization.graph import checked_edges
+from data_tools.arrays import (
+    FloatArray,
+    IntArray,
+    as_floats,
+    as_indices,
+    as_weights,
+    read_only,
+    sums_by_owner,
+)
+from data_tools.errors import InputError
 from data_tools.threads import one_blas_thread
 
 #: Most that the distance to a label counts, relative to the strongest support by maps.
@@ -24,14 +35,99 @@ TIE_SHARE = 1e-6
 MOST_HELD = 2**22
 
 #: Rounds of projected power iteration, at most.
-MAX_ROUNDS = 30
+MAX_POWER_ITERATIONS = 30
+
+
+@one_blas_thread()
+def synchronize_permutations(
+    edges: ArrayLike,
+    maps: ArrayLike,
+    *,
+    weights: ArrayLike | None = None,
+    positions: ArrayLike | None = None,
+    num_shapes: int | None = None,
+) -> IntArray:
+    """Find consistent labels of points from the pairs' maps, of which many may be wrong.
+
+    This is permutation synchronization by projected power iteration (Chen and Candes 2018; Pachauri et al. 2013).
+
+    Parameters
+    ----------
+    edges : array_like of int, shape (E, 2)
+        Shapes i, j of each pair; each unordered pair at most once.
+    maps : array_like of int, shape (E, k)
+        ``map_i_j``: the point of i for each of the k points of j, or -1. No point of i is taken twice.
+    weights : array_like, shape (E,), optional
+        How much each pair counts; all alike by default.
+    positions : array_like, shape (N, k, d), optional
+        Points of all shapes in a common frame. Nearness then counts as well, at most half as much as the maps.
+    num_shapes : int, optional
+        N: one more than the largest index in ``edges`` where neither it nor ``positions`` says so.
+
+    Returns
+    -------
+    ndarray of int, shape (N, k)
+        Label of each point. Each row is a permutation of 0, ..., k - 1. The consistent map of two shapes is
+        ``np.argsort(labels[i])[labels[j]]``. Read-only.
+
+    Raises
+    ------
+    InputError
+        If an index is out of range, a pair is a loop or repeated, a map takes a point twice, or without positions a
+        shape has no maps to the others.
+    OptionsError
+        If ``num_shapes`` is less than 1.
+
+    Examples
+    --------
+    >>> shift, wrong = np.array([1, 2, 3, 0]), np.array([0, 1, 3, 2])
+    >>> edges = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    >>> maps = [shift, shift[shift], wrong, shift, shift[shift], shift]
+    >>> labels = collalign.synchronize_permutations(edges, maps)
+    >>> np.argsort(labels[0])[labels[3]]  # shift three times, although the map of this pair is wrong
+    array([3, 0, 1, 2])
+    """
+    points = None if positions is None else as_floats(positions, "positions", shape=(None,) * 3)
+    if points is not None and num_shapes not in (None, len(points)):
+        raise InputError(f"positions: of {len(points)} shapes, expected num_shapes {num_shapes}")
+    pairs = checked_edges(edges, num_shapes if points is None else len(points))
+    if not len(pairs):
+        raise InputError("edges: there are no pairs, so no maps to make consistent")
+    found = np.asarray(maps)
+    size = found.shape[1] if found.ndim == 2 else 0
+    found = as_indices(found, "maps", upper=size, lower=-1, shape=(len(pairs), None))
+    if points is not None and points.shape[1] != size:
+        raise InputError(f"positions: {points.shape[1]} points a shape, but maps of {size}")
+    used = np.sort(found, axis=1)
+    twice = np.argwhere((used[:, 1:] == used[:, :-1]) & (used[:, 1:] >= 0))
+    if len(twice):
+        row, at = twice[0]
+        raise InputError(f"maps: row {row} takes point {used[row, at]} twice")
+    trust = as_weights(weights, "weights", num=len(pairs))
+    if points is None:
+        total = int(pairs.max()) + 1 if num_shapes is None else num_shapes
+        _check_connected(pairs[(trust > 0) & (found >= 0).any(axis=1)], total)
+        points = np.zeros((total, size, 1))
+    return read_only(synchronize_maps(pairs, found, trust, points))
+
+
+def _check_connected(edges: IntArray, num: int) -> None:
+    """Refuse shapes (num) that pairs (E, 2) do not connect: nothing says which of their points correspond."""
+    graph = csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(num, num))
+    component = connected_components(graph, directed=False)[1]
+    apart = np.flatnonzero(component != component[0])
+    if len(apart):
+        raise InputError(
+            f"maps: none connects shape {apart[0]} with shape 0, so their labels cannot be compared; "
+            "give positions, or leave it out"
+        )
 
 
 @one_blas_thread()
 def synchronize_maps(
     edges: IntArray, maps: IntArray, weights: FloatArray, positions: FloatArray
 ) -> IntArray:
-    """Find consistent labels by projected power iteration (Chen and Candes 2018; Pachauri et al. 2013).
+    """Synchronize as :func:`synchronize_permutations` does, from checked arrays.
 
     Each round every shape votes: the label of a sample is supported by the labels of the samples matched to it, and
     by how near the members of a label are; the labels of one shape are the linear assignment of most support. Sparse
@@ -42,7 +138,7 @@ def synchronize_maps(
     edges : ndarray of int, shape (E, 2)
         Shapes i, j of each pair.
     maps : ndarray of int, shape (E, k)
-        ``map_i_j``: the sample on i of each sample of j, one-to-one.
+        ``map_i_j``: the sample on i of each sample of j, or -1; one-to-one.
     weights : ndarray, shape (E,)
         Trust in each map.
     positions : ndarray, shape (N, k, d)
@@ -57,7 +153,7 @@ def synchronize_maps(
     matches = _match_matrix(edges, maps, weights, num)
     labels = _first_labels(matches, positions)
     previous = None
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_POWER_ITERATIONS):
         fresh = _elected(matches, labels, positions)
         if np.array_equal(fresh, labels) or (
             previous is not None and np.array_equal(fresh, previous)
@@ -70,9 +166,10 @@ def synchronize_maps(
 def _match_matrix(edges: IntArray, maps: IntArray, weights: FloatArray, num: int) -> csr_matrix:
     """Return the symmetric sparse matrix of weighted matches over all samples of all shapes."""
     total = maps.shape[1]
+    known = maps >= 0
     rows, cols = edges[:, :1] * total + maps, edges[:, 1:] * total + np.arange(total)
-    values = np.repeat(weights, total)
-    upper = csr_matrix((values, (rows.ravel(), cols.ravel())), shape=(num * total, num * total))
+    values = np.broadcast_to(weights[:, None], maps.shape)
+    upper = csr_matrix((values[known], (rows[known], cols[known])), shape=(num * total,) * 2)
     return (upper + upper.T).tocsr()
 
 

@@ -24,7 +24,7 @@ from data_tools.arrays import BoolArray, FloatArray
 COST_TOL = 1e-6
 
 #: Rounds of choosing rotations and refining.
-MAX_ROUNDS = 4
+MAX_SEARCH_ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +107,7 @@ def improve(model: EdgeModel, frames: FloatArray, free: BoolArray, fixed: BoolAr
     """
     model, frames = maximise_likelihood(model, frames, free, estimate=False)
     state = _with_beliefs(model, frames, free, fixed)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_SEARCH_ROUNDS):
         shapes = np.arange(len(frames))
         chosen = np.argmax(state.beliefs, axis=1)
         moved = state.frames @ state.alternatives.rotations[shapes, chosen]

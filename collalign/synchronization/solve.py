@@ -53,9 +53,9 @@ def synchronize(
     reference : int
         Shape whose pose is the identity (in its component; the first member in others), where none is fixed.
     **keywords
-        What else makes the graph, see :meth:`collalign.PairGraph.from_user`: ``energies`` of the candidates,
-        ``weights`` of the pairs, ``group`` ("SO", or "O", where shapes may come out mirrored), ``num_shapes`` and
-        ``rotation_pattern``.
+        What else makes the graph, as in :meth:`collalign.synchronization.PairGraph.from_user`: ``energies`` of the
+        candidates, ``weights`` of the pairs, ``group`` ("SO", or "O", where shapes may come out mirrored),
+        ``num_shapes`` and ``rotation_pattern``.
 
     Returns
     -------
@@ -97,9 +97,9 @@ def synchronize_graph(
 
     Examples
     --------
-    >>> graph = collalign.PairGraph.from_user([(0, 1)], [np.eye(3)])
-    >>> collalign.synchronize_graph(graph).rotations.shape
-    (2, 3, 3)
+    >>> graph = collalign.pair_graph(collalign.load("aligned").pairs, 3, "SO")
+    >>> collalign.synchronization.synchronize_graph(graph).rotations.shape
+    (3, 3, 3)
     """
     if method == "spectral":
         return _eigenprojection(graph, fixed or {}, reference)

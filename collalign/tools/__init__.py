@@ -1,6 +1,18 @@
-"""What reads a finished result, or two shapes: one folder a tool, each with its command.
+"""What reads a finished result, or two shapes: one folder a tool with its ``run``, and its ``command``, which prints.
 
-A tool imports results and libraries, never a stage or another tool, but those of :data:`SHARED`.
+* ``match``: two shapes
+* ``export``: formats of the field
+* ``certify``: no arrangement of all shapes is cheaper
+* ``stability``: which poses stay
+* ``transfer``: landmarks
+* ``variation``: how the surfaces vary
+* ``correspond``: lays one triangulation onto all shapes
+
+A tool imports results and libraries, never a stage or another tool, but those of :data:`SHARED`. A new one is a
+folder with its command's line in :data:`TOOLS`.
+
+Word: ``DenseCorrespondence`` is of a mean surface with all shapes; elsewhere *dense* is of more points than the
+samples.
 """
 
 #: Each tool's command, as a module below this folder and a function, and its line in the help.

@@ -1,4 +1,8 @@
-"""The dense stage: every posed shape registered to a mean surface, from maps of all vertices where there are any."""
+"""The dense stage: every posed shape registered to a mean surface, from maps of all vertices where there are any.
+
+Maps alone are as exact where they are right, but only poses help where they are wrong, and for clouds and incomplete
+shapes (``docs/tutorials/deformable.md`` has figures of both).
+"""
 
 from __future__ import annotations
 
@@ -380,12 +384,7 @@ def dense_correspondence(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
-    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
-    ...     dense = collalign.dense_correspondence(folder + "/result", progress=False)
+    >>> dense = collalign.maps.dense_correspondence("aligned")
     >>> dense.vertices.shape == (3, *dense.mean.shape)
     True
     """
@@ -402,8 +401,7 @@ def dense_correspondence(
 def choose_template(files: Sequence[PosedFile]) -> int:
     """Return which of some shapes lends its triangles: in the middle of all, complete and without a rim if one is.
 
-    The middle is that of the files' own vertices. Simplified surfaces have too few: of fourteen mouse skulls they
-    chose another, and landmarks carried from one of them erred .215 mm instead of .189.
+    The middle is that of the files' own vertices. Simplified surfaces have too few.
     """
     clouds: dict[int, FloatArray] = {}
     closed = []

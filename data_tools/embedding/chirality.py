@@ -32,10 +32,8 @@ BULGE_RADII = (0.08, 0.16)
 #: one; a thin open sheet has none.
 LEAST_FACING = 0.5
 #: A surface has no outer side if more than the first share of its edges is run through twice in the same direction.
-#: Skulls of thin sheets have 5 % where the sheets meet, triangles wound at random have half.
-#: It is too coarse to turn either way if one triangle has more than the second share of its area: the features of its
-#: corners say nothing of what is between. Of scanned shapes, decimated or not, it is at most .005; furniture that is
-#: assembled of boxes has .06 to .12, and sides were named in it where there were none.
+#: It is too coarse to turn either way if one triangle has more than the second share of its area. Chosen between
+#: skulls of thin sheets (.05) and triangles wound at random (.5); scans (.005) and furniture of boxes (.06).
 MOST_DEFECTS, LARGEST_TRIANGLE = 0.1, 0.03
 #: Random Fourier features of a Gaussian kernel of width 1. With 2000 the scores of teeth change by a tenth.
 NUM_WAVES = 400

@@ -36,8 +36,7 @@ from data_tools.surface.topology import (
     mesh_components,
 )
 
-#: Larger point clouds are thinned to this many points; samples stay points of the original. With 20 000, noisy clouds
-#: of guns, chairs and fish took three times as long, for median errors of 6.1, 2.7, 3.1 degrees (now 6.1, 1.7, 3.3).
+#: Larger point clouds are thinned to this many points; samples stay points of the original.
 MOST_CLOUD_POINTS = 6_000
 #: A decimated mesh has at least four vertices for each sample to choose from.
 FACES_PER_SAMPLE = 8
@@ -227,8 +226,7 @@ def _used(shape: Shape) -> IntArray:
 def _decimate(shape: Shape, max_faces: int) -> tuple[Shape, IntArray, Note]:
     """Return a decimated copy; its vertices map back to the nearest original one.
 
-    Where thin legs come off, so that 1 % of the area is lost, it gets more triangles. One of SHREC07's chairs lost
-    2.9 % and stood 30 degrees off; skulls of thin sheets lose at most .3 %.
+    Where thin legs come off, so that 1 % of the area is lost, it gets more triangles.
     """
     kept = CleaningOptions(components="largest" if _is_connected(shape) else "all")
     for finer in (1, 2, 4):

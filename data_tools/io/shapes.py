@@ -82,8 +82,7 @@ def coarse_coordinates(notes: Mapping[str, Sequence[Note]]) -> tuple[Note, ...]:
 
 #: Suffixes that :func:`write_mesh` knows.
 WRITABLE = (".ply", ".off", ".obj", ".stl", ".glb")
-#: Largest number of triangles around one vertex. Decimation takes its square: 4 s at 10 000, minutes at 50 000; the
-#: polygons of a file are split into triangles at their first corner.
+#: Largest number of triangles around one vertex. Decimation takes its square: 4 s at this number.
 MAX_TRIANGLES_OF_VERTEX = 10_000
 
 

@@ -30,9 +30,7 @@ from data_tools.surface.topology import (
     vertex_components,
 )
 
-#: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together. A
-#: generated bone of 600 000 triangles, decimated to 4000, then lies 3.6e-4 sqrt(area) from the original (root mean
-#: square) instead of 3.2e-4.
+#: Edges of a mesh of more triangles are not collapsed one by one before vertices near each other are put together.
 MOST_COLLAPSED = 200_000
 #: The three clusters of a triangle fit into one integer of 64 bits.
 _MOST_KEYED = 2**21
@@ -114,8 +112,7 @@ DEGENERATE_TOL = 1e-14
 #: the larger one is chance, and would differ from file to file.
 NEAR_TIE = 0.8
 #: Where more than this share of the area of a shape is dropped with its smaller components, these are no
-#: fragments. Mouse skulls lose at most 1.2 %, vases at most 4; objects that modellers assemble (guitars, guns,
-#: pianos, generated chairs and desks) lose half, generated mugs their handles, some 5 %.
+#: fragments. Scanned classes lose at most .04, assembled objects about half.
 MOST_DROPPED = 0.05
 #: The codes of the notes of a mesh of several components, and of one that lies beside larger pieces that are plain,
 #: or beside pieces that the other files do not have.
@@ -130,8 +127,7 @@ LEAST_SINGLE, MUCH_LIKER = 1 / 3, 0.5
 _HASH_FACTORS = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64
 )
-#: Largest share of vertices without finite coordinates that counts as a flaw of a mesh and not as damage. The seven
-#: of 62 mouse skulls of Zhang et al. (2022) that have any have one or two of 69 000 to 90 000.
+#: Largest share of vertices without finite coordinates that counts as a flaw of a mesh and not as damage.
 MAX_NON_FINITE_SHARE = 0.05
 
 

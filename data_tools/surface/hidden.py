@@ -61,8 +61,7 @@ class HiddenTuning(NamedTuple):
     least_piece: float = 0.01
     """... it has so much of the whole area, ..."""
     longest_rim: float = 2.0
-    """... and its rim, where it joins what is seen, is shorter than this times the root of its area: .4 to .8 of a
-    wall behind an opening, 5 and more of recesses."""
+    """... and its rim, where it joins what is seen, is shorter than this times the root of its area."""
     touching: float = 1e-3
     """A component is a second shell where its points lie within the largest one, or beyond it by less than this times
     the root of its area, ..."""

@@ -19,10 +19,7 @@ from data_tools.surface.shape import Shape
 from data_tools.surface.topology import mesh_edges, vertex_components
 
 #: Vertices are far where they lie at least this many times as far from the middle as any that is not. Chosen, as the
-#: numbers below, on generated shapes (blobs of 200 to 2000 vertices with up to 2 % of them 5 to 30 radii away, cones,
-#: rods, bars on spheres). Of 467 teeth, skulls, bunny scans, bodies and animals, meshes and their vertices alone, no
-#: vertex is farther than 1.07 times the next; of 126 sets of skull landmarks four have one 14 times as far, which is
-#: no place on a skull but a mark for "unknown".
+#: numbers below, on generated shapes with up to 2 % of such vertices.
 FAR_RATIO = 2.0
 #: Largest share of the vertices that may be far: more are a part of the shape.
 MAX_FAR_SHARE = 0.02
@@ -48,9 +45,7 @@ class StrayTuning(NamedTuple):
     off_plane: float = 0.2
     """They lie off the plane through twice as many neighbours, by more than this share of how far these are."""
     many_off: float = 0.3
-    """Where fewer than this share of them do, they are points of a thinly scanned surface. Of strays .37 and more do
-    where they are among themselves, else .7 in the median. Without strays it is .2, and where a cap is scanned 25
-    times as densely 0 to .14."""
+    """Where fewer than this share of them do, they are points of a thinly scanned surface."""
     largest_share: float = 0.12
     """More are sparse parts of the cloud."""
     fewest_points: int = 500
@@ -185,9 +180,7 @@ ODD_FACTOR = 8.0
 #: By what one unit differs from another for which it is taken: millimetres, centimetres, metres, inches.
 UNIT_FACTORS = (10.0, 100.0, 1000.0, 25.4)
 #: Nearer to the median, shapes are odd behind a gap at least so wide, and as wide as the range of all others. Divided
-#: by the factor they lie in that range, up to the slack. Of 400 draws of 6 to 50 sizes, even over a threefold range
-#: with one of them wrong by 10, 97 to 100 % are found; without a wrong one, none of 1000 is named, and of lognormal
-#: sizes of deviation .5 as few as .1 to 1.3 % of the draws.
+#: by the factor they lie in that range, up to the slack. Chosen on 400 draws of 6 to 50 generated sizes.
 _LEAST_GAP, _SLACK = 2.0, 1.25
 #: Fewer others have no range.
 _FEWEST_OTHERS = 5
@@ -232,17 +225,9 @@ def _behind_a_gap(ratios: Mapping[str, float]) -> set[str]:
 class ApartTuning(NamedTuple):
     """Numbers by which sizes that are two or three times those of the others are found.
 
-    Chosen on 300 draws each of 6 to 60 generated sizes: lognormal with deviations from .03 to .6, uniform and
-    loguniform over ranges from 1.5 to 20, two sexes, two species, adults with juveniles, growth curves. Of 15 or more
-    sizes with a deviation of .08, one of twice its size is named in 98 % of draws, one of half its size in 77 %; with
-    a deviation of .15 in 40 and 30 %. Of draws without one, a shape is named in at most 2 % of those of one range,
-    7 % of growth curves, and 28 % of those with few juveniles or few of another species: sizes alone cannot
-    tell these. Held out were gamma, Laplace and normal sizes, three species (5 % at most), Gompertz growth (8 %) and
-    classes of age (29 %). In no folder of skulls, feet, teeth, turtles, lowpoly guns or seats is a shape named.
+    Chosen on 300 draws each of 6 to 60 generated sizes of seven kinds, with six others held out.
 
-    Beside a covariate, numbers were chosen on 200 draws of four curves of growth. With a deviation of .05 a shape is
-    named in at most 1 % of draws without one of twice its size. That one is named in 80 to 98 % of draws of 60,
-    in 55 to 94 % of 24 and in 28 to 74 % of 12. With a deviation of .15 these are 9 %, and 4 to 67 % of 24 or 60.
+    Beside a covariate, numbers were chosen on 200 draws of four curves of growth.
     """
 
     least: float = 1.6

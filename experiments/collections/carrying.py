@@ -15,8 +15,8 @@ from collalign.confidence.radius_model import MIN_TEMPLATES
 from collalign.engine.records import Record
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store_file import STORE_FILE
-from collalign.landmarks.table import landmark_table
 from collalign.products.trust import DOUBT
+from collalign.template_landmarks.table import landmark_table
 from collalign.tools.transfer.carrier import LandmarkCarrier
 from data_tools.arrays import FloatArray
 from data_tools.errors import InputError
@@ -104,7 +104,7 @@ def measure_carrying(cell: Cell) -> Record:
         run = RunOptions(jobs=1, store=Path(scratch) / STORE_FILE)
         collalign.align_collection(folder, run=run, progress=False).save(out, report=False)
         with stopwatch() as elapsed:
-            collalign.dense_correspondence(out, run=run, progress=False)
+            collalign.maps.dense_correspondence(out, run=run, progress=False)
         collection = collalign.load(out)
         found: dict[str, Any] = {
             "names": list(collection.names),
@@ -137,7 +137,7 @@ def carried_errors(
     given = {
         posed.names[at]: Landmarks(labels=labels, points=posed.landmarks[at]) for at in templates
     }
-    found = collalign.transfer_landmarks(out, given, run=run, progress=False)
+    found = collalign.landmarks.transfer_landmarks(out, given, run=run, progress=False)
     if found.names != posed.names:
         raise InputError("a shape was left out: errors would be those of a choice")
     others = _others(posed, templates)
@@ -199,7 +199,7 @@ def measure_few(cell: Cell) -> Record:
         posed, out = write_posed(cell, folder), Path(scratch) / "out"
         run = RunOptions(jobs=1, store=Path(scratch) / STORE_FILE)
         collalign.align_collection(folder, run=run, progress=False).save(out, report=False)
-        dense = collalign.dense_correspondence(out, run=run, progress=False)
+        dense = collalign.maps.dense_correspondence(out, run=run, progress=False)
         collection = collalign.load(out)
         labels = tuple(str(number) for number in range(posed.landmarks.shape[1]))
         given = {

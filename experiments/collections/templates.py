@@ -69,7 +69,7 @@ def measure_templates(cell: Cell) -> Record:
             collalign.align_collection(folder, run=run, progress=False).save(out, report=False)
             for at, name in enumerate(posed.names):
                 given = {name: Landmarks(labels=labels, points=posed.landmarks[at])}
-                found = collalign.transfer_landmarks(out, given, run=run, progress=False)
+                found = collalign.landmarks.transfer_landmarks(out, given, run=run, progress=False)
                 if found.names != posed.names:
                     raise InputError("a shape was left out: errors would be those of a choice")
                 answers.append(found.points)

@@ -1,1 +1,8 @@
-"""Proofs of the best pose by branch and bound over rotations."""
+"""Proofs of the best pose by branch and bound over rotations.
+
+* ``bounds``: of cells of rotations
+* ``assignment``: bounds of one-to-one matches
+* ``search``: of one chirality
+* ``prove``, ``pose_lists``: the best pose; all poses
+* ``tilted``: energies less a linear function
+"""

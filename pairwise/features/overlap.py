@@ -31,8 +31,7 @@ PARTNER_CELLS = 1.2
 PARTNER_COSINE = 0.7
 #: Descriptors are compared at closest points that are within so many cells, twice the reach of a partner.
 COMPARED_CELLS = 2.4
-#: Descriptors of which any two differ by less than this, usually, are all alike: those of a sphere differ by .001, of
-#: an ellipsoid with axes 1 to .9 by .004, of axes 1 to .6 by .04, of boxes, bones and bodies by .05 and more.
+#: Descriptors of which any two differ by less than this, usually, are all alike, as on a sphere (.001).
 LEAST_USUAL = 0.02
 #: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
 _FAR = 1e30

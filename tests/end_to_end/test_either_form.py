@@ -26,7 +26,7 @@ def forms(tmp_path_factory):
 def transferred(result, alone):
     shape = collalign.load(result)
     marks = {shape.names[0]: Landmarks(labels=("tip",), points=shape.shape_at(0).vertices[:1])}
-    return collalign.transfer_landmarks(result, marks, **alone).points
+    return collalign.landmarks.transfer_landmarks(result, marks, **alone).points
 
 
 def added(result, alone, folder):
@@ -42,12 +42,12 @@ def repeated(result, alone):
 @pytest.mark.parametrize(
     "found",
     [
-        lambda result, alone, _: collalign.dense_correspondence(result, **alone).vertices,
+        lambda result, alone, _: collalign.maps.dense_correspondence(result, **alone).vertices,
         lambda result, alone, _: transferred(result, alone),
         lambda result, alone, _: repeated(result, alone),
         lambda result, alone, _: collalign.certify_collection(result, **alone).joint.bound,
         lambda result, alone, folder: (
-            collalign.write_surface_variation(result, folder / "to", **alone).mean
+            collalign.statistics.write_surface_variation(result, folder / "to", **alone).mean
         ),
         added,
     ],

@@ -82,7 +82,7 @@ def test_horns_that_grow_together_are_found_by_all_landmarks_and_by_one_template
     page = (tmp_path / "all" / "variation.html").read_text("utf-8")
     assert "Integration of left and right" in page
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
-    found = collalign.write_surface_variation(
+    found = collalign.statistics.write_surface_variation(
         result,
         tmp_path / "one",
         landmarks=files[:1],
@@ -106,7 +106,7 @@ def test_blocks_that_are_none_are_refused_before_anything_is_registered(made, tm
 def test_landmarks_of_shapes_that_do_not_count_are_no_blocks(made, tmp_path):
     result, files = made
     with pytest.raises(InputError, match="no shape that counts has a 0"):
-        collalign.write_surface_variation(
+        collalign.statistics.write_surface_variation(
             result,
             tmp_path / "out",
             landmarks=files[:1],

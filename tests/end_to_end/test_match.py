@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from collalign import TwoShapeOptions, match_rigid
+from collalign import match_rigid
+from collalign.options import TwoShapeOptions
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import blob, crown, figure
 from data_tools.io.shapes import read_shape, write_mesh

@@ -55,7 +55,7 @@ class Teeth:
         left = read_shape(folder / "shapes" / f"{BROKEN}.ply")
         self.broken, self.broken_faces = left.vertices, left.faces
         self.run = collalign.RunOptions(jobs=1, store=folder / "store.sqlite")
-        self.dense = collalign.dense_correspondence(self.result, run=self.run, progress=False)
+        self.dense = collalign.maps.dense_correspondence(self.result, run=self.run, progress=False)
 
     @property
     def size(self):
@@ -108,7 +108,9 @@ def test_landmarks_are_not_carried_to_what_is_missing(teeth, tmp_path):
         name: Landmarks(labels=labels, points=teeth.whole[name][LANDMARKS])
         for name in ("tooth0", "tooth1", "tooth4")
     }
-    found = collalign.transfer_landmarks(teeth.result, given, run=teeth.run, progress=False)
+    found = collalign.landmarks.transfer_landmarks(
+        teeth.result, given, run=teeth.run, progress=False
+    )
     row = found.names.index(BROKEN)
     lost = teeth.lost(teeth.whole[BROKEN][LANDMARKS])
     missing = np.array([status == MISSING_PLACE for status in found.status[row]])
@@ -167,4 +169,4 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
     with pytest.raises(
         CollectionError, match="0 shapes are complete and sure, at least 2 are needed"
     ):
-        collalign.write_surface_variation(result, tmp_path / "out", progress=False)
+        collalign.statistics.write_surface_variation(result, tmp_path / "out", progress=False)

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign import align_collection, load, transfer_landmarks
+from collalign import align_collection, load
+from collalign.landmarks import transfer_landmarks
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import write_ply

@@ -102,7 +102,7 @@ def test_a_pair_of_no_weight_is_left_out_and_others_weigh_in_the_graph(planted, 
     assert found.pairs[first, third].weight == 0.25
     graph = collalign.pair_graph(found.pairs, len(found), found.group)
     assert sorted(graph.weights.tolist()) == [0.25] + [1.0] * (len(found.pairs) - 1)
-    again = collalign.synchronize_graph(graph).rotations
+    again = collalign.synchronization.synchronize_graph(graph).rotations
     for i in range(NUM):
         assert (
             rotation_angle_deg(again[0].T @ again[i], found.rotations[0].T @ found.rotations[i])

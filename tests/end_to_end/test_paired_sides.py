@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from collalign import load, write_surface_variation
+from collalign import load
 from collalign.analysis.paired_sides import paired_sides
+from collalign.statistics import write_surface_variation
 from data_tools.datasets.synthetic import deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError

@@ -104,17 +104,19 @@ def test_landmark_pairs_say_where_the_mirror_plane_is(result, tmp_path):
         "left,right\n" + "".join(f"left {at},right {at}\n" for at in range(len(SIDES)))
     )
     run = collalign.RunOptions(jobs=1, store=result / "store.sqlite")
-    collalign.write_surface_variation(
+    collalign.statistics.write_surface_variation(
         result, tmp_path / "given", landmarks=marks, symmetry=table, run=run
     )
     check_planted(tmp_path / "given", collalign.load(result).names)
     wrong = [("left 0", "right 1"), ("left 1", "left 2"), ("right 0", "right 2")]
     with pytest.raises(InputError, match="mirror image"):
-        collalign.write_surface_variation(
+        collalign.statistics.write_surface_variation(
             result, tmp_path / "no", landmarks=marks, symmetry=wrong, run=run
         )
     with pytest.raises(InputError, match="name files"):
-        collalign.write_surface_variation(result, tmp_path / "no", symmetry=table, run=run)
+        collalign.statistics.write_surface_variation(
+            result, tmp_path / "no", symmetry=table, run=run
+        )
     assert not (tmp_path / "no").exists()
 
 

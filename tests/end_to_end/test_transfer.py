@@ -100,7 +100,7 @@ def templates(planted, tmp_path_factory):
 
 
 def test_landmarks_of_one_specimen_reach_all_others(result, templates, planted, run):
-    found = collalign.transfer_landmarks(result, templates[:1], run=run)
+    found = collalign.landmarks.transfer_landmarks(result, templates[:1], run=run)
     np.testing.assert_array_equal(found.points[0], read_landmarks(templates[0]).points)
     assert np.median(errors(found.points, planted)[1:]) < 3 * HAND
     assert found.status[0] == (PLACED,) * 6
@@ -111,7 +111,7 @@ def test_radii_of_single_templates_hold(result, templates, planted, run):
     """One template's error of the hand is that of all specimens, so several are tried."""
     size, inside = np.array([radius(shape.vertices) for shape in planted.shapes])[:, None], []
     for at, template in enumerate(templates):
-        found = collalign.transfer_landmarks(result, [template], run=run)
+        found = collalign.landmarks.transfer_landmarks(result, [template], run=run)
         held = errors(found.points, planted) <= found.radii / size
         inside.append(np.delete(held, at, axis=0).mean())
     assert np.mean(inside) > 0.8, inside
@@ -122,7 +122,7 @@ def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles
 ):
     module = "collalign.tools.correspond.correspond"
     monkeypatch.setattr(module, lambda session, files, lender, maps: (files, lender))
-    files, chosen = collalign.dense_correspondence(result, run={"jobs": 1}, progress=False)
+    files, chosen = collalign.maps.dense_correspondence(result, run={"jobs": 1}, progress=False)
     for factor in (0.5, 2.0):
         transform = np.array(files[chosen].transform)
         transform[:3] *= factor
@@ -141,8 +141,8 @@ def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles
 
 
 def test_several_templates_err_less_and_know_by_how_much(result, templates, planted, run):
-    one = collalign.transfer_landmarks(result, templates[:1], run=run)
-    five = collalign.transfer_landmarks(result, templates, run=run)
+    one = collalign.landmarks.transfer_landmarks(result, templates[:1], run=run)
+    five = collalign.landmarks.transfer_landmarks(result, templates, run=run)
     assert errors(five.points, planted)[-1].mean() < 0.8 * errors(one.points, planted)[-1].mean()
     assert np.isfinite(five.radii).all()
     for found in (one, five):
@@ -225,7 +225,8 @@ def test_a_template_with_two_landmarks_swapped_is_named_and_changes_nothing(
     assert (to / "agreement.png").read_bytes().startswith(b"\x89PNG")
     assert f"tip 1 and tip 4 in {name}: swapped?" in (to / "landmarks.html").read_text()
     both = [
-        collalign.transfer_landmarks(result, files, run=run) for files in (templates[:3], wrong)
+        collalign.landmarks.transfer_landmarks(result, files, run=run)
+        for files in (templates[:3], wrong)
     ]
     right, robust = (errors(found.points, planted)[3:].mean() for found in both)
     assert robust < right + HAND
@@ -237,7 +238,7 @@ def test_two_templates_that_contradict_each_other_give_no_landmark_there(
     result, templates, planted, tmp_path, run
 ):
     wrong = rewritten(templates[:2], tmp_path / "marks", 1, swapped)
-    found = collalign.transfer_landmarks(result, wrong, run=run)
+    found = collalign.landmarks.transfer_landmarks(result, wrong, run=run)
     assert found.status[-1] == (CARRIED, CONTRADICTED, CARRIED, CARRIED, CONTRADICTED, CARRIED)
     assert np.isnan(found.points[-1, [1, 4]]).all()
     assert only(found.notes, "templates-reordered").shapes == found.templates
@@ -251,8 +252,8 @@ def test_labels_of_one_landmark_that_differ_in_case_or_number_are_taken_as_one(
         return ["TIP_00", "tip 1", "tip 3", "tip 4", "tip 5", "tip 9"], points[[0, 1, 3, 4, 5, 2]]
 
     files = rewritten(templates[:2], tmp_path / "marks", 1, relabelled)
-    found = collalign.transfer_landmarks(result, files, run=run)
-    right = collalign.transfer_landmarks(result, templates[:2], run=run)
+    found = collalign.landmarks.transfer_landmarks(result, files, run=run)
+    right = collalign.landmarks.transfer_landmarks(result, templates[:2], run=run)
     assert found.labels == right.labels
     np.testing.assert_allclose(found.points, right.points, atol=1e-9)
     taken = {note.code: note.values["taken_as"] for note in found.notes}
@@ -319,9 +320,11 @@ def test_curves_and_points_of_the_surface_reach_all_others(result, planted, tmp_
     assert (sliders[:2], len(sliders)) == ([["before", "slide", "after"], ["1", "2", "3"]], 1 + 7)
     assert len(list(csv.reader((to / "surfaces.csv").open()))) == 26
     with pytest.raises(InputError, match="vertices"):
-        collalign.transfer_landmarks(result, [], curves=curves, surface_points=10**6, run=run)
+        collalign.landmarks.transfer_landmarks(
+            result, [], curves=curves, surface_points=10**6, run=run
+        )
     kept, slid = (
-        collalign.transfer_landmarks(
+        collalign.landmarks.transfer_landmarks(
             result, [], curves=curves, curve_points=9, surface_points=25, run=run, slide=how
         )
         for how in (None, "bending")
@@ -358,7 +361,9 @@ def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
     )
     labels = tuple(f"tip {i}" for i in range(6))
     marks = {planted.shapes[0].name: Landmarks(labels=labels, points=true_landmarks(planted)[0])}
-    found = collalign.transfer_landmarks(tmp_path / "out", marks, surface_points=60, run=run)
+    found = collalign.landmarks.transfer_landmarks(
+        tmp_path / "out", marks, surface_points=60, run=run
+    )
     at = found.names.index(hurt.name)
     assert [word == NO_COUNTERPART for word in found.status[at][:6]] == [i == 2 for i in range(6)]
     assert np.isnan(found.points[at, 2]).all()
@@ -388,7 +393,7 @@ def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run):
 
 
 def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run):
-    truth = collalign.transfer_landmarks(result, templates[:1], run=run)
+    truth = collalign.landmarks.transfer_landmarks(result, templates[:1], run=run)
     name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
     given = tmp_path / f"{name}.fcsv"
     rows = "".join(

@@ -82,7 +82,7 @@ def carried(out, planted, run):
         ]
     )
     given = {NAMES[0]: Landmarks(labels=LABELS, points=true[0])}
-    found = collalign.transfer_landmarks(out, given, run=run, progress=False)
+    found = collalign.landmarks.transfer_landmarks(out, given, run=run, progress=False)
     assert found.names == NAMES
     units = [
         np.sqrt(((s.vertices - s.vertices.mean(axis=0)) ** 2).sum(axis=1).mean())
@@ -102,7 +102,7 @@ def test_maps_bring_landmarks_to_limbs_that_moved(result, planted, tmp_path, run
 
 def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tmp_path, run):
     maps = exact_maps(planted, names=NAMES[:3])
-    some = collalign.dense_correspondence(
+    some = collalign.maps.dense_correspondence(
         with_maps(result, maps, tmp_path / "some"), run=run, progress=False
     )
     assert some.names == NAMES
@@ -111,7 +111,8 @@ def test_shapes_without_maps_are_registered_from_their_poses(result, planted, tm
     )
     of_none = with_maps(result, elsewhere, tmp_path / "none")
     bare, own = (
-        collalign.dense_correspondence(out, run=run, progress=False) for out in (result, of_none)
+        collalign.maps.dense_correspondence(out, run=run, progress=False)
+        for out in (result, of_none)
     )
     np.testing.assert_array_equal(own.vertices, bare.vertices)
 
@@ -120,6 +121,6 @@ def test_maps_of_other_files_are_refused(result, planted, tmp_path, run):
     maps = exact_maps(planted)
     fewer = replace(maps, places=tuple(own[:-1] for own in maps.places))
     with pytest.raises(CollalignError, match=r"its maps are of \d+ vertices"):
-        collalign.dense_correspondence(
+        collalign.maps.dense_correspondence(
             with_maps(result, fewer, tmp_path / "fewer"), run=run, progress=False
         )

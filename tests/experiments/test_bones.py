@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from collalign.landmarks.local_fit import holds
+from collalign.template_landmarks.local_fit import holds
 from experiments.collections.radii import OPEN
 from experiments.peers.bones import landmarked_bones
 

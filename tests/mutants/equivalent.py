@@ -8,7 +8,7 @@ EQUIVALENT = {
     "pairwise/certificates/verify_pm_sdp.py _cost_lower_bounds: '            (d + 8)' -> '            (d + 9)'": "a wider allowance for rounding stays sound",
     "pairwise/certificates/certificate.py CertificateArrays.refuse_rest: '            names = \", \".join(sorted(map(str, self._unread))[:5])' -> '            names = \", \".join(sorted(map(str, self._unread))[:6])'": "how many names a message lists",
     "collalign/tools/certify/rounds.py Rounds.prove: '        for e in np.argsort(-(master.least() + most), kind=\"stable\").tolist():' -> '        for e in np.argsort(-(master.least() - most), kind=\"stable\").tolist():'": "the order in which pairs are proven",
-    "collalign/landmarks/carry.py fuse: '    filled = np.where(weights[..., None] > 0, said, 0.0)' -> '    filled = np.where(weights[..., None] > 0, said, 1.0)'": "multiplied by a weight of zero",
+    "collalign/template_landmarks/carry.py fuse: '    filled = np.where(weights[..., None] > 0, said, 0.0)' -> '    filled = np.where(weights[..., None] > 0, said, 1.0)'": "multiplied by a weight of zero",
     'collalign/engine/dask_cluster.py _one_line: \'    return " ".join(f"{type(error).__name__}: {error}".split())[:300]\' -> \'    return " ".join(f"{type(error).__name__}: {error}".split())[:301]\'': "how much of a message is shown",
     'collalign/tools/match/nonrigid.py NonrigidCandidate.orientation: \'        return "preserving" if value > 0 else "reversing"\' -> \'        return "preserving" if value >= 0 else "reversing"\'': "a measured orientation is never zero",
     "collalign/output/report/sections.py shape_map: '            \"linkage\": joined[:, :3].tolist(),' -> '            \"linkage\": joined[:, :4].tolist(),'": "the page reads three of the columns",

@@ -1,1 +1,10 @@
-"""Shapes of which parts are missing: found, and posed on the complete ones by what has a counterpart."""
+"""Shapes of which parts are missing: found, and posed on the complete ones by what has a counterpart.
+
+* ``detect``: which ones
+* ``posed_points``: their surfaces
+* ``place``, ``add``: one on several others; all on the complete ones
+* ``scans``, ``join``: where none is complete: pairs, and all of them together
+
+Word: **incomplete**: of a shape of a collection that lacks parts, which are *missing*. *Partial* is of two surfaces
+that share a part.
+"""

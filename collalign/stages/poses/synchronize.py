@@ -46,10 +46,9 @@ def pair_graph(
 
     Examples
     --------
-    >>> found = {"rotations": np.eye(3)[None], "maps": np.arange(6)[None], "energies": np.zeros(1)}
-    >>> pair = collalign.Pair(target=0, source=1, **found, lower_bound=0.0, status="PROVEN_OPTIMAL")
-    >>> collalign.pair_graph([pair], 2, "SO").num_edges
-    1
+    >>> collection = collalign.load("aligned")
+    >>> collalign.pair_graph(collection.pairs, len(collection), collection.group).num_edges
+    3
     """
     dim = sum(block_sizes)
     return PairGraph.of_candidates(

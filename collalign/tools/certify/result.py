@@ -109,8 +109,6 @@ _MOST_ROUNDS, _MOST_SWEEPS = 100, 50
 #: Poses and maps stay when the energy falls by less than this share of it; poses alone from this change on.
 _LEAST_GAIN, _LEAST_STEP = 1e-5, 1e-9
 #: Perturbations: rotations of this many degrees (one drawn each time) of each shape with one of these probabilities.
-#: Of eight teeth (draws 0 to 4 of ``python -m experiments teeth_jobs``) one has an arrangement that is .9 % cheaper
-#: and was never reached by rotations of at most 6 degrees.
 _ANGLES_DEG, _SHARES = (2.0, 4.0, 6.0, 10.0, 15.0, 25.0), (0.15, 0.3, 0.5, 1.0)
 
 

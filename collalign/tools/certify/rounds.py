@@ -38,8 +38,7 @@ from pairwise.rotation_sets import rotation_set
 class RoundTuning(NamedTuple):
     """Numbers by which multipliers are improved; energies are shares of the mean energy of a pair.
 
-    Of penalties of .03, .1, .3 and 1 the second gained most per round on eight teeth (draws 0 and 1 of
-    ``python -m experiments teeth_jobs``). A round of proofs takes about three times as long as one of descents.
+    Chosen on eight teeth. A round of proofs takes about three times as long as one of descents.
     """
 
     steps: int = 30

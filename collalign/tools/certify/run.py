@@ -61,12 +61,7 @@ def certify_collection(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
-    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
-    ...     found = collalign.certify_collection(folder + "/result", progress=False)
+    >>> found = collalign.certify_collection("aligned")
     >>> 0.9 < found.joint.share <= 1.0
     True
     """

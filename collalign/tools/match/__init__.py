@@ -1,1 +1,8 @@
-"""Two shapes: poses, poses of parts, or a map between deformable surfaces; lists of pairs."""
+"""Two shapes: poses, poses of parts, or a map between deformable surfaces; lists of pairs.
+
+* ``rigid``: the best pose
+* ``in_part``: surfaces that share a part
+* ``nonrigid``: a map of bending shapes
+* ``pictures``: of maps
+* ``command``: prints and writes
+"""

@@ -15,13 +15,13 @@ from scipy.spatial import cKDTree
 from collalign.console.help import Flag
 from collalign.console.messages import add_to_summary, say, say_files
 from collalign.engine.progress import ProgressBar
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.templates import read_templates, shape_of
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.options import TwoShapeOptions
 from collalign.output.vertex_maps import at_vertices
 from collalign.products.trust import DOUBT
+from collalign.template_landmarks.on_surface import place_templates
+from collalign.template_landmarks.templates import read_templates, shape_of
 from collalign.tools.match.in_part import PartialMatch, match_in_part, with_mirror_chance
 from collalign.tools.match.nonrigid import NonrigidMatch, match_prepared
 from collalign.tools.match.pictures import match_figure, transferred_colours, vertices_map

@@ -1,1 +1,5 @@
-"""What stays when an alignment is repeated otherwise."""
+"""What stays when an alignment is repeated otherwise.
+
+* ``run``: repeats and compares
+* ``command``: prints and writes
+"""

@@ -17,7 +17,10 @@ from collalign.confidence.radius_model import (
     radii,
 )
 from collalign.engine.session import ProgressFactory, each_shown
-from collalign.landmarks.carry import (
+from collalign.output.collection import Collection
+from collalign.products.trust import DOUBT
+from collalign.registration.surface import RegistrationSurface, nearest_on, with_cloud_rim
+from collalign.template_landmarks.carry import (
     Template,
     at_places,
     carried,
@@ -29,12 +32,9 @@ from collalign.landmarks.carry import (
     template_distance,
     template_weights,
 )
-from collalign.landmarks.consensus import agreement_notes, order_mistakes, template_trust
-from collalign.landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
-from collalign.landmarks.table import LandmarkTable, evenly_spaced, may_be_one
-from collalign.output.collection import Collection
-from collalign.products.trust import DOUBT
-from collalign.registration.surface import RegistrationSurface, nearest_on, with_cloud_rim
+from collalign.template_landmarks.consensus import agreement_notes, order_mistakes, template_trust
+from collalign.template_landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
+from collalign.template_landmarks.table import LandmarkTable, evenly_spaced, may_be_one
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.transfer.result import (
     CARRIED,

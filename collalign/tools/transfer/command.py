@@ -20,18 +20,18 @@ from collalign.console.interruption import INCOMPLETE, resumable
 from collalign.console.messages import add_to_summary, say, say_files, warn
 from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
-from collalign.landmarks.table import slider_rows
-from collalign.landmarks.templates import (
-    SemilandmarkRequest,
-    read_templates,
-    shape_of,
-    specimen_among,
-)
 from collalign.output.collection import Collection
 from collalign.output.loading import load
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page, shown_part
+from collalign.template_landmarks.table import slider_rows
+from collalign.template_landmarks.templates import (
+    SemilandmarkRequest,
+    read_templates,
+    shape_of,
+    specimen_among,
+)
 from collalign.tools.export.run import FORMATS, Space, export_notes, usual_space
 from collalign.tools.export.run import export as write_export
 from collalign.tools.transfer.disagreement import (
@@ -54,7 +54,7 @@ from data_tools.notes import MAX_NAMED
 TRANSFER_FILE = "transfer.csv"
 #: What the semi-axes of an ellipsoid are called, the longest first.
 AXES = ("along", "across", "normal")
-LEFT_OUT_FILE = "leave_one_out.csv"
+LEAVE_ONE_OUT_FILE = "leave_one_out.csv"
 AGREEMENT_TABLE, AGREEMENT_FILE, AGREEMENT_PICTURE = (
     "agreement.csv",
     "agreement.json",
@@ -108,7 +108,7 @@ def write_transfer(
                 staged[-1], format="png", metadata={"Software": None}
             )
         if leave_one_out:
-            staged.append(_write(output.stage(LEFT_OUT_FILE), left_out_rows(transferred)))
+            staged.append(_write(output.stage(LEAVE_ONE_OUT_FILE), left_out_rows(transferred)))
         decided = {
             "templates": transferred.templates,
             "num_landmarks": len(transferred.labels),

@@ -10,7 +10,7 @@ import numpy as np
 
 from collalign.engine.command_line import json_types
 from collalign.output.collection import Collection
-from collalign.output.views import camera, cell_places, draw_panels, seen_panel
+from collalign.output.views import BONE_COLOUR, camera, cell_places, draw_panels, seen_panel
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.transfer.result import TransferredLandmarks
 from collalign.wording import note_records
@@ -21,7 +21,6 @@ from data_tools.poses import moved_by
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLOUR = np.array([0.85, 0.8, 0.68])
 #: Templates that the picture shows, and landmarks of each that are called by name.
 _MOST_SHOWN, _MOST_NAMED = 6, 12
 #: In inches: of a surface, and of a row of the chart.
@@ -117,7 +116,7 @@ def agreement_figure(collection: Collection, found: TransferredLandmarks) -> Fig
         vertices, faces = collection.surfaces[at]
         seen = moved_by(transform, vertices) @ view.T
         flipped = bool(np.linalg.det(transform[:3, :3]) < 0)
-        panels.append(seen_panel(seen, faces, corner, _COLOUR, flipped=flipped))
+        panels.append(seen_panel(seen, faces, corner, BONE_COLOUR, flipped=flipped))
         chosen = [found.labels.index(label) for label in wrong[name]]
         both = (found.points[at], found.left_out_points[found.templates.index(name)])
         drawn.append(

@@ -10,17 +10,17 @@ from typing import Any, Unpack
 from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.sides import side_notes
-from collalign.landmarks.table import landmark_table
-from collalign.landmarks.templates import (
+from collalign.output.collection import Collection
+from collalign.output.loading import load
+from collalign.template_landmarks.on_surface import place_templates
+from collalign.template_landmarks.sides import side_notes
+from collalign.template_landmarks.table import landmark_table
+from collalign.template_landmarks.templates import (
     SemilandmarkKeywords,
     SemilandmarkRequest,
     read_templates,
     with_semilandmarks,
 )
-from collalign.output.collection import Collection
-from collalign.output.loading import load
 from collalign.tools.correspond import dense_correspondence
 from collalign.tools.transfer.carrier import LandmarkCarrier
 from collalign.tools.transfer.result import TransferredLandmarks
@@ -77,16 +77,9 @@ def transfer_landmarks(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> from data_tools.landmark_files import Landmarks
-    >>> planted = demo_collection(num=3, resolution=1)
-    >>> marks = {"chair1": Landmarks(labels=("tip",), points=planted.shapes[0].vertices[:1])}
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_collection(folder + "/shapes", planted)
-    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
-    ...     collalign.transfer_landmarks(folder + "/result", marks, progress=False).status[1]
-    ('carried over',)
+    >>> found = collalign.landmarks.transfer_landmarks("aligned", ["A.fcsv"])
+    >>> found.labels, found.status[1]
+    (('top', 'foot'), ('carried over', 'carried over'))
     """
     collection = load(result, sources=sources)
     wanted = as_options("semilandmarks", semilandmarks, SemilandmarkRequest, keywords)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from collalign.analysis.sliding import Criterion, slide_semilandmarks
-from collalign.landmarks.table import slider_rows
 from collalign.output.collection import Collection
+from collalign.template_landmarks.table import slider_rows
 from collalign.tools.transfer.result import TransferredLandmarks
 from data_tools.arrays import read_only
 from data_tools.errors import InputError

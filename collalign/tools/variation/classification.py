@@ -216,11 +216,8 @@ def surface_distances(
 
     Notes
     -----
-    On 400 points of 116 molars, each left out once, the nearest neighbour is of the right genus for 97 of 99 (family
-    104 of 106, order 115 of 116); by exact one-to-one matches of the same points for 92
-    (``python -m experiments classification``). Root mean square distances of corresponding points, by
-    :func:`collalign.dense_correspondence` at the poses of one run, are right for as many of each, and need
-    two registrations of every shape.
+    Root mean square distances of corresponding points classify molars as well, and need two registrations of every
+    shape (``python -m experiments classification``).
     """
     distances = distances_at_poses(clouds)
     distances[part_numbers[:, None] != part_numbers] = np.nan

@@ -17,7 +17,7 @@ from collalign.output.members import LEFT_OUT_FILE, Members
 from collalign.output.provenance import write_tool_record
 from collalign.output.report.page import render_page
 from collalign.output.report.payload import pack, sample_colors
-from collalign.output.views import UNNAMED, camera, display_mesh
+from collalign.output.views import FEWEST_FACES, UNNAMED, camera, display_mesh
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.variation.shape_statistics import (
     SYMMETRY_FOLDER,
@@ -44,7 +44,7 @@ from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.shape import vertex_normals
 
 #: Triangles of the mean that is drawn, and what all shapes together may have.
-_MOST_FACES, _FEWEST_FACES, _FACES_IN_ALL = 8_000, 1_500, 700_000
+_MOST_FACES, _FACES_IN_ALL = 8_000, 700_000
 _LARGEST = int(np.iinfo(np.int16).max)
 #: How much more than the mean is in view, for what is moved away from it.
 _ROOM = 1.1
@@ -81,7 +81,7 @@ def build_variation(
         Base64 text by the element's id.
     """
     num = len(variation.names)
-    most = int(np.clip(_FACES_IN_ALL // num, _FEWEST_FACES, _MOST_FACES))
+    most = int(np.clip(_FACES_IN_ALL // num, FEWEST_FACES, _MOST_FACES))
     vertices, faces = display_mesh(variation.mean, variation.faces, max_faces=most)
     places = SurfaceLocator(variation.mean, variation.faces).closest(vertices)
     mean = places.on(variation.mean)

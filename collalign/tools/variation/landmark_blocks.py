@@ -32,7 +32,7 @@ def read_blocks(asked: Sequence[str], names: Sequence[str]) -> dict[str, list[in
     Parameters
     ----------
     asked : sequence of str
-        As in :class:`collalign.ShapeTestOptions`; none, or two or more.
+        As in :class:`collalign.statistics.ShapeTestOptions`; none, or two or more.
     names : sequence of str
         Of the landmarks, in order.
 

@@ -11,10 +11,10 @@ import numpy as np
 from collalign.analysis.paired_sides import check_repeats
 from collalign.analysis.procrustes import MIN_LABELS
 from collalign.analysis.symmetry import means_of_rows
-from collalign.landmarks.on_surface import place_templates
-from collalign.landmarks.table import landmark_table
-from collalign.landmarks.templates import read_templates
 from collalign.output.collection import Collection
+from collalign.template_landmarks.on_surface import place_templates
+from collalign.template_landmarks.table import landmark_table
+from collalign.template_landmarks.templates import read_templates
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.surface_variation import SurfaceVariation
 from data_tools.arrays import FloatArray

@@ -77,8 +77,7 @@ def _lines(path: Path | str) -> list[str]:
 #: Directions that are tried as the mirror plane's normal, points that are compared, and how many planes are refined.
 _NUM_NORMALS, _NUM_POINTS, _NUM_REFINED = 200, 500, 6
 #: A surface whose mirror image lies farther from it than this, root mean square in parts of the radius, is not
-#: bilateral. Mouse skulls, glasses, chairs, fishes and people who stand straight have .003 to .053; molars have .116
-#: to .160.
+#: bilateral. Bilateral classes have at most .053, molars at least .116.
 MOST_UNLIKE = 0.08
 
 

@@ -14,7 +14,6 @@ from collalign.analysis.left_out import HEADING
 from collalign.analysis.symmetry import mirror_normal
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory
-from collalign.landmarks.templates import shape_of
 from collalign.output.collection import Collection
 from collalign.output.label_notes import (
     compare_members,
@@ -24,6 +23,7 @@ from collalign.output.label_notes import (
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
 from collalign.products.named_frame import NamedFrame
+from collalign.template_landmarks.templates import shape_of
 from collalign.tools.correspond import dense_correspondence
 from collalign.tools.variation.files import write_variation
 from collalign.tools.variation.landmark_blocks import integration_tests, read_blocks
@@ -126,13 +126,8 @@ def write_surface_variation(
 
     Examples
     --------
-    >>> import tempfile
-    >>> from data_tools.datasets.synthetic import demo_collection, write_collection
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_collection(folder + "/shapes", demo_collection(num=3, resolution=1))
-    ...     files = collalign.align_collection(folder + "/shapes", progress=False).save(folder + "/result")
-    ...     found = collalign.write_surface_variation(folder + "/result", folder + "/variation", progress=False)
-    >>> found.components.scores.shape
+    >>> found = collalign.statistics.write_surface_variation("aligned", "variation")
+    >>> found.components.scores.shape  # three shapes have two components
     (3, 2)
     """
     collection, test_options = (

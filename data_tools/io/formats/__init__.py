@@ -1,1 +1,8 @@
-"""Readers of mesh and point cloud formats that are not a table of numbers, one module a format."""
+"""Readers of mesh and point cloud formats, one module a format.
+
+* ``raw_shape``: what each returns; polygons to triangles
+* ``gltf``, ``obj_off_stl``, ``pcd``, ``ply``, ``vtk_legacy``, ``vtp``: named after their formats
+* ``text_points``: which columns of a table are x, y and z; molecules
+
+A new one is a function from a ``Source`` to a ``RawShape``. CONTRIBUTING.md walks through it.
+"""

@@ -57,7 +57,7 @@ def apart(shapes, others):
 
 @pytest.mark.parametrize("criterion", ["bending", "procrustes"])
 def test_a_round_is_that_of_a_dense_computation(rng, criterion, monkeypatch):
-    monkeypatch.setattr("collalign.analysis.sliding._MAX_ROUNDS", 1)
+    monkeypatch.setattr("collalign.analysis.sliding._MAX_SLIDES", 1)
     points = shapes(rng, uneven=0.4)
     expected = dense_round(points, criterion)
     assert apart(slide_semilandmarks(points, SLIDERS, criterion=criterion), expected) < 1e-9

@@ -14,7 +14,7 @@ from collalign.confidence.radius_model import (
     radii,
     spread,
 )
-from collalign.landmarks.carry import (
+from collalign.template_landmarks.carry import (
     carried,
     fuse,
     mean_of_trusted,

@@ -57,7 +57,7 @@ def test_commands_go_on_with_the_files_where_they_are_now(tmp_path):
     assert "say where they are now (--sources FOLDER)" in "".join(run_command(*words, ends=2))
     run_command(*words, "--sources", tmp_path / "now")
     with pytest.raises(UnavailableError, match="not there any more"):
-        collalign.dense_correspondence(out, progress=False)
+        collalign.maps.dense_correspondence(out, progress=False)
     with pytest.raises(InputError, match="holds none"):
         collalign.load(out, sources=tmp_path / "tps")
     moved = collalign.load(out, sources=tmp_path / "now")

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from collalign.stages.poses.placement import common_scales
-from collalign.synchronization import alternate_assignments, synchronize_maps
+from collalign.synchronization import (
+    alternate_assignments,
+    synchronize_maps,
+    synchronize_permutations,
+)
 from collalign.synchronization.spectral import assign_all_pairs
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from tests.synchronization_problems import complete_edges, random_rotations, regular_edges
 
 SPARSE = regular_edges(30, 10, 0)
@@ -64,6 +68,59 @@ def test_maps_count_by_their_weights_and_places_where_maps_say_nothing():
     )
     near = places - 0.9 * (places - places[0, np.argsort(planted[0])][planted])
     assert _same_labels(synchronize_maps(edges[:1], maps[:1], np.zeros(1), near), planted) == 1.0
+
+
+def test_labels_are_recovered_from_maps_alone():
+    rng, edges = np.random.default_rng(1), complete_edges(12)
+    planted, maps, _ = _planted(rng, 12, 10, edges, 0.3)
+    labels = synchronize_permutations(edges, maps)
+    assert _same_labels(labels, planted) == 1.0
+    assert not labels.flags.writeable
+    consistent = [np.argsort(labels[i])[labels[j]] for i, j in edges]
+    truth = np.array([np.argsort(planted[i])[planted[j]] for i, j in edges])
+    assert np.array_equal(consistent, truth)
+    assert not np.array_equal(maps, truth)
+
+
+def test_points_without_a_partner_say_nothing():
+    rng, edges = np.random.default_rng(2), complete_edges(8)
+    planted, maps, _ = _planted(rng, 8, 9, edges, 0.0)
+    partial = np.where(rng.random(maps.shape) < 0.4, -1, maps)
+    assert _same_labels(synchronize_permutations(edges, partial), planted) == 1.0
+    none = np.full_like(maps[:1], -1)
+    with pytest.raises(InputError, match="none connects shape 1 with shape 0"):
+        synchronize_permutations(edges[:1], none)
+
+
+def test_places_take_the_place_of_maps_that_are_not_there():
+    _, maps, places = _planted(np.random.default_rng(5), 5, 6, complete_edges(5), 0.0)
+    lonely = {"edges": [(0, 1)], "maps": maps[:1], "num_shapes": 5}
+    with pytest.raises(InputError, match="shape 2"):
+        synchronize_permutations(**lonely)
+    assert synchronize_permutations(**lonely, positions=places).shape == (5, 6)
+
+
+@pytest.mark.parametrize(
+    ("changed", "kind", "message"),
+    [
+        ({"maps": [[0, 0, 1]]}, InputError, "row 0 takes point 0 twice"),
+        ({"maps": [[0, 1, 3]]}, InputError, "indices run from 0 to 3"),
+        ({"maps": [[0, -2, 1]]}, InputError, "indices run from -2"),
+        ({"maps": [0, 1, 2]}, InputError, "maps"),
+        ({"edges": [(0, 0)]}, InputError, "to itself"),
+        ({"edges": [(0, 1), (1, 0)], "maps": [[0, 1, 2]] * 2}, InputError, "more than once"),
+        ({"edges": []}, InputError, "no pairs"),
+        ({"weights": [0.0]}, InputError, "all weights are zero"),
+        ({"num_shapes": 0}, OptionsError, "num_shapes"),
+        ({"positions": np.zeros((2, 4, 3))}, InputError, "4 points a shape, but maps of 3"),
+        ({"positions": np.zeros((2, 3, 3)), "num_shapes": 3}, InputError, "of 2 shapes"),
+    ],
+)
+def test_maps_that_are_none_are_refused(changed, kind, message):
+    given = {"edges": [(0, 1)], "maps": [[2, 0, 1]]}
+    assert synchronize_permutations(**given).shape == (2, 3)
+    with pytest.raises(kind, match=message):
+        synchronize_permutations(**given | changed)
 
 
 def test_scales_are_recovered():

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from collalign.landmarks.local_fit import Surroundings, fit_surroundings, holds
+from collalign.template_landmarks.local_fit import Surroundings, fit_surroundings, holds
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.closest import SurfaceLocator

@@ -18,9 +18,8 @@ from data_tools.surface.shape import vertex_normals
 class LocalFit(NamedTuple):
     """Numbers of the fit; lengths are in parts of the mean's root mean square radius.
 
-    Chosen on planes and birds with one template, by the rank correlation of slip and error: the nearest 16 of 300
-    spread points gave .27 and .16. The last three were chosen by that of radius and error, each of seven classes left
-    out. With turns of .01 to .1 and a least hold of 1e-4 to 1e-3 it changes by .03 at most in any class.
+    Chosen on planes and birds with one template, by the rank correlation of slip and error; the last three by that of
+    radius and error, each of seven classes left out.
     """
 
     around: float = 0.2
@@ -36,10 +35,8 @@ class LocalFit(NamedTuple):
     outlier: float = 0.1
     """Gaps of this size count half, in that unit."""
     share: float = 0.5
-    """How far a landmark goes from where the map takes it to where the fit does. Of .25, .5, .75 and 1 it errs least
-    with half: landmarks of six of 14 skulls, carried to the others, by .202 mm instead of .212, of bones by .0293
-    radii instead of .0311. Molars err by .155 instead of .165, and a little less with .75. Ten teddies, planes and
-    birds each, which were held back, err by .304, .124 and .185 instead of .315, .134 and .205."""
+    """How far a landmark goes from where the map takes it to where the fit does. Chosen on skulls, bones and molars;
+    teddies, planes and birds were held out."""
     damping: float = 2e-3
     """How much of each movement stays that no plane holds: a flat place slides."""
     reaches: tuple[float, ...] = (0.15, 0.4, 0.9)

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.table import counting_like, evenly_spaced, landmark_table, slider_rows
+from collalign.template_landmarks.table import (
+    counting_like,
+    evenly_spaced,
+    landmark_table,
+    slider_rows,
+)
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.rotations import random_rotation

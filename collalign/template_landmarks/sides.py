@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collalign.landmarks.consensus import reordered
+from collalign.template_landmarks.consensus import reordered
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.notes import Note
 

@@ -29,7 +29,7 @@ class Template:
     offsets : ndarray, shape (l, 3)
         From the registered mean to each landmark, zero for landmarks on the surface; NaN where there is none.
     trust : ndarray, shape (l,)
-        How far each landmark counts, see :func:`collalign.landmarks.consensus.template_trust`.
+        How far each landmark counts, see :func:`collalign.template_landmarks.consensus.template_trust`.
     """
 
     shape: int

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.sides import side_notes, side_pairs
+from collalign.template_landmarks.sides import side_notes, side_pairs
 
 NAMES = ("eye", "ear", "zygo", "canine", "condyle")
 LABELS = tuple(f"{side}_{name}" for name in NAMES for side in "LR")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.table import (
+from collalign.template_landmarks.table import (
     called_like,
     landmark_table,
     may_be_one,

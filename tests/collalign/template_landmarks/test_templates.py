@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from collalign.analysis.sliding import CRITERIA
-from collalign.landmarks.templates import (
+from collalign.template_landmarks.templates import (
     SemilandmarkRequest,
     Slide,
     read_templates,

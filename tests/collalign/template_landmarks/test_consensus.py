@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from collalign.landmarks.consensus import (
+from collalign.template_landmarks.consensus import (
     OrderMistake,
     agreement_notes,
     geometric_median,

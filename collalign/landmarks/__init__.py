@@ -1,1 +1,0 @@
-"""Landmarks of a few specimens carried to all others: arrays in, frozen results out."""
