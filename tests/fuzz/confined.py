@@ -1,4 +1,4 @@
-"""Reads hostile files, each in a process of its own with little memory and time: ``python -m tests.fuzz hostile``.
+"""Reads hostile files, each in a process of its own with little memory and time: ``tests/fuzz/test_files.py``.
 
 The processes are forked from one that has imported everything, so that a file takes milliseconds.
 """

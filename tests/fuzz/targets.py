@@ -23,7 +23,7 @@ from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate
 from tests.fuzz import seeds
-from tests.fuzz.mutations import MARK
+from tests.fuzz.damage import MARK
 
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
 
