@@ -61,10 +61,3 @@ def test_any_other_fault_of_a_module_fails(module):
 def otherwise_asked(text):
     """Return the ways to ask for a package or program that skip without saying what to install."""
     return re.findall(r"importorskip|has_r\(|which\(", text)
-
-
-def test_tests_ask_for_packages_and_programs_in_one_way():
-    exempt = {"optional.py", "bare_machine.py", "test_optional.py", "test_bare_machine.py"}
-    texts = {p: p.read_text("utf-8") for p in TESTS.rglob("*.py") if p.name not in exempt}
-    assert [path for path, text in texts.items() if otherwise_asked(text)] == []
-    assert otherwise_asked("x = pytest.importorskip('x')") == ["importorskip"]
