@@ -1,14 +1,11 @@
 """A package or program that is missing or broken skips a test with what to install; any other fault fails it."""
 
-import re
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests.optional import optional_module, optional_program
 
-TESTS = Path(__file__).parent
 BROKEN = "libusb-1.0.so.0: cannot open shared object file: No such file or directory"
 
 
@@ -56,8 +53,3 @@ def test_any_other_fault_of_a_module_fails(module):
         optional_module(module("import sys; sys.no_such_name"))
     with pytest.raises(SyntaxError):
         optional_module(module("1 +"))
-
-
-def otherwise_asked(text):
-    """Return the ways to ask for a package or program that skip without saying what to install."""
-    return re.findall(r"importorskip|has_r\(|which\(", text)

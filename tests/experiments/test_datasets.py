@@ -1,22 +1,7 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic import bumped
-from data_tools.datasets.synthetic_shapes import blob
 from experiments import datasets
-
-
-@pytest.fixture
-def registered(rng):
-    base = blob(rng, num_vertices=80)
-    return [bumped(base, rng) for _ in range(3)]
-
-
-def quaternion_pose(scan, q, t):
-    """The vertices in the common frame, by rotating with the conjugate quaternion (independent of any matrix)."""
-    axis, w = -q[:3], q[3]
-    v = scan.vertices
-    return v + 2 * np.cross(axis, np.cross(axis, v) + w * v) + t
 
 
 @pytest.mark.data

@@ -14,18 +14,6 @@ from data_tools.errors import CollalignError
 MEMORY_BYTES, TIME_S = 2 * 2**30, 30
 
 
-def confined_endings(cases, *, num=None):
-    """Read cases, given by name as a target and what makes (file name, content), and yield how each ended.
-
-    A number chooses so many of them, evenly spread. An ending is "valid", "refused", or what is wrong.
-    """
-    names = sorted(cases)
-    chosen = names[:: max(1, len(names) // num)] if num else names
-    for name in chosen:
-        target, make = cases[name]
-        yield name, confined(target, make())
-
-
 def confined(target, payload):
     """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and 30 s."""
     reader, writer = os.pipe()
