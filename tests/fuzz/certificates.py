@@ -106,9 +106,9 @@ generators = st.binary(min_size=8, max_size=8).map(lambda seed: np.random.defaul
 
 
 @st.composite
-def forged(draw, victims):
+def forged(draw):
     """Return a problem and its certificate after one or a few changes, with a claim that nobody need believe."""
-    problem, certificate = draw(st.sampled_from(victims))
+    problem, certificate = honest()[draw(st.integers(0, len(honest()) - 1))]
     arrays = dict(certificate.arrays)
     for _ in range(draw(st.sampled_from([1, 1, 2, 3]))):
         arrays = draw(changed(arrays))
@@ -195,7 +195,7 @@ def _replaced(draw, arrays, name):
         "reflected_paths": np.ones((4, 4), dtype=bool),
         "bound": np.array(1e9),
     }
-    donor = draw(st.sampled_from(honest()))[1].arrays
+    donor = honest()[draw(st.integers(0, len(honest()) - 1))][1].arrays
     borrowed = draw(st.sampled_from(sorted(donor)))
     any_array = draw(hn.arrays(hn.scalar_dtypes(), hn.array_shapes(max_dims=3, max_side=4)))
     added = draw(st.sampled_from(sorted(more)))

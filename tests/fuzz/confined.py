@@ -14,8 +14,8 @@ from data_tools.errors import CollalignError
 MEMORY_BYTES, TIME_S = 2 * 2**30, 30
 
 
-def confined(target, payload):
-    """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and 30 s."""
+def confined(target, payload, *, time_s=TIME_S):
+    """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and so many seconds."""
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
@@ -24,7 +24,7 @@ def confined(target, payload):
         os.close(reader)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(TIME_S)
+        signal.alarm(time_s)
         os.write(writer, _ending(target, payload).encode("utf-8", "backslashreplace")[:4000])
         os._exit(0)
     os.close(writer)

@@ -46,11 +46,11 @@ def kinds(folder):
     }
 
 
-def read_and_sample(payload):
+def read_and_sample(payload, read=read_shape):
     """Read a shape file and prepare it for matching; returns the number of vertices. No reason quotes the file."""
     with _as_file(payload) as path:
         try:
-            shape = read_shape(path)
+            shape = read(path)
         except InputError as error:
             reason = str(error).removeprefix(str(path))
             if MARK in reason or re.search(r"\w(Error|Exception)\b", reason):
