@@ -22,7 +22,6 @@ _FOLDERS = {
     "classification": "collections",
     "bending": "collections",
     "proofs": "pairs",
-    "incomplete": "pairs",
     "capod": "peers",
     "scans": "peers",
     "landmarks": "peers",

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.errors import InputError
-
 
 def spectrum(payload):
     """Matrix products, decompositions and random numbers: bytes that depend on the number of BLAS threads."""
@@ -55,17 +53,3 @@ def misbehave(payload):
         Path(value).touch()
         os.kill(os.getpid(), signal.SIGSTOP)
     return value
-
-
-def end_as_told(payload):
-    """Raise, crash or hang, as the first byte of a file says."""
-    kind = payload[1][:1]
-    if kind == b"r":
-        raise KeyError("something inside")
-    if kind == b"i":
-        raise InputError("bad file")
-    if kind == b"c":
-        os._exit(1)
-    if kind == b"h":
-        time.sleep(60)
-    return 1

@@ -94,7 +94,7 @@ def decode(data: bytes, name: str) -> Record:
             unicode_errors="surrogatepass",  # file names need not be text
         )
     except (ValueError, TypeError, msgpack.UnpackException) as error:
-        raise StoreError(f"{name}: not a record ({type(error).__name__}: {error})") from None
+        raise StoreError(f"{name}: not a record ({error})") from None
     if not isinstance(value, dict):
         raise StoreError(f"{name}: not a record but {type(value).__name__}")
     _check_plain(value, name, 0)

@@ -28,7 +28,7 @@ from experiments.maps.paper_chain import PaperChain, dense_point_maps, in_files,
 #: Points at which maps between registered meshes are evaluated.
 NUM_EVALUATED = 200
 #: Surfaces of ``--quick``: fewer functions and samples.
-QUICK_SURFACE = {"num_functions": 40, "num_samples": 60, "num_dense": 200}
+QUICK_SURFACE = {"num_functions": 36, "num_samples": 50, "num_dense": 150}
 #: pyFM: eigenfunctions of a mesh; every so many of its descriptors, as in its example; landmarks, where it has some;
 #: and steps of ZoomOut from its 50 functions on.
 NUM_PROCESSED, DESCRIPTOR_STEP, NUM_LANDMARKS, ZOOMOUT_STEPS, ZOOMOUT_STEP = 128, 5, 5, 10, 5

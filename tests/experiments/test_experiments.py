@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -166,6 +167,13 @@ def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
     (tmp_path / "maps.csv").write_text("set,method,pairs,direct\nscape,collalign,1,0.5\n")
     (tmp_path / "capod.csv").write_text("class,tool,draws,gross\nall classes,collalign,1,2.04\n")
     assert write_headlines(tmp_path) == ""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["proofs", "ablation"])
+def test_the_quick_run_of_others_fills_their_tables(name, bench, shared_data):
+    outcome = load_experiment(name).measure(replace(bench, data=shared_data, quick=True))
+    assert all(table.rows for table in outcome.tables)
 
 
 @pytest.mark.data

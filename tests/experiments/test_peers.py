@@ -1,6 +1,5 @@
-"""The comparison with other tools, the jobs of teeth and the deformed families: their parts and their quick runs."""
+"""Comparisons with other tools, jobs of teeth and deformed families: what counts as wrong, and quick runs."""
 
-import itertools
 import json
 from dataclasses import replace
 from functools import partial
@@ -13,40 +12,12 @@ from data_tools.datasets.synthetic import deformed_family, planted_collection, w
 from data_tools.datasets.synthetic_shapes import chair, crown
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
-from data_tools.rotations import random_rotation, rotation_angle_deg
 from experiments.collections import deformations, teeth_jobs
 from experiments.collections.posed import PosedCollection, pose_collection
 from experiments.datasets import read_canonical_class
 from experiments.experiment import Bench, Cell
 from experiments.peers import capod
-from experiments.peers.peer_pairs import (
-    MatchedPairs,
-    drift_pairs,
-    of_one_size,
-    open3d_pairs,
-    open3d_pose_graph,
-    spectral,
-)
 from experiments.peers.peer_tools import TOOLS
-from tests.finished_runs import angles_deg
-from tests.optional import PEERS_EXTRA, optional_module
-
-
-def worst_deg(found, true):
-    return angles_deg(found @ np.swapaxes(true, 1, 2)).max()
-
-
-def matched(rotations, rng):
-    poses = np.tile(np.eye(4), (len(rotations), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = rotations, rng.standard_normal((len(rotations), 3))
-    edges = np.array(list(itertools.combinations(range(len(rotations)), 2)))
-    transforms = np.linalg.inv(poses[edges[:, 0]]) @ poses[edges[:, 1]]
-    return MatchedPairs(
-        num_shapes=len(rotations),
-        edges=edges,
-        transforms=transforms,
-        information=(1000.0 * np.eye(6),) * len(edges),
-    )
 
 
 @pytest.fixture
@@ -75,37 +46,6 @@ def test_figures_see_gross_and_mirrored_pairs(posed_crowns, crowns):
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (3, 0, 3)
     wrong = posed_crowns.figures(mirrored, posed_crowns.names)
     assert (wrong["gross"], wrong["mirrored"], wrong["within_20"]) == (0, 3, 3)
-
-
-def test_spectral_synchronization_recovers_and_rejects(rng):
-    true = np.stack([random_rotation(rng) for _ in range(5)])
-    pairs = matched(true, rng)
-    assert worst_deg(spectral(pairs), true) < 1e-4
-    assert worst_deg(spectral(replace(pairs, transforms=pairs.transforms[::-1])), true) > 30
-
-
-@pytest.mark.usefixtures("open3d")
-def test_the_pose_graph_prunes_a_loop_but_trusts_the_chain(rng):
-    true = np.stack([random_rotation(rng) for _ in range(6)])
-    pairs = matched(true, rng)
-    assert worst_deg(open3d_pose_graph(pairs), true) < 1e-4
-    for edge, is_right in (
-        (3, True),
-        (0, False),
-    ):  # shapes 0 and 4; shapes 0 and 1, a link of the chain
-        transforms = pairs.transforms.copy()
-        transforms[edge, :3, :3] = transforms[edge, :3, :3] @ np.diag([1.0, -1.0, -1.0])
-        assert (
-            worst_deg(open3d_pose_graph(replace(pairs, transforms=transforms)), true) < 1
-        ) == is_right
-
-
-@pytest.mark.parametrize(("pairs", "package"), [(open3d_pairs, "open3d"), (drift_pairs, "rustcpd")])
-def test_other_tools_match_copies(pairs, package, crowns, rng):
-    optional_module(package, PEERS_EXTRA)
-    copies = planted_collection([replace(crowns.shapes[0], name=f"copy{i}") for i in range(2)], rng)
-    (transform,) = pairs([of_one_size(shape) for shape in copies.shapes], 1).transforms
-    assert rotation_angle_deg(transform[:3, :3].copy(), copies.relative_rotation(0, 1)) < 5
 
 
 def write_canonical_class(folder, shapes):

@@ -1,4 +1,4 @@
-"""Reads hostile files, each in a process of its own with little memory and time: ``python -m tests.fuzz hostile``.
+"""Reads hostile files, each in a process of its own with little memory and time: ``tests/fuzz/test_files.py``.
 
 The processes are forked from one that has imported everything, so that a file takes milliseconds.
 """
@@ -14,20 +14,8 @@ from data_tools.errors import CollalignError
 MEMORY_BYTES, TIME_S = 2 * 2**30, 30
 
 
-def confined_endings(cases, *, num=None):
-    """Read cases, given by name as a target and what makes (file name, content), and yield how each ended.
-
-    A number chooses so many of them, evenly spread. An ending is "valid", "refused", or what is wrong.
-    """
-    names = sorted(cases)
-    chosen = names[:: max(1, len(names) // num)] if num else names
-    for name in chosen:
-        target, make = cases[name]
-        yield name, confined(target, make())
-
-
-def confined(target, payload):
-    """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and 30 s."""
+def confined(target, payload, *, time_s=TIME_S):
+    """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and so many seconds."""
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
@@ -36,7 +24,7 @@ def confined(target, payload):
         os.close(reader)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(TIME_S)
+        signal.alarm(time_s)
         os.write(writer, _ending(target, payload).encode("utf-8", "backslashreplace")[:4000])
         os._exit(0)
     os.close(writer)

@@ -1,4 +1,4 @@
-"""Forged folders of results by the thousand: ``verify`` refuses each, or proves no more of it than is true.
+"""Forged folders of results for Hypothesis: ``verify`` refuses each, or proves no more of it than is true.
 
 What is true is read from the folder without the verifier: the energy of some arrangement of its samples, which no
 lower bound may exceed.
@@ -8,14 +8,12 @@ import io
 import json
 import os
 import re
-import shutil
 import signal
-import tempfile
 import zipfile
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from pathlib import Path
 
 import numpy as np
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import collalign
@@ -28,11 +26,14 @@ from data_tools.options import SamplingOptions
 from pairwise import Problem
 from pairwise.local_search import MatchingCosts, energies_of
 from tests.finished_runs import chairs
-from tests.fuzz.hostile import CHANGES, NOT_FOR_THIS_TYPE, drawn
+from tests.fuzz.certificates import NOT_FOR_THIS_TYPE, changed, generators
 
 #: What a bound may exceed an energy by, as a share of it, and seconds after which a verifier hangs.
 TOL, LIMIT_S = 1e-6, 60
 ARCHIVES = ("certificates/problems.npz", "correspondences.npz", "certification.npz")
+ALL_ARCHIVES = (*ARCHIVES, *(f"certificates/{pair}.npz" for pair in ("0-1", "0-2", "1-2")))
+#: How files end that an earlier change has broken.
+BROKEN = (OSError, KeyError, EOFError, zipfile.BadZipFile)
 TABLES = ("pairs.csv", "alignment.json", "run.json", ".collalign/manifest.json")
 HUGE = ("1e999", "-1e999", "1" + "0" * 400, "nan", "", "0x10", "1e308", "-5", "0")
 
@@ -49,17 +50,6 @@ def honest_result(folder):
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         main(["certify", str(out), "--jobs", "1"])
     return out
-
-
-def folder_endings(honest, num, *, seed=0):
-    """Forge ``num`` copies of a result and yield what the verifier says; the same seed forges the same."""
-    for index in range(num):
-        rng = np.random.default_rng((seed, index))
-        with tempfile.TemporaryDirectory() as place:
-            forged = Path(place) / "out"
-            shutil.copytree(honest, forged)
-            done = [forge(forged, rng) for _ in range(int(rng.geometric(0.6)))]
-            yield f"{seed}-{index} ({', '.join(done)})", judge(forged)
 
 
 def judge(folder):
@@ -120,111 +110,116 @@ def false_claim(folder, found):
     return ""
 
 
-def forge(folder, rng):
-    """Change one thing in a folder and return what was done."""
-    change = drawn((_arrays, _arrays, _moved, _moved, _text, _file), rng)
-    with (
-        np.errstate(all="ignore"),
-        suppress(*NOT_FOR_THIS_TYPE, OSError, KeyError, EOFError, zipfile.BadZipFile),
-    ):
-        change(folder, rng)
-    return change.__name__.strip("_")
+@st.composite
+def forgeries(draw):
+    """Return functions of a folder, each of which changes one thing in it and may fail at what others left."""
+    how = st.sampled_from([_arrays, _moved, _text, _file])
+    return draw(st.lists(how.flatmap(lambda change: change()), min_size=1, max_size=3))
 
 
-def _regular(folder, names):
-    """Those files that an earlier change has left as files."""
-    return [
-        folder / name
-        for name in names
-        if (folder / name).is_file() and not (folder / name).is_symlink()
-    ]
+def forge(folder, changes):
+    """Change a folder; changes of files that others removed or broke do nothing."""
+    for change in changes:
+        with np.errstate(all="ignore"), suppress(*NOT_FOR_THIS_TYPE, *BROKEN):
+            change(folder)
 
 
-def _archives(folder):
-    return _regular(
-        folder,
-        [*ARCHIVES, *sorted(f"certificates/{i}-{j}.npz" for i in range(3) for j in range(3))],
-    )
+def regular(file):
+    """Return a file that an earlier change has left as a file."""
+    if not file.is_file() or file.is_symlink():
+        raise OSError(file)
+    return file
 
 
-def _arrays(folder, rng):
-    """Change some arrays of an archive as those of a certificate are changed."""
-    file = drawn(_archives(folder), rng)
-    with np.load(file) as archive:
-        arrays = dict(archive)
-    np.savez(file, **drawn(CHANGES, rng)(arrays, rng))
+@st.composite
+def _arrays(draw):
+    """Change an array of an archive, as those of a certificate are changed."""
+    name, data = draw(st.sampled_from(ALL_ARCHIVES)), draw(st.data())
 
-
-def _moved(folder, rng):
-    """Scale, shift, turn or mirror the samples of one shape or all, in one archive or in all that hold them."""
-    kind, shape = drawn(("scale", "shift", "turn", "mirror", "swap"), rng), int(rng.integers(4))
-    factor, turn, shift = (
-        np.exp(rng.normal()),
-        Rotation.random(random_state=rng).as_matrix(),
-        rng.normal(size=3),
-    )
-    files = _regular(folder, ARCHIVES)
-    for file in files if rng.random() < 0.5 else [drawn(files, rng)]:
-        with np.load(file) as archive:
+    def change(folder):
+        with np.load(regular(folder / name)) as archive:
             arrays = dict(archive)
-        points = arrays["positions" if "positions" in arrays else "coordinates"]
-        some = slice(None) if shape == 3 else slice(shape, shape + 1)
-        if kind == "swap":
-            points[some] = points[some][:, rng.permutation(points.shape[1])]
-        else:
-            change = {
-                "scale": factor * np.eye(3),
-                "turn": turn,
-                "mirror": -np.eye(3),
-                "shift": np.eye(3),
-            }[kind]
-            points[some, :, :3] = points[some, :, :3] @ change.T + (
-                shift if kind == "shift" else 0.0
-            )
-        np.savez(file, **arrays)
+        np.savez(folder / name, **data.draw(changed(arrays)))
+
+    return change
 
 
-def _text(folder, rng):
-    """Repeat, remove or exchange lines of a table or record, or replace one of its numbers."""
-    file = drawn(_regular(folder, TABLES), rng)
-    lines = file.read_text().splitlines(keepends=True)
-    at, other = (int(k) for k in rng.integers(len(lines), size=2))
-    kind = drawn(("twice", "gone", "number", "number", "number", "exchanged"), rng)
-    if kind == "number":
-        numbers = [
-            i for i, c in enumerate(lines[at]) if c.isdigit() and not lines[at][i - 1].isalnum()
-        ]
-        start = drawn(numbers, rng)
-        number = str(re.match(r"[\d.e+-]*", lines[at][start:])[0])
-        new = drawn((*HUGE, str(float(number) * drawn((0.5, -1.0, 1.5, 100.0), rng))), rng)
-        lines[at] = lines[at][:start] + new + lines[at][start + len(number) :]
-    else:
-        lines[at : at + 1] = {"twice": [lines[at]] * 2, "gone": [], "exchanged": [lines[other]]}[
-            kind
-        ]
-    file.write_text("".join(lines))
-
-
-def _file(folder, rng):
-    """Put another file, or no regular one, in the place of one, or add one that nobody names."""
-    files = [*_archives(folder), *_regular(folder, TABLES)]
-    file, other = drawn(files, rng), drawn(files, rng)
-    data = other.read_bytes()
-    kind = drawn(
-        ("other", "cut", "empty", "gone", "fifo", "folder", "device", "loop", "unnamed"), rng
+@st.composite
+def _moved(draw):
+    """Scale, shift, turn, mirror or permute the samples of one shape or all, in one archive or in all."""
+    rng, kind = (
+        draw(generators),
+        draw(st.sampled_from(["linear", "shift", "turn", "mirror", "swap"])),
     )
-    if kind == "unnamed":
-        (folder / "certificates" / f"{rng.integers(3)}-{rng.integers(3)}.npz").write_bytes(data)
-        return
-    file.unlink()
-    makers = {
-        "other": lambda: file.write_bytes(data),
-        "cut": lambda: file.write_bytes(data[: int(rng.integers(len(data)))]),
-        "empty": lambda: file.write_bytes(b""),
-        "gone": lambda: None,
-        "fifo": lambda: os.mkfifo(file),
-        "folder": file.mkdir,
-        "device": lambda: file.symlink_to("/dev/zero"),
-        "loop": lambda: file.symlink_to(file),
-    }
-    makers[kind]()
+    some = draw(st.sampled_from([slice(None), *(slice(at, at + 1) for at in range(3))]))
+    names = draw(st.sampled_from([ARCHIVES, *((name,) for name in ARCHIVES)]))
+    linear = np.exp(rng.normal()) * np.eye(3)
+    linear = {"turn": Rotation.random(rng=rng).as_matrix(), "mirror": -np.eye(3)}.get(kind, linear)
+    shift = rng.normal(size=3) if kind == "shift" else np.zeros(3)
+
+    def change(folder):
+        for name in names:
+            with np.load(regular(folder / name)) as archive:
+                arrays = dict(archive)
+            points = arrays["positions" if "positions" in arrays else "coordinates"]
+            if kind == "swap":
+                points[some] = points[some][:, rng.permutation(points.shape[1])]
+            else:
+                points[some, :, :3] = points[some, :, :3] @ linear.T + shift
+            np.savez(folder / name, **arrays)
+
+    return change
+
+
+@st.composite
+def _text(draw):
+    """Repeat, remove or exchange lines of a table or record, or replace one of its numbers."""
+    name, at, other = draw(
+        st.tuples(st.sampled_from(TABLES), st.floats(0, 0.999), st.floats(0, 0.999))
+    )
+    kind = draw(st.sampled_from(["twice", "gone", "number", "number", "number", "exchanged"]))
+    new = draw(st.sampled_from([*HUGE, 0.5, -1.0, 1.5, 100.0]))
+
+    def change(folder):
+        lines = regular(folder / name).read_text().splitlines(keepends=True)
+        row, line = int(at * len(lines)), lines[int(at * len(lines))]
+        if kind == "number":
+            numbers = [*re.finditer(r"(?<![a-z0-9.])\d[\d.e+-]*", line)]
+            number = numbers[int(other * len(numbers))]
+            text = new if isinstance(new, str) else str(float(number[0]) * new)
+            lines[row] = line[: number.start()] + text + line[number.end() :]
+        else:
+            exchanged = [lines[int(other * len(lines))]]
+            lines[row : row + 1] = {"twice": [line] * 2, "gone": [], "exchanged": exchanged}[kind]
+        (folder / name).write_text("".join(lines))
+
+    return change
+
+
+@st.composite
+def _file(draw):
+    """Put another file, or no regular one, in the place of one, or add one that nobody names."""
+    names = st.sampled_from([*ALL_ARCHIVES, *TABLES])
+    name, other = draw(names), draw(names)
+    kinds = ["other", "cut", "empty", "gone", "fifo", "folder", "device", "loop", "unnamed"]
+    kind, share = draw(st.sampled_from(kinds)), draw(st.floats(0, 1))
+
+    def change(folder):
+        file, data = folder / name, regular(folder / other).read_bytes()
+        if kind == "unnamed":
+            (folder / "certificates" / "2-0.npz").write_bytes(data)
+            return
+        file.unlink()
+        makers = {
+            "other": lambda: file.write_bytes(data),
+            "cut": lambda: file.write_bytes(data[: int(share * len(data))]),
+            "empty": lambda: file.write_bytes(b""),
+            "gone": lambda: None,
+            "fifo": lambda: os.mkfifo(file),
+            "folder": file.mkdir,
+            "device": lambda: file.symlink_to("/dev/zero"),
+            "loop": lambda: file.symlink_to(file),
+        }
+        makers[kind]()
+
+    return change

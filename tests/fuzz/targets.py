@@ -23,7 +23,7 @@ from data_tools.options import SamplingOptions
 from pairwise import verify_certificate
 from pairwise.certificates.certificate import Certificate
 from tests.fuzz import seeds
-from tests.fuzz.mutations import MARK
+from tests.fuzz.damage import MARK
 
 SAMPLING = SamplingOptions(num_points=8, num_dense_points=10)
 
@@ -46,11 +46,11 @@ def kinds(folder):
     }
 
 
-def read_and_sample(payload):
+def read_and_sample(payload, read=read_shape):
     """Read a shape file and prepare it for matching; returns the number of vertices. No reason quotes the file."""
     with _as_file(payload) as path:
         try:
-            shape = read_shape(path)
+            shape = read(path)
         except InputError as error:
             reason = str(error).removeprefix(str(path))
             if MARK in reason or re.search(r"\w(Error|Exception)\b", reason):

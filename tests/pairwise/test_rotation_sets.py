@@ -71,6 +71,7 @@ def test_the_principal_frame_turns_with_the_points(rng, dim):
     turn = random_rotations(dim, 1, rng)[0]
     frame = principal_frame(points, np.ones(40))
     assert_rotations(frame[None])
+    assert (((points @ frame) ** 3).sum(axis=0)[:-1] > 0).all()
     np.testing.assert_allclose(
         principal_frame(points @ turn.T, np.ones(40)), turn @ frame, atol=1e-9
     )
@@ -92,6 +93,7 @@ def test_small_turns_have_the_angle_asked_for(dim):
     assert_rotations(turns)
     if dim <= 3:
         np.testing.assert_allclose(rotation_angles(turns, np.eye(dim)), 0.3)
+        assert np.abs((turns - np.swapaxes(turns, 1, 2)).mean(axis=0)).max() < 0.05, "even axes"
 
 
 def test_the_spiral_runs_through_the_middles_of_its_steps():

@@ -129,6 +129,8 @@ def test_two_samplings_of_one_surface_are_that_surface():
     to, of = DenseMatcher(target, source).pair_up(start)
     distances = np.linalg.norm(target.points[to] - start.apply(source.points[of]), axis=1)
     assert 0.4 < np.median(distances) / target.spacing < FIT.shared_spacings
+    found = fitted(target, source)
+    assert found.shared_energy == found.energy, "no part fits better than chance lets it"
 
 
 def test_bad_input_is_refused():

@@ -202,6 +202,20 @@ def test_fixed_pairs_are_certain_of_what_they_state_whatever_their_log_odds_said
     assert all(np.array_equal(found.rotations[i], pose) for i, pose in wanted.items())
 
 
+def test_the_choice_between_fixed_shapes_is_the_candidate_next_to_their_poses():
+    truth = random_rotations(np.random.default_rng(3), 3)
+    edges = complete_edges(3)
+    right = exact_pairs(truth, edges)
+    candidates = np.stack([right @ D2_FLIPS[1], right], axis=1)
+    energies = np.tile([1.0, 1.1], (3, 1))
+    found = synchronize(edges, candidates, energies=energies, fixed={0: truth[0], 1: truth[1]})
+    assert found.edge_choice[0] == 1
+    swapped = synchronize(
+        edges, candidates[:, ::-1], energies=energies, fixed={0: truth[0], 1: truth[1]}
+    )
+    assert swapped.edge_choice[0] == 0
+
+
 def test_fixed_shapes_join_groups():
     truth = random_rotations(np.random.default_rng(12), 4)
     edges = np.array([[0, 1], [2, 3]])

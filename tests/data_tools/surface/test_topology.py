@@ -8,6 +8,7 @@ from data_tools.surface.topology import (
     face_areas,
     is_open_surface,
     mesh_edges,
+    spread_over_faces,
     vertex_components,
 )
 
@@ -30,6 +31,18 @@ def test_sphere_area_and_euler_characteristic():
     vertices, faces = sphere_mesh(2000)
     assert face_areas(vertices, faces).sum() == pytest.approx(4 * np.pi, rel=0.01)
     assert len(vertices) - len(mesh_edges(faces)) + len(faces) == 2
+
+
+def test_points_are_spread_over_triangles_by_area():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0]])
+    points, at = spread_over_faces(corners, np.array([[0, 1, 2], [1, 3, 2]]), 3000)
+    assert np.bincount(at).tolist() == [1000, 2000]
+    first, second = points[at == 0], points[at == 1]
+    assert first.min() >= 0
+    assert max(first.sum(axis=1).max(), (second @ [1, 3, 0]).max() / 3) <= 1
+    assert (second @ [1, 1, 0]).min() >= 1
+    np.testing.assert_allclose(first.mean(axis=0), [1 / 3, 1 / 3, 0], atol=0.01)
+    np.testing.assert_allclose(second.mean(axis=0), [4 / 3, 1 / 3, 0], atol=0.02)
 
 
 def test_components():

@@ -11,6 +11,7 @@ from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import random_rotation
 from pairwise.features.poses import (
     MOST_MATCHES,
+    _compatible,
     consensus_poses,
     feature_distances,
     match_features,
@@ -32,6 +33,23 @@ def placed(surface, rotation, shift):
     return LocalSurface.from_user(
         (surface.points - shift) @ rotation, surface.normals @ rotation, surface.cell
     )
+
+
+def test_matches_agree_where_a_rigid_motion_holds_both(rng):
+    """Points on a line whose normals are across it: turning one about the line changes only their cosine."""
+    points = np.arange(4.0)[:, None] * [1.0, 0.0, 0.0]
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    turn = random_rotation(rng)
+    far = 1.0 - np.eye(4)
+    assert np.array_equal(_compatible((points, normals), (points @ turn, normals @ turn), 0.2), far)
+    for change in (
+        lambda p, n: (p, np.where(np.arange(4)[:, None] == 0, [0.0, 1.0, 0.0], n)),
+        lambda p, n: (p - np.array([[5.0], [0.0], [0.0], [0.0]]) * [1.0, 0.0, 0.0], n),
+        lambda p, n: (p, np.where(np.arange(4)[:, None] == 0, [0.8, 0.0, 0.6], n)),
+    ):
+        found = _compatible((points, normals), change(points, normals), 0.2)
+        assert found[0].max() == found[:, 0].max() == 0
+        assert np.array_equal(found[1:, 1:], far[1:, 1:])
 
 
 def test_distances_are_those_of_the_unit_vectors(surface):
