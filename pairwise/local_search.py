@@ -63,7 +63,7 @@ class MatchingCosts:
         potentials : ndarray, shape (m, n), optional
             Those of similar poses, from which each assignment starts; its own are written there.
         """
-        from pairwise.assignment import cheapest_matches
+        from pairwise.branch_and_bound.exact_assignment import cheapest_matches
 
         maps = np.empty((len(rotations), self.problem.num_source), dtype=np.int64)
         if potentials is None:

@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
-from pairwise.assignment import augment, position, reduce_row
+from pairwise.branch_and_bound.exact_assignment import augment, position, reduce_row
 
 _EPS = float(np.finfo(np.float64).eps)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from pairwise.assignment import augment, cheapest_matches
+from pairwise.branch_and_bound.exact_assignment import augment, cheapest_matches
 
 
 def matrices(k, size, kind, num=5):
