@@ -412,7 +412,7 @@ def refuse_lost(shapes: Shapes, failed: Iterable[int]) -> None:
 
 
 def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> Wanted:
-    """Return what a job of a shape's file, its name, digest and cleaning is wanted on."""
+    """Return what a job of a shape's file, which was read before, its name, digest and cleaning is wanted on."""
     return Wanted(
         key=job.key({}, shapes.keys[i]),
         label=shapes.names[i],
@@ -420,6 +420,6 @@ def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> W
             "path": shapes.files[i],
             "name": shapes.names[i],
             "digest": shapes.digests[i],
-            "cleaning": session.options.cleaning,
+            "cleaning": session.options.cleaning.again,
         },
     )
