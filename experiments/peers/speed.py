@@ -36,7 +36,7 @@ from experiments.maps.map_sets import ANIMALS, read_map_set
 from experiments.peers.bones import bones, peak_gib
 from experiments.peers.peer_tools import TOOLS
 from experiments.provenance import ROOT, code_digest
-from experiments.tables import Column, Row, Table
+from experiments.tables import Column, Row, Table, Value
 from pairwise.options import BUILT_IN
 from pairwise.relaxations import solve_pm_sdp
 from pairwise.results import Status
@@ -357,11 +357,11 @@ COLUMNS = (
 def _row(line: str, tool: str, records: list[Record]) -> Row:
     """Return the medians of some runs; what a line does not have stays empty."""
     keys = [column.key for column in COLUMNS if column.key in records[0]]
-    figures: dict[str, Any] = {k: float(np.median([one[k] for one in records])) for k in keys}
-    if "gross" in figures:
-        figures["gross"] = int(figures["gross"])
+    figures: dict[str, Value] = {k: float(np.median([one[k] for one in records])) for k in keys}
+    if "gross" in keys:
+        figures["gross"] = int(np.median([one["gross"] for one in records]))
     goal = GOALS[line] if tool == "collalign" else ""
-    return {"line": line, "tool": tool, "runs": len(records), "goal": goal} | figures
+    return {**figures, "line": line, "tool": tool, "runs": len(records), "goal": goal}
 
 
 def measure(bench: Bench) -> Outcome:
@@ -404,8 +404,10 @@ def measure(bench: Bench) -> Outcome:
             tool = "collalign" if solver == BUILT_IN else solver
             settings = {"num": num, "solver": solver, "code": code}
             add(measure_relaxation, f"PM-SDP of {num} points", tool, settings)
-    size = {"line": "installed", "tool": "collalign", "goal": GOALS["installed"], "runs": 1}
-    rows.append(size | {"memory_mib": installed_mib("collalign")})
+    size, goal = installed_mib("collalign"), GOALS["installed"]
+    rows.append(
+        {"line": "installed", "tool": "collalign", "runs": 1, "memory_mib": size, "goal": goal}
+    )
     text = f"Not measured here: {'; '.join(lacking)}." if lacking else ""
     return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), text=text)
 
