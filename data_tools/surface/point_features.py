@@ -1,4 +1,4 @@
-"""Fast point feature histograms, compiled by Numba: arrays of all pairs of neighbours take five times as long."""
+"""Fast point feature histograms, compiled by Numba: arrays of all pairs of neighbours take about twice as long."""
 
 from __future__ import annotations
 
