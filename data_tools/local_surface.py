@@ -8,10 +8,9 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import CACHED_ENTRIES, FloatArray, Holds, as_floats, as_points, read_only
+from data_tools.arrays import FloatArray, Holds, as_floats, as_points, read_only
 from data_tools.errors import InputError
 from data_tools.sight import DepthImage
 from data_tools.threads import one_blas_thread
@@ -77,7 +76,9 @@ class LocalSurface:
         directions = as_floats(normals, "normals", shape=checked.shape)
         if not (cell > 0 and np.isfinite(cell)):
             raise InputError(f"cell: expected a positive length, got {cell!r}")
-        roots = np.sqrt(fast_point_features(checked, directions, RADIUS_CELLS * cell))
+        from data_tools.surface.point_features import fast_point_features
+
+        roots = np.sqrt(fast_point_features(checked, directions, RADIUS_CELLS * cell, NUM_BINS))
         histograms = np.rint(255.0 * roots).astype(np.uint8)
         return cls(
             points=read_only(checked),
@@ -142,53 +143,3 @@ class LocalSurface:
         histograms[:, NUM_BINS : 2 * NUM_BINS] = histograms[:, 2 * NUM_BINS - 1 : NUM_BINS - 1 : -1]
         histograms[:, 2 * NUM_BINS :] = histograms[:, : 2 * NUM_BINS - 1 : -1]
         return replace(self, normals=read_only(-self.normals), histograms=read_only(histograms))
-
-
-def fast_point_features(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:
-    """Return the fast point feature histogram of every point, shape (l, 33); each sums to 1.
-
-    Three angles of a Darboux frame between a point and each neighbour within the radius, in 11 bins each, and the
-    neighbours' histograms weighted by inverse distance (Rusu, Blodow and Beetz, ICRA 2009, equations 1 to 3).
-
-    Parameters
-    ----------
-    points, normals : ndarray, shape (l, 3)
-        The normals are of unit length.
-    radius : float
-        In the units of the points.
-    """
-    num = len(points)
-    one, two = cKDTree(points).query_pairs(radius, output_type="ndarray").T
-    places, directions = np.ascontiguousarray(points.T), np.ascontiguousarray(normals.T)
-    apart = (places.take(one, axis=1) != places.take(two, axis=1)).any(axis=0)
-    at, other = (np.concatenate(ends)[np.tile(apart, 2)] for ends in ((one, two), (two, one)))
-    counts, lengths = np.zeros(num * 3 * NUM_BINS), np.empty(len(at))
-    for first in range(0, len(at), CACHED_ENTRIES):
-        slab = slice(first, first + CACHED_ENTRIES)
-        arms = places.take(other[slab], axis=1) - places.take(at[slab], axis=1)
-        lengths[slab] = np.sqrt(_dot(arms, arms))
-        arms /= lengths[slab]
-        own, theirs = (directions.take(ends[slab], axis=1) for ends in (at, other))
-        across = _cross(arms, own)
-        across /= np.maximum(np.sqrt(_dot(across, across)), 1e-9)
-        third = np.arctan2(_dot(_cross(own, across), theirs), _dot(own, theirs)) / np.pi
-        angles = np.stack([_dot(across, theirs), _dot(own, arms), third])
-        bins = np.clip(((angles + 1.0) * (NUM_BINS / 2.0)).astype(np.int64), 0, NUM_BINS - 1)
-        bins += NUM_BINS * np.arange(3)[:, None] + 3 * NUM_BINS * at[slab]
-        counts += np.bincount(bins.ravel(), minlength=len(counts))
-    simple = counts.reshape(num, -1)
-    simple /= np.maximum(3.0 * np.bincount(at, minlength=num), 1.0)[:, None]
-    total = np.bincount(at, weights=1.0 / lengths, minlength=num)[:, None]
-    nearby = coo_array((1.0 / lengths, (at, other)), shape=(num, num)) @ simple
-    return np.asarray(0.5 * (simple + nearby / np.maximum(total, np.finfo(float).tiny)))
-
-
-def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the inner products of columns (3, p), shape (p,)."""
-    return np.asarray(np.einsum("ap,ap->p", first, second))
-
-
-def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the cross products of columns, shape (3, p); of rows they take three times as long."""
-    (a, b, c), (d, e, f) = first, second
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d])

@@ -80,6 +80,11 @@ class CleaningOptions:
         """Options under which files are read as stored: vertex indices are those of the file."""
         return replace(self, merge_vertices=False, components="all", inner="keep")
 
+    @property
+    def again(self) -> CleaningOptions:
+        """Options that give the same surface without its notes: walls inside that stay are not looked for."""
+        return replace(self, inner="keep") if self.inner == "auto" else self
+
 
 class CleaningKeywords(TypedDict, total=False):
     """The fields of :class:`CleaningOptions` as keywords."""

@@ -33,6 +33,7 @@ _FOLDERS = {
     "confidence": "confidence",
     "ablation": "collections",
     "scoreboard": "collections",
+    "speed": "peers",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)
 

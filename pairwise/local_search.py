@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from data_tools.arrays import CACHED_ENTRIES, BoolArray, FloatArray, IntArray, Rows
 from pairwise.problem import Problem
@@ -55,20 +54,23 @@ class MatchingCosts:
         costs += self._fixed
         return costs
 
-    def assign(self, rotations: FloatArray) -> IntArray:
+    def assign(self, rotations: FloatArray, potentials: FloatArray | None = None) -> IntArray:
         """Return the best map of each pose, shape (m, k), by exact assignment.
 
-        Rows and, where every column is used, columns are reduced by their minima: the solver starts from dual
-        variables zero, and these are better ones.
+        Parameters
+        ----------
+        rotations : ndarray, shape (m, d, d)
+        potentials : ndarray, shape (m, n), optional
+            Those of similar poses, from which each assignment starts; its own are written there.
         """
+        from pairwise.branch_and_bound.exact_assignment import cheapest_matches
+
         maps = np.empty((len(rotations), self.problem.num_source), dtype=np.int64)
+        if potentials is None:
+            potentials = np.zeros((len(rotations), self.problem.num_target))
         for first in range(0, len(rotations), self.chunk):
-            costs = self(rotations[first : first + self.chunk])
-            costs -= costs.min(axis=2, keepdims=True)
-            if costs.shape[1] == costs.shape[2]:
-                costs -= costs.min(axis=1, keepdims=True)
-            for row, cost in enumerate(costs, start=first):
-                maps[row] = linear_sum_assignment(cost)[1]
+            some = slice(first, first + self.chunk)
+            cheapest_matches(self(rotations[some]), potentials[some], maps[some])
         return maps
 
 
@@ -124,10 +126,10 @@ def minimise(
         len(rotations),
         _SeenMaps(problem.pattern.mirrored(rotations) if hold_chirality else None),
     )
-    active = np.arange(num)
+    active, potentials = np.arange(num), np.zeros((num, problem.num_target))
     ends: list[tuple[IntArray, IntArray]] = []
     for iteration in range(1, max_iterations + 1):
-        maps = costs.assign(rotations)
+        maps = costs.assign(rotations, potentials)
         is_own, is_new = seen.claim(maps, active)
         goes_on = is_new & (iteration < max_iterations)
         ended = is_own & ~goes_on
@@ -135,7 +137,7 @@ def minimise(
             # The last runs swapped maps of equal energy: one of them stands for all.
             ended[0] = True
         ends.append((active[ended], maps[ended]))
-        active = active[goes_on]
+        active, potentials = active[goes_on], potentials[goes_on]
         if not len(active):
             break
         rotations = procrustes(problem, maps[goes_on], seen.chirality(active))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import stats
 
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.notes import Note
@@ -54,6 +53,8 @@ def compare_left_out(
     notes : list of Note
         Where the two differ.
     """
+    from scipy import stats
+
     rows, notes = list[list[object]](), list[Note]()
     for column, numbers in {"centroid size": sizes, **covariates}.items():
         known = np.isfinite(numbers)
@@ -92,6 +93,8 @@ def _of_groups(
     kinds = np.unique(groups[known])
     if len(kinds) < 2 or 2 * len(kinds) > known.sum() or not (known & ~counted).any():
         return []
+    from scipy import stats
+
     said: dict[str, tuple[int, int]] = {}
     for kind in kinds.tolist():
         own = groups == kind

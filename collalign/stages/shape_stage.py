@@ -40,7 +40,7 @@ from data_tools.surface.outliers import apart_ratios, odd_ratios
 MOST_FOR_SIDES = 150
 
 #: Reads, cleans, samples and embeds a shape. The version changes whenever the same file would give other samples.
-SAMPLING = Job(kind="shapes", version="shape-20", run=sample_file, reader=Samples)
+SAMPLING = Job(kind="shapes", version="shape-21", run=sample_file, reader=Samples)
 
 
 def prepare_shapes(
@@ -421,7 +421,7 @@ def refuse_lost(shapes: Shapes, failed: Iterable[int]) -> None:
 
 
 def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> Wanted:
-    """Return what a job of a shape's file, its name, digest and cleaning is wanted on."""
+    """Return what a job of a shape's file, which was read before, its name, digest and cleaning is wanted on."""
     return Wanted(
         key=job.key({}, shapes.keys[i]),
         label=shapes.names[i],
@@ -429,6 +429,6 @@ def wanted_file(job: Job[T], session: AlignSession, shapes: Shapes, i: int) -> W
             "path": shapes.files[i],
             "name": shapes.names[i],
             "digest": shapes.digests[i],
-            "cleaning": shapes.cleaning[i],
+            "cleaning": shapes.cleaning[i].again,
         },
     )

@@ -6,6 +6,7 @@
 * ``extra``, ``hidden``: stands and plaster; walls inside
 * ``topology``: edges, borders, areas, components
 * ``closest``, ``triangle_tree``: closest points, and the tree that finds them
+* ``point_features``: histograms of neighbourhoods
 * ``joined``: the surface around several components
 * ``geodesics``, ``laplacian``: distances along a surface; the Laplacian of meshes and clouds, with its eigenfunctions
 """

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.special import stdtr
 
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only, sums_by_owner
 from data_tools.notes import Note
@@ -286,7 +286,7 @@ def _are_apart(apart: FloatArray, others: FloatArray, sign: int) -> bool:
     if not likely or apart[0] - others[-1] < APART.gap * (others[-1] - others[0]):
         return False
     deviation = max(float(others.std(ddof=1)), _LEAST_DEVIATION) * np.sqrt(1.0 + 1.0 / num)
-    tail = stats.t.sf((apart[0] - others.mean()) / deviation, num - 1)
+    tail = stdtr(num - 1, (others.mean() - apart[0]) / deviation)  # of Student's t
     return bool((num + len(apart)) * tail < APART.p)
 
 
@@ -308,6 +308,8 @@ def odd_for_covariate(sizes: FloatArray, covariate: FloatArray) -> dict[int, flo
     dict of int to float, or None
         By position; None where sizes do not follow the covariate.
     """
+    from scipy import stats
+
     known = np.flatnonzero(np.isfinite(covariate) & (sizes > 0))
     values, logs = covariate[known], np.log(sizes[known])
     if len(known) <= _FEWEST_OTHERS or np.ptp(values) == 0 or np.ptp(logs) == 0:

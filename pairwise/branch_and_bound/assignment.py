@@ -19,6 +19,7 @@ import numba
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from pairwise.branch_and_bound.exact_assignment import augment, position, reduce_row
 
 _EPS = float(np.finfo(np.float64).eps)
 
@@ -156,21 +157,10 @@ def _finish(
         row_of[:] = taken
         return energy
     for row in free:
-        value += _augment(costs, v, row_of, row)
+        value += augment(costs, v, row_of, row)
         if value > wanted:
             return np.inf
     return _complete(costs, v, row_of, free[:0])
-
-
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})
-def _reduced(costs: FloatArray, v: FloatArray, out: FloatArray) -> float:
-    """Write ``costs - v`` and return the least entry."""
-    least = np.inf
-    for i in range(len(v)):
-        reduced = costs[i] - v[i]
-        out[i] = reduced
-        least = reduced if reduced < least else least
-    return least
 
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})
@@ -179,15 +169,6 @@ def _minimum(values: FloatArray) -> float:
     for i in range(len(values)):
         least = values[i] if values[i] < least else least
     return least
-
-
-@numba.njit(cache=True)
-def _position(values: FloatArray, wanted: float) -> int:
-    """Return where a value that occurs is found first."""
-    for i in range(len(values)):
-        if values[i] == wanted:
-            return i
-    return 0
 
 
 @numba.njit(cache=True)
@@ -225,10 +206,10 @@ def _complete(costs: FloatArray, v: FloatArray, row_of: IntArray, free: IntArray
                 total += costs[row_of[i], i]
     for row in free:
         if row < k:
-            least = _reduced(costs[row], left, reduced)
+            least = reduce_row(costs[row], left, reduced)
             if least == np.inf:
                 return np.inf
-            best = _position(reduced, least)
+            best = position(reduced, least)
             total += costs[row, best]
             left[best], row_of[best] = -np.inf, row
     return total
@@ -248,8 +229,8 @@ def _bid(
             break
         row = queue[first_free]
         first_free += 1
-        least = _reduced(costs[min(row, k)], v, reduced)
-        best = _position(reduced, least)
+        least = reduce_row(costs[min(row, k)], v, reduced)
+        best = position(reduced, least)
         reduced[best] = np.inf
         second = _minimum(reduced)
         holder = row_of[best]
@@ -259,53 +240,3 @@ def _bid(
         v[best] -= (second - least if second < np.inf else 0.0) + step
         row_of[best] = row
     return queue[first_free:end].copy()
-
-
-@numba.njit(cache=True, fastmath={"nnan", "nsz"})
-def _relax(
-    costs: FloatArray,
-    masked: FloatArray,
-    offset: float,
-    row: int,
-    distances: FloatArray,
-    parents: IntArray,
-) -> float:
-    """Shorten the distances by paths through one row; return the least."""
-    least = np.inf
-    for i in range(len(masked)):
-        distance = costs[i] - masked[i] + offset
-        old = distances[i]
-        parents[i] = row if distance < old else parents[i]
-        shorter = distance if distance < old else old
-        distances[i] = shorter
-        least = shorter if shorter < least else least
-    return least
-
-
-@numba.njit(cache=True)
-def _augment(costs: FloatArray, v: FloatArray, row_of: IntArray, start: int) -> float:
-    """Assign one more row along a shortest augmenting path; return by how much the bound rises."""
-    k, size = len(costs) - 1, len(v)
-    distances, parents, masked = np.full(size, np.inf), np.empty(size, dtype=np.int64), v.copy()
-    finals, done = np.empty(size), np.empty(size, dtype=np.int64)
-    row, offset, num, first = start, 0.0, 0, 0.0
-    while True:
-        length = _relax(costs[min(row, k)], masked, offset, row, distances, parents)
-        col = _position(distances, length)
-        first = first if num else length
-        if row_of[col] < 0:
-            break
-        finals[num], done[num] = length, col
-        num += 1
-        masked[col], distances[col] = -np.inf, np.inf
-        row = row_of[col]
-        offset = length - (costs[min(row, k), col] - v[col])
-    for position in range(num):
-        v[done[position]] += finals[position] - length
-    while True:
-        row = parents[col]
-        held = _position(row_of, row)
-        row_of[col] = row
-        if row == start:
-            return length - first
-        col = held

@@ -1,71 +1,12 @@
-"""Descriptors of neighbourhoods: the published histograms, which poses leave and mirroring reverses."""
+"""Surfaces at the spacing of a cell: their descriptors, which mirroring reverses."""
 
 import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.local_surface import MOST_COMPARED, NUM_BINS, LocalSurface, fast_point_features
-from data_tools.rotations import random_rotation
-
-
-def bumpy(num=80):
-    """Points on a bumpy ellipsoid and unit vectors near its normals."""
-    rng = np.random.default_rng(3)
-    directions = rng.standard_normal((num, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    normals = directions + 0.3 * rng.standard_normal((num, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return directions * [1.0, 0.8, 0.6] * rng.uniform(0.9, 1.1, (num, 1)), normals
-
-
-def bins_of(angles):
-    return [min(int((angle + 1.0) * NUM_BINS / 2.0), NUM_BINS - 1) for angle in angles]
-
-
-def plain_histograms(points, normals, radius):
-    """The histograms as Rusu, Blodow and Beetz (2009) write them, point by point."""
-    simple, near = np.zeros((len(points), 3, NUM_BINS)), []
-    for i, (point, u) in enumerate(zip(points, normals, strict=True)):
-        gaps = np.linalg.norm(points - point, axis=1)
-        near.append([(j, gaps[j]) for j in range(len(points)) if j != i and gaps[j] <= radius])
-        for j, gap in near[i]:
-            arm = (points[j] - point) / gap
-            v = np.cross(arm, u)
-            v /= np.linalg.norm(v)
-            w = np.cross(u, v)
-            theta = np.arctan2(w @ normals[j], u @ normals[j]) / np.pi
-            for row, place in enumerate(bins_of([v @ normals[j], u @ arm, theta])):
-                simple[i, row, place] += 1.0 / (3.0 * len(near[i]))
-    spread = simple.copy()
-    for i, others in enumerate(near):
-        total = sum(1.0 / gap for _, gap in others)
-        spread[i] = 0.5 * (simple[i] + sum(simple[j] / gap for j, gap in others) / total)
-    return spread.reshape(len(points), 3 * NUM_BINS)
-
-
-def test_histograms_are_the_published_ones():
-    points, normals = bumpy()
-    found = fast_point_features(points, normals, 0.7)
-    np.testing.assert_allclose(found, plain_histograms(points, normals, 0.7), atol=1e-12)
-    np.testing.assert_allclose(found.sum(axis=1), 1.0)
-    assert np.abs(found - plain_histograms(points, normals, 0.6)).max() > 0.01
-
-
-def test_a_point_without_neighbours_has_an_empty_histogram():
-    points, normals = bumpy(30)
-    points[0] += 100.0
-    found = fast_point_features(points, normals, 0.9)
-    assert not found[0].any()
-    assert np.isfinite(found).all()
-
-
-def test_poses_leave_histograms_and_units_of_length_too():
-    points, normals = bumpy()
-    turn = random_rotation(np.random.default_rng(5))
-    found = fast_point_features(points, normals, 0.7)
-    moved = fast_point_features(7.0 * points @ turn.T + [1.0, 2.0, 3.0], normals @ turn.T, 4.9)
-    np.testing.assert_allclose(moved, found, atol=1e-9)
-    assert np.abs(fast_point_features(points, -normals, 0.7) - found).max() > 0.01
+from data_tools.local_surface import MOST_COMPARED, NUM_BINS, LocalSurface
+from data_tools.surface.point_features import fast_point_features
+from tests.neighbourhoods import bumpy
 
 
 def test_a_mirrored_surface_has_the_descriptors_of_the_mirrored_points():
@@ -87,7 +28,7 @@ def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
     points, normals = bumpy()
     surface = LocalSurface.from_user(points, normals, 0.14)
     np.testing.assert_allclose(np.linalg.norm(surface.features, axis=1), 1.0, atol=1e-5)
-    roots = np.sqrt(fast_point_features(points, normals, 0.7))
+    roots = np.sqrt(fast_point_features(points, normals, 0.7, NUM_BINS))
     np.testing.assert_allclose(surface.features, roots, atol=0.006)
 
 

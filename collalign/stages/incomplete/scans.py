@@ -368,7 +368,7 @@ def describe_surfaces(
             "path": shapes.files[i],
             "name": shapes.names[i],
             "digest": shapes.digests[i],
-            "cleaning": shapes.cleaning[i],
+            "cleaning": shapes.cleaning[i].again,
             "cell": cell,
         }
         key = DESCRIBING.key({"cell": cell}, shapes.keys[i])

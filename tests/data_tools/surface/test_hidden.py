@@ -103,6 +103,8 @@ def test_walls_are_named_and_stay_unless_they_are_to_go(body):
     assert codes(named.notes) == [WALLS]
     np.testing.assert_array_equal(named.faces, shape.faces)
     assert as_seen(shape, CleaningOptions(inner="keep")) is shape
+    assert as_seen(shape, CleaningOptions().again) is shape
+    assert DROP.again == DROP
     assert as_seen(shape, AS_STORED) is shape
 
 
