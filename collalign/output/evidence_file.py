@@ -165,7 +165,7 @@ CORRESPONDENCES_FILE = "correspondences.npz"
 #: The only file of a result that differs between two runs with the same result.
 RUN_FILE = "run.json"
 #: Raised with every change that older readers cannot understand.
-EVIDENCE_VERSION = 5
+EVIDENCE_VERSION = 6
 #: Fields of a collection that ``correspondences.npz`` has, and their names there.
 CORRESPONDENCES = {"samples": "vertex_indices", "positions": "positions", "consensus": "consensus"}
 

@@ -107,7 +107,7 @@ def pose_without_extra(
 
 
 def _looks_for_extra(run: Run) -> bool:
-    """Return whether all shapes are of one kind, with confidences, and nobody decided about poses."""
+    """Return whether there are confidences, and nobody decided about poses."""
     options = run.session.options
     return (
         looks_for_incomplete(options)

@@ -28,8 +28,8 @@ _Answer: TypeAlias = tuple[Run, Matched, Posed]
 
 
 def looks_for_incomplete(options: AlignOptions) -> bool:
-    """Return whether nobody said which shapes are incomplete, and all are of one kind."""
-    return options.incomplete == AUTO and options.clusters == 1
+    """Return whether nobody said which shapes are incomplete."""
+    return options.incomplete == AUTO
 
 
 def pose_all(run: Run, missing: Mapping[int, str]) -> tuple[Matched, Posed]:

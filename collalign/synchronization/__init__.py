@@ -1,6 +1,5 @@
 """One consistent pose per shape from many pairs that are partly wrong, with doubts."""
 
-from collalign.synchronization.clusters import find_parts
 from collalign.synchronization.frames import principal_axes_gauge
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.permutations import synchronize_maps
@@ -12,7 +11,6 @@ __all__ = [
     "PairGraph",
     "SynchronizationResult",
     "alternate_assignments",
-    "find_parts",
     "principal_axes_gauge",
     "synchronize",
     "synchronize_graph",

@@ -47,7 +47,7 @@ def parts_of_mean(
     votes: dict[str, IntArray] = {}
     for name, copy in zip(dense.names, dense.vertices, strict=True):
         at = collection.index(name)
-        shape = read_shape(collection.file(at), collection.options.cleaning, name=name)
+        shape = read_shape(collection.file(at), collection.cleaning_of(at), name=name)
         if len(shape.parts) > 1:
             own = shape.split()
             placed = [moved_by(collection.transforms[at], part.vertices) for part in own.values()]

@@ -102,7 +102,7 @@ def surface_quality(
     to_mean, percentiles = [], (50.0, 95.0, 99.0)
     for at, fitted in zip(rows, dense.vertices, strict=True):
         shape = read_shape(
-            collection.file(at), collection.options.cleaning, name=collection.names[at]
+            collection.file(at), collection.cleaning_of(at), name=collection.names[at]
         )
         points = moved_by(
             collection.transforms[at], shape.vertices[:: -(-len(shape.vertices) // max_points)]
