@@ -31,7 +31,7 @@ from collalign.stages import steps
 from collalign.stages.components import pose_with_components
 from collalign.stages.extra_material import pose_without_extra
 from collalign.stages.incomplete.detect import named_incomplete, open_among_closed
-from collalign.stages.kinds.kind_frames import kind_frames
+from collalign.stages.kinds.kind_frames import kind_frames, lone_transform
 from collalign.stages.kinds.plan import (
     KindPlan,
     distinct_called,
@@ -52,7 +52,7 @@ from collalign.stages.own_knowledge import (
     with_marks,
     with_own_samples,
 )
-from collalign.stages.poses.placement import common_positions, place_and_scale
+from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import looks_for_incomplete
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from collalign.stages.steps import Matched, Posed, Run, with_group
@@ -384,11 +384,7 @@ def _alone(task: _Task, shapes: Shapes) -> Collection:
     sample = shapes.samples[at]
     labels = np.arange(len(sample.positions))[None]
     pose = task.kept.get(name, task.fixed.get(name, np.eye(3)))
-    if np.shape(pose) == (4, 4):
-        transforms = np.asarray(pose, dtype=np.float64)[None]
-    else:
-        rotation = np.asarray(pose, dtype=np.float64)[None]
-        transforms = place_and_scale([sample], rotation, labels, options.scaling)
+    transforms = lone_transform(sample, np.asarray(pose, dtype=np.float64), options.scaling)[None]
     positions = common_positions([sample], transforms)
     in_file = each_moved_by(np.linalg.inv(transforms), positions)
     return Collection(

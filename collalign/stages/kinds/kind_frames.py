@@ -13,7 +13,9 @@ from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
 from collalign.stages.match_pairs import match_pairs
+from collalign.stages.poses.placement import place_and_scale
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.embedding import Samples
 from data_tools.errors import CollectionError
 from data_tools.poses import APART_DEG
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
@@ -92,6 +94,14 @@ def kind_frames(
         done[of] = KindFrame(rotation=rotation, agreeing=share)
     apart = KindFrame(rotation=np.eye(3), agreeing=0.0)
     return tuple(done.get(kind, apart) for kind in range(len(kinds)))
+
+
+def lone_transform(sample: Samples, pose: FloatArray, scaling: str) -> FloatArray:
+    """Return the transform (4, 4) of the only shape of a kind from a rotation (3, 3); one (4, 4) stays as it is."""
+    if pose.shape == (4, 4):
+        return pose
+    labels = np.arange(len(sample.positions))[None]
+    return place_and_scale([sample], pose[None], labels, scaling)[0]
 
 
 def agreed_rotation(proposed: FloatArray) -> tuple[FloatArray, float]:
