@@ -21,6 +21,7 @@ from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_shapes
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing
+from data_tools.surface.cleaning import are_assembled
 
 #: Shapes of a trial, from all over the folder.
 NUM_TRIAL_SHAPES = 5
@@ -85,11 +86,14 @@ class Trial:
         Seconds and bytes of each kind of record, by the median; NaN where there was none.
     start_s : float
         Seconds until the workers had started.
+    is_assembled : bool
+        Whether the shapes are assembled of components, so that all may be posed a second time, by all of these.
     """
 
     costs: dict[str, float]
     sizes: dict[str, float]
     start_s: float
+    is_assembled: bool = False
 
 
 def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> Trial:
@@ -112,7 +116,13 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         costs = costs_of(session.store)
         sizes = {kind: session.store.median_bytes(kind) for kind in costs}
     busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
-    return Trial(costs=costs, sizes=sizes, start_s=max(0.0, prepared_s - busy_s))
+    notes = [one.notes for one in shapes.samples]
+    return Trial(
+        costs=costs,
+        sizes=sizes,
+        start_s=max(0.0, prepared_s - busy_s),
+        is_assembled=options.cleaning.components == AUTO and are_assembled(options.cleaning, notes),
+    )
 
 
 def costs_of(store: Store) -> dict[str, float]:
@@ -130,6 +140,7 @@ def forecast(
     num_jobs: int,
     *,
     pilot: bool = False,
+    second_pass: bool = False,
     start_s: float = 0.0,
     sizes: Mapping[str, float] | None = None,
 ) -> RunEstimate:
@@ -146,6 +157,9 @@ def forecast(
         Worker processes.
     pilot : bool
         Whether sides are asked for.
+    second_pass : bool
+        Whether shapes may be posed once more, by all of their components. It is counted as if nothing of it were
+        stored.
     start_s : float
         Until the workers have started.
     sizes : mapping of str to float, optional
@@ -176,6 +190,13 @@ def forecast(
     if options.incomplete == AUTO and num >= MIN_SHAPES:
         shared["incomplete shapes"] = refines * MISSING * num * match_s
         tasks["incomplete shapes"] = num
+    if second_pass:
+        shared["second pass"] = num * (prepare_s + refines * (LOCAL + CONFIDENCE) * match_s)
+        shared["second pass"] += num_pairs * match_s
+        alone["second pass"] = SYNCHRONIZATION * num_pairs * match_s
+        tasks["second pass"] = num + num_pairs
+        records["shapes"] += num
+        records["pairs"] += num_pairs
     tasks["outputs"] = num
     shared["outputs"] = OUTPUT * prepare_s * num
     speed = 1.0 + _EFFICIENCY * (num_jobs - 1)
