@@ -164,7 +164,6 @@ def align_collection(
     wanted = as_options("options", options, AlignOptions, of_kind[AlignOptions])
     how = as_options("run", run, RunOptions, of_kind[RunOptions])
     listing = list_shapes(shapes, recursive=recursive, parts=parts, include=include)
-    labels = kinds_of(kinds, listing.names)
     with Session.open(wanted, how, progress_display(progress)) as session:
         return align_listing(
             session,
@@ -172,7 +171,7 @@ def align_collection(
             fixed=fixed or {},
             kept=kept or {},
             own=Own(**of_kind[Own]),
-            kinds=labels,
+            kinds=kinds,
         )
 
 
@@ -186,7 +185,7 @@ def align_listing(
     former: FormerPairs | None = None,
     incomplete: Iterable[str] = (),
     own: Own = Own(),  # noqa: B008
-    kinds: Mapping[str, str] = MappingProxyType({}),
+    kinds: Mapping[str, str] | Literal["", "folder"] = "",
 ) -> Collection:
     """Align listed files; :func:`align_collection` and :func:`collalign.extend.add_to_collection` both end here.
 
@@ -204,7 +203,7 @@ def align_listing(
         Shapes that an earlier run found to be incomplete.
     own : Own, optional
         What the caller knows in addition.
-    kinds : mapping of str to str, optional
+    kinds : mapping of str to str, or "folder"
         The kind of each shape by name; of shapes that it lacks the kind is found.
     """
     began_s, times_s = time.perf_counter(), dict[str, float]()
@@ -216,7 +215,7 @@ def align_listing(
         with_known_names(own, listing.names),
         with_known_options(session, listing.names),
     )
-    asked = session.options
+    asked, labels = session.options, kinds_of(kinds, listing.names)
     task = _Task(
         session=session,
         listing=listing,
@@ -227,15 +226,15 @@ def align_listing(
         own=own,
     )
     plan, excluded = None, tuple[Excluded, ...]()
-    if kinds or looks_for_kinds(asked, len(listing.names)):
+    if labels or looks_for_kinds(asked, len(listing.names)):
         with steps.timed(session, times_s, "kinds"):
             files = dict(zip(listing.names, listing.files, strict=True))
             given = own_points(own, files, asked.cleaning)
             shapes = prepare_shapes(with_own_samples(task.session, given), listing, given)
-            plan, excluded = plan_kinds(session, shapes, former, kinds), shapes.excluded
+            plan, excluded = plan_kinds(session, shapes, former, labels), shapes.excluded
             at = {name: i for i, name in enumerate(listing.names)}
             task = replace(task, listing=listing.some(at[name] for name in shapes.names))
-    found = _align_one(task) if plan is None else _align_kinds(task, plan, are_given=bool(kinds))
+    found = _align_one(task) if plan is None else _align_kinds(task, plan, are_given=bool(labels))
     session.enter(FINISHED)
     session.store.set_note(NUM_FILES, str(len(listing.files)))
     times_s = {**found.run.times_s, **times_s}
@@ -386,7 +385,7 @@ def _alone(task: _Task, shapes: Shapes) -> Collection:
     pose = task.kept.get(name, task.fixed.get(name, np.eye(3)))
     transforms = lone_transform(sample, np.asarray(pose, dtype=np.float64), options.scaling)[None]
     positions = common_positions([sample], transforms)
-    in_file = each_moved_by(np.linalg.inv(transforms), positions)
+    in_file = each_moved_by(np.asarray(np.linalg.inv(transforms), dtype=np.float64), positions)
     return Collection(
         names=(name,),
         files=(location(shapes.files[at]),),

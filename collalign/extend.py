@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from collalign.align import align_listing, kinds_of
+from collalign.align import align_listing
 from collalign.engine.progress import progress_display
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import ProgressFactory, Session
@@ -118,7 +118,7 @@ def add_to_collection(
                 num_shapes=len(files), edges=edges, group=former.group, kinds=former.kinds
             ),
             incomplete=[former.names[one.shape] for one in former.incomplete],
-            kinds=kinds_of(kinds, new.names),
+            kinds=kinds,
         )
     stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
     confidence = [

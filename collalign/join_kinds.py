@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from collalign.products.run_record import Made, RunRecord
 from collalign.products.trust import KINDS, Trust
 from collalign.stages.kinds.kind_frames import KindFrame
 from data_tools.arrays import FloatArray, IntArray, read_only
-from data_tools.notes import Note, listed
+from data_tools.notes import Note, Value, listed
 from data_tools.poses import each_moved_by
 
 
@@ -165,7 +166,7 @@ def kind_notes(kinds: Sequence[Kind], names: Sequence[str], *, are_given: bool) 
     groups = tuple(
         f"{kind.called} ({listed([names[i] for i in kind.shapes.tolist()])})" for kind in several
     )
-    values = {"num": len(kinds), "groups": groups}
+    values: dict[str, Value] = {"num": len(kinds), "groups": groups}
     if are_given:
         notes = [Note("kinds-given", values=values)]
     else:
@@ -267,7 +268,7 @@ def _trust(parts: Sequence[tuple[Trust | None, int]], order: IntArray) -> Trust 
     if all(trust is None for trust, _ in parts):
         return None
     every = [unknown_trust(num) if trust is None else trust for trust, num in parts]
-    values = {}
+    values: dict[str, Any] = {}
     for field in fields(Trust):
         own = [getattr(trust, field.name) for trust in every]
         if isinstance(own[0], tuple):

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import Parameter
 
 import collalign
-from collalign.align import align_listing, kinds_of
+from collalign.align import align_listing
 from collalign.analysis.label_table import Labels, read_labels
 from collalign.cli.check import check_shapes
 from collalign.cli.own_file import read_marks, read_own
@@ -347,10 +347,14 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
     return table
 
 
-def _kinds(kinds_by: str, table: Labels | None, names: Sequence[str]) -> dict[str, str]:
-    """Return the kind of each shape by its folder or its label, of those that have one."""
-    if kinds_by in ("", "folder"):
-        return kinds_of(kinds_by, names)
+def _kinds(
+    kinds_by: str, table: Labels | None, names: Sequence[str]
+) -> dict[str, str] | Literal["", "folder"]:
+    """Return the kind of each shape that has a label, or that the folders say it."""
+    if kinds_by == "folder":
+        return "folder"
+    if not kinds_by:
+        return ""
     if table is None:
         raise OptionsError(
             f"--kinds-by: expected 'folder' or a column of --labels, got {kinds_by!r} without --labels"

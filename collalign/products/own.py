@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias, TypedDict
+from typing import Any, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,12 +98,12 @@ class Own:
     def some(self, names: Iterable[str]) -> Own:
         """Return what is given of some shapes, and of pairs of these."""
         known = {*names}
-        own = {
+        own: dict[str, Any] = {
             name: {key: value for key, value in given.items() if {key} <= known}
             for name in ("invariants", "samples", "marks")
             if isinstance(given := getattr(self, name), Mapping)
         }
-        of_pairs = {
+        of_pairs: dict[str, Any] = {
             name: {pair: value for pair, value in getattr(self, name).items() if {*pair} <= known}
             for name in OF_PAIRS
         }

@@ -154,7 +154,8 @@ class _Evidence:
     def add(self, mismatches: Mapping[tuple[int, int], float]) -> None:
         """Take in what matching says of pairs; of several matches of one pair the better counts."""
         for (i, j), least in mismatches.items():
-            known = kin_log_odds(*(one[i, j] for one in self.distances), np.float64(least))
+            shells, descriptors = (one[i, j] for one in self.distances)
+            known = kin_log_odds(shells, descriptors, np.array(least))
             before = self.log_odds[i, j] if (i, j) in self.matched else -np.inf
             self.log_odds[i, j] = self.log_odds[j, i] = max(float(known), before)
             self.matched.add((i, j))

@@ -34,7 +34,7 @@ class KindDescriptors:
 
     def distances(self) -> tuple[FloatArray, FloatArray]:
         """Return the distances of all pairs by each descriptor, both of shape (N, N)."""
-        return tuple(cdist(one, one) for one in (self.shells, self.descriptors))  # type: ignore[return-value]
+        return cdist(self.shells, self.shells), cdist(self.descriptors, self.descriptors)
 
 
 def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
