@@ -214,16 +214,25 @@ def _part_numbers(parts: Sequence[Collection]) -> IntArray:
 
 
 def _notes(parts: Sequence[Collection], called: Sequence[str]) -> tuple[Note, ...]:
-    """Return the notes of all kinds: what names shapes as one where it is the same, the rest with the kind's name."""
-    shapes, rest = dict[str, list[str]](), list[Note]()
+    """Return the notes of all kinds, what is the same once; with the names of the kinds where no shapes are named."""
+    found = dict[tuple[str, str], tuple[Note, list[str], list[str]]]()
     for part, name in zip(parts, called, strict=True):
         for note in part.notes:
-            if note.shapes and not note.values:
-                shapes.setdefault(note.code, []).extend(note.shapes)
-            else:
-                fields_of = {"of_kind": name, "of_code": note.code, **note.values}
-                rest.append(Note("kind-of", note.shapes, fields_of))
-    return (*(Note(code, tuple(of)) for code, of in shapes.items()), *rest)
+            # Of notes with values per shape, each stays by itself.
+            own = note.shapes if note.shapes and note.values else ()
+            _, shapes, kinds = found.setdefault(
+                (note.code, repr((own, note.values))), (note, [], [])
+            )
+            shapes += note.shapes
+            kinds.append(name)
+    notes = list[Note]()
+    for note, shapes, kinds in found.values():
+        if shapes and not note.values:
+            notes.append(Note(note.code, tuple(shapes)))
+        else:
+            values: dict[str, Value] = {"of_kind": listed(kinds), "of_code": note.code}
+            notes.append(Note("kind-of", tuple(shapes), {**values, **note.values}))
+    return tuple(notes)
 
 
 def _run(parts: Sequence[Collection]) -> RunRecord:
