@@ -77,7 +77,8 @@ class FolderListing:
         In natural order, with distinct ``names``.
     names : tuple of str
         Each file's path below the place that was asked for, without its suffix, as readable text: ``stem`` or
-        ``folder/stem``. It does not depend on what else is there.
+        ``folder/stem``. It does not depend on what else is there, but that files which only their type tells apart
+        keep their suffix.
     skipped : tuple of Path
         Other files and folders, in natural order.
     """
@@ -124,7 +125,7 @@ def read_folder(
     Raises
     ------
     InputError
-        If it is no folder, cannot be read, or holds no shape file; or two that would have the same name.
+        If it is no folder, cannot be read, or holds no shape file.
     """
     folder = Path(folder)
     try:
@@ -170,7 +171,7 @@ def shapes_at(
     Raises
     ------
     InputError
-        If nothing is there, or a folder holds no shape file; or two that would have the same name.
+        If nothing is there, or a folder holds no shape file.
     """
     place, text = Path(place), str(place)
     if text.startswith("@"):
@@ -295,24 +296,22 @@ def path_below(folder: Path, file: Path, *, whole: bool = False) -> str:
 def _names_below(folder: Path, files: Sequence[Path], include: Sequence[str]) -> tuple[str, ...]:
     """Return the names of files below a folder; tables that were asked for keep their suffix: they lie beside meshes.
 
-    Raises
-    ------
-    InputError
-        If two of them would be the same: a name that told such files apart would depend on which of them are there.
+    So do files that only their type tells apart: the one case in which what lies beside a file matters to its name.
+    Names that differ only in how accents are encoded get a number.
     """
-    names = tuple(
-        path_below(folder, file, whole=file.suffix.lower() in TABLES and _is_asked(file, include))
-        for file in files
+    asked = [file.suffix.lower() in TABLES and _is_asked(file, include) for file in files]
+    names = [path_below(folder, file, whole=of) for file, of in zip(files, asked, strict=True)]
+    several = {name for name, count in Counter(names).items() if count > 1}
+    names = [
+        path_below(folder, file, whole=True) if name in several else name
+        for file, name in zip(files, names, strict=True)
+    ]
+    counts, order = Counter(names), sorted(map(str, files))
+    numbers = {str(file): order.index(str(file)) + 1 for file in files}
+    return tuple(
+        f"{name} ({numbers[str(file)]})" if counts[name] > 1 else name
+        for file, name in zip(files, names, strict=True)
     )
-    first = dict[str, Path]()
-    for name, file in zip(names, files, strict=True):
-        if name in first:
-            raise InputError(
-                f"{file}: would be called {name!r}, as {first[name].name} beside it is. Rename one of them, or give "
-                f"those that you mean by a pattern ('{file.with_name('*' + file.suffix)}')"
-            )
-        first[name] = file
-    return names
 
 
 def told_apart(paths: Sequence[Path]) -> list[str]:

@@ -110,7 +110,9 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     told = json.loads(
         run_command("align", *places, "--out", out, *FLAGS, "--check", "--json", ends=3).out
     )
-    assert {"right/c", "left/a", "right/metres", "right/a"} < {one["name"] for one in told["shapes"]}
+    assert {"right/c", "left/a", "right/metres", "right/a"} < {
+        one["name"] for one in told["shapes"]
+    }
     ended = run_command("align", folder, "--out", out, ends=2)
     assert "its folders do: left (2), right (4)" in ended.err
 
