@@ -35,11 +35,13 @@ from collalign.stages.kinds.kind_frames import kind_frames, lone_transform
 from collalign.stages.kinds.plan import (
     KindPlan,
     distinct_called,
+    is_read_in_part,
     kinds_of,
     looks_for_kinds,
     options_of_kind,
     plan_kinds,
     settled_kinds,
+    with_all_components,
 )
 from collalign.stages.match_pairs import num_reused_pairs
 from collalign.stages.mixed_sides import sides_of_result
@@ -230,7 +232,10 @@ def align_listing(
         with steps.timed(session, times_s, "kinds"):
             files = dict(zip(listing.names, listing.files, strict=True))
             given = own_points(own, files, asked.cleaning)
-            shapes = prepare_shapes(with_own_samples(task.session, given), listing, given)
+            own_session = with_own_samples(task.session, given)
+            shapes = prepare_shapes(own_session, listing, given)
+            if is_read_in_part(own_session, shapes):
+                shapes = prepare_shapes(with_all_components(own_session), listing, given)
             plan, excluded = plan_kinds(session, shapes, former, labels), shapes.excluded
             at = {name: i for i, name in enumerate(listing.names)}
             task = replace(task, listing=listing.some(at[name] for name in shapes.names))

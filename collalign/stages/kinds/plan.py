@@ -16,6 +16,7 @@ from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import distinct_forms
 from data_tools.names import by_known_names
+from data_tools.surface.cleaning import are_assembled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,6 +146,23 @@ def plan_kinds(
         confidence=tuple(confidence),
         log_odds=alikeness(shapes) if log_odds is None else log_odds,
     )
+
+
+def is_read_in_part(session: AlignSession, shapes: Shapes) -> bool:
+    """Return whether most shapes are assembled of components of which only the largest was read.
+
+    The largest box of a car and of a sofa look alike.
+    """
+    cleaning = session.options.cleaning
+    return cleaning.components == AUTO and are_assembled(
+        cleaning, [one.notes for one in shapes.samples]
+    )
+
+
+def with_all_components(session: AlignSession) -> AlignSession:
+    """Return the session that reads shapes with all of their components."""
+    cleaning = replace(session.options.cleaning, components="all")
+    return replace(session, options=replace(session.options, cleaning=cleaning))
 
 
 def options_of_kind(
