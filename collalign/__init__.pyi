@@ -8,6 +8,7 @@ from . import results as results
 from . import statistics as statistics
 from . import synchronization as synchronization
 from .align import align_collection as align_collection
+from .batch import run_batch as run_batch
 from .engine.run_options import RunOptions as RunOptions
 from .errors import CollalignError as CollalignError
 from .extend import add_to_collection as add_to_collection

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from collalign.align import align_collection
 from collalign.engine.run_options import RunOptions
+from collalign.engine.session import ProgressFactory
 from collalign.engine.store import Store
 from collalign.engine.store_file import STORE_FILE
 from collalign.options import AlignOptions
+from collalign.output.collection import Collection
 from collalign.stages.choose_pairs import planned_edges
 from collalign.stages.forecast import RunEstimate, forecast, try_shapes
+from collalign.stages.kinds.plan import BY_FOLDER
 from collalign.stages.match_pairs import pair_key
 from collalign.stages.shape_stage import wanted_shapes
 from data_tools.checks import as_options
-from data_tools.errors import InputError, OptionsError
+from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.io.files import read_toml, resolved
 from data_tools.io.listing import FolderListing
 from data_tools.io.objects import list_shapes
@@ -34,6 +38,7 @@ class BatchJob:
     out : Path
     recursive, parts : bool
     include : tuple of str
+    kinds_by : {"", "folder"}
     options : AlignOptions
     """
 
@@ -42,7 +47,26 @@ class BatchJob:
     recursive: bool
     parts: bool
     include: tuple[str, ...]
+    kinds_by: Literal["", "folder"]
     options: AlignOptions
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchResult:
+    """What became of one folder of a batch.
+
+    Attributes
+    ----------
+    job : BatchJob
+    collection : Collection or None
+        The result, which is saved in ``job.out``; None where the folder failed.
+    error : str
+        Why it failed; empty where it did not.
+    """
+
+    job: BatchJob
+    collection: Collection | None
+    error: str = ""
 
 
 def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
@@ -50,8 +74,8 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
 
     It is TOML with a table ``[options]`` for all jobs (as in a configuration file of ``collalign align``) and one
     ``[[jobs]]`` per folder with ``folder`` (or a list of several), ``out``, perhaps ``recursive = true``,
-    ``parts = true`` or ``include = ["*.csv"]`` and, where they differ, ``[jobs.options]``. Paths are relative to the
-    file.
+    ``parts = true``, ``include = ["*.csv"]`` or ``kinds_by = "folder"`` and, where they differ, ``[jobs.options]``.
+    Paths are relative to the file. How many processes work is no part of it: that is ``--jobs`` of the command.
 
     Raises
     ------
@@ -66,6 +90,11 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     if unknown:
         raise InputError(f"{path}: unknown entry {unknown[0]!r}; expected [options] and [[jobs]]")
     entries = content.get("jobs")
+    if isinstance(entries, int):
+        raise InputError(
+            f"{path}: jobs = {entries} is no list of folders. For so many processes use `collalign batch {path.name} "
+            f"--jobs {entries}` (in Python run={{'jobs': {entries}}}); each folder is a table [[jobs]]"
+        )
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{path}: no [[jobs]], nothing to do")
     shared = content.get("options", {})
@@ -76,6 +105,72 @@ def read_batch(path: str | Path) -> tuple[BatchJob, ...]:
     if len(set(outs)) < len(outs):
         raise InputError(f"{path}: two jobs write to the same folder")
     return jobs
+
+
+@one_blas_thread()
+def run_batch(
+    batch: str | Path | Sequence[BatchJob],
+    *,
+    run: RunOptions | Mapping[str, Any] | None = None,
+    progress: ProgressFactory | bool = True,
+) -> tuple[BatchResult, ...]:
+    """Align many folders, one after the other, and save each result in its folder.
+
+    A folder that fails does not stop the others. Each result folder keeps a store, out of which an interrupted batch
+    goes on when it is called again; ``run.store`` names one for all folders instead.
+
+    Parameters
+    ----------
+    batch : str, Path or sequence of BatchJob
+        A file as :func:`read_batch` reads it, or what it returned.
+    run : RunOptions or mapping, optional
+        Processes, store, limits: how the work is done.
+    progress : bool or callable
+        As in :func:`collalign.align_collection`.
+
+    Returns
+    -------
+    tuple of BatchResult
+        One for each job, in order.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, names nothing to do, or two jobs share a folder for results.
+    OptionsError
+        If an option is unknown or impossible.
+
+    Examples
+    --------
+    >>> found = collalign.run_batch("batch.toml", run={"jobs": 1}, progress=False)  # of bones and of a folder "no"
+    >>> [one.collection is not None for one in found]
+    [True, False]
+    >>> "no such folder" in found[1].error
+    True
+    """
+    how = as_options("run", run, RunOptions)
+    jobs = read_batch(batch) if isinstance(batch, str | Path) else tuple(batch)
+    return tuple(_run_job(job, how, progress) for job in jobs)
+
+
+def _run_job(job: BatchJob, run: RunOptions, progress: ProgressFactory | bool) -> BatchResult:
+    """Align and save one folder; what fails is said."""
+    try:
+        job.out.mkdir(parents=True, exist_ok=True)
+        found = align_collection(
+            [*job.folders] if job.folders[1:] else job.folders[0],
+            options=job.options,
+            run=replace(run, store=run.store or job.out / STORE_FILE),
+            recursive=job.recursive,
+            parts=job.parts,
+            include=job.include,
+            kinds=job.kinds_by,
+            progress=progress,
+        )
+        found.save(job.out)
+    except (CollalignError, OSError) as error:
+        return BatchResult(job=job, collection=None, error=str(error))
+    return BatchResult(job=job, collection=found)
 
 
 @one_blas_thread()
@@ -104,6 +199,7 @@ def estimate_job(job: BatchJob, run: RunOptions) -> RunEstimate:
         options,
         run.num_workers,
         pilot=asks_sides,
+        is_assembled=trial.is_assembled,
         start_s=trial.start_s,
         sizes=trial.sizes,
     )
@@ -126,10 +222,11 @@ def _workload(
 
 def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> BatchJob:
     name = f"{path}: job {number}"
-    known = {"folder", "out", "recursive", "parts", "include", "options"}
+    known = {"folder", "out", "recursive", "parts", "include", "kinds_by", "options"}
     if not isinstance(entry, dict) or not {"folder", "out"} <= entry.keys() <= known:
         raise InputError(
-            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts', 'include' and 'options'"
+            f"{name}: expected 'folder', 'out' and perhaps 'recursive', 'parts', 'include', 'kinds_by' "
+            "and 'options'"
         )
     places = entry["folder"] if isinstance(entry["folder"], list) else [entry["folder"]]
     if not places or not all(isinstance(place, str) for place in (*places, entry["out"])):
@@ -142,11 +239,20 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
     include = entry.get("include", [])
     if not isinstance(include, list) or not all(isinstance(one, str) for one in include):
         raise InputError(f"{name}: 'include' must be a list of patterns in quotes")
+    kinds_by = entry.get("kinds_by", "")
+    if kinds_by not in ("", BY_FOLDER):
+        raise InputError(f"{name}: 'kinds_by' must be {BY_FOLDER!r}, got {kinds_by!r}")
     special = entry.get("options", {})
     if not isinstance(special, dict):
         raise InputError(f"{name}: [jobs.options] must be a table")
+    merged = _merged(shared, special)
+    if "jobs" in merged:
+        raise OptionsError(
+            f"{name}: the number of processes decides no result and is no option of a job; use `collalign batch "
+            f"{path.name} --jobs {merged['jobs']}`"
+        )
     try:
-        options = as_options("options", _merged(shared, special), AlignOptions)
+        options = as_options("options", merged, AlignOptions)
     except OptionsError as error:
         raise OptionsError(f"{name}: {error}") from None
     folders = tuple(
@@ -157,6 +263,7 @@ def _job(path: Path, number: int, entry: Any, shared: Mapping[str, Any]) -> Batc
         folders=folders,
         out=path.parent / entry["out"],
         include=tuple(include),
+        kinds_by=kinds_by,
         options=options,
         **how,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from collalign.engine.session import ProgressFactory, Session
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
+from collalign.output.moved_files import missing_files
 from collalign.products.pair import FormerPairs
 from data_tools.arrays import read_only
 from data_tools.checks import as_options
@@ -37,6 +38,7 @@ def add_to_collection(
     parts: bool = False,
     include: Sequence[str] = (),
     columns: str = "",
+    kinds: Mapping[str, str] | Literal["", "folder"] = "",
     progress: ProgressFactory | bool = True,
 ) -> Collection:
     """Align more shapes to an existing result, with the options of that result.
@@ -50,14 +52,17 @@ def add_to_collection(
         A result, or the folder that :meth:`Collection.save` wrote.
     shapes : str, Path, iterable or mapping
         The new shapes, as :func:`collalign.align_collection` takes them. Files whose content the collection has
-        already are skipped, whatever they are called: an inbox can be added again and again. The names of the others
-        must be new.
+        already are skipped, whatever they are called: an inbox can be added again and again. A shape whose name is
+        taken is called by its folder as well (``new/desk_00``). Files of the result that are not where they were are
+        recognised by their content.
     run : RunOptions or mapping, optional
         With the store of the first run, no old pair is matched again.
     recursive, parts, include, progress
         As in :func:`collalign.align_collection`.
     columns : str, optional
         As in :class:`CleaningOptions`, where the result was made without.
+    kinds
+        Of the new shapes, as in :func:`collalign.align_collection`. Old shapes stay of their kind.
 
     Returns
     -------
@@ -69,8 +74,8 @@ def add_to_collection(
     Raises
     ------
     InputError
-        If the folder holds no result, an old file has vanished or a name is taken; or if the result was made with
-        other ``columns``.
+        If the folder holds no result, an old file has vanished, a shape from memory has a name that is taken, or the
+        result was made with other ``columns``.
 
     Examples
     --------
@@ -81,18 +86,16 @@ def add_to_collection(
     True
     """
     former = load(result)
+    if not all(former.files):
+        former.source_files()  # which says what came from memory, before any folder is looked at
+    listed = list_shapes(shapes, recursive=recursive, parts=parts, include=include)
+    former = _with_moved(former, listed)
     files = former.source_files()
     options = _with_columns(former.options, columns)
-    new, known = _without_known(
-        list_shapes(shapes, recursive=recursive, parts=parts, include=include), former.names, files
-    )
+    new, known = _without_known(listed, former.names, files)
     if not new.files:
         return replace(former, run=replace(former.run, known=known))
-    taken = sorted(set(former.names) & set(new.names))
-    if taken:
-        raise InputError(
-            f"the collection has a shape called {taken[0]!r} already; rename the new one"
-        )
+    new = replace(new, names=_free_names(new, former.names))
     listing = FolderListing(
         files=files + new.files, names=former.names + new.names, skipped=new.skipped
     )
@@ -106,8 +109,11 @@ def add_to_collection(
             session,
             listing,
             kept=dict(zip(former.names, former.transforms, strict=True)),
-            former=FormerPairs(num_shapes=len(files), edges=edges, group=former.group),
+            former=FormerPairs(
+                num_shapes=len(files), edges=edges, group=former.group, kinds=former.kinds
+            ),
             incomplete=[former.names[one.shape] for one in former.incomplete],
+            kinds=kinds,
         )
     stated = dict(zip(former.names, former.confidence.tolist(), strict=True))
     confidence = [
@@ -123,6 +129,49 @@ def add_to_collection(
         excluded=(*left_out, *aligned.excluded),
         run=replace(aligned.run, known=known),
     )
+
+
+def _with_moved(former: Collection, listed: FolderListing) -> Collection:
+    """Return a result whose files that are not where they were lie among those listed, where these have them."""
+    missing = {
+        former.digests[at]
+        for at, file in enumerate(former.files)
+        if file and file in missing_files([file])
+    }
+    if not missing:
+        return former
+    found = {_digest(file): str(file) for file in listed.files if isinstance(file, Path)}
+    moved = tuple(
+        found.get(digest, file) if digest in missing else file
+        for digest, file in zip(former.digests, former.files, strict=True)
+    )
+    return replace(former, files=moved)
+
+
+def _free_names(new: FolderListing, taken: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of new shapes, with as many of their folders as tell them from those that are taken.
+
+    Raises
+    ------
+    InputError
+        If a shape from memory has a name that is taken, or no folder tells two files apart.
+    """
+    used, names = {*taken, *new.names}, list[str]()
+    for name, file in zip(new.names, new.files, strict=True):
+        free = name
+        if name in taken:
+            above = [] if isinstance(file, Source) else [*file.absolute().parents]
+            for folder in above[name.count("/") :]:
+                free = f"{readable_name(folder)}/{free}"
+                if free not in used:
+                    break
+            if free in used:
+                raise InputError(
+                    f"the collection has a shape called {name!r} already; rename the new one"
+                )
+        used.add(free)
+        names.append(free)
+    return tuple(names)
 
 
 def _with_columns(options: AlignOptions, columns: str) -> AlignOptions:

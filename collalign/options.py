@@ -80,6 +80,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "maps": "never",
         "incomplete": NEVER,
         "refine": False,
+        "clusters": 1,
         "sampling": {"num_points": 20, "num_dense_points": 0},
         "embedding": {"kind": "xyz+lb"},
         "matching": {"strategy": "relaxation", "row_sums": False, "num_draws": 0},
@@ -116,9 +117,8 @@ class AlignOptions:
         components; they take about a tenth of a second a pair, and need meshes.
     incomplete : str
         Shapes of which parts are missing: their names, separated by commas; never, all (scans from several sides), or
-        auto for those beyond whose rim the others go on (not in folders that are split into clusters: what is of
-        another kind goes on elsewhere too). They are posed on the complete ones, or where there is none on each
-        other, by what has a counterpart there.
+        auto for those beyond whose rim the others go on. They are posed on the complete ones of their kind, or where
+        there is none on each other, by what has a counterpart there.
     ignore_extra : bool
         Leave material that no other shape has, such as a stand, plaster or a neighbouring bone, out of
         correspondences and statistics. Poses ignore it in any case, and a note says where it is.
@@ -142,8 +142,8 @@ class AlignOptions:
         Where the common frame has its origin: at a landmark of the reference, at a point of its file (1,2,3), or at
         the origin of that (file); by default in the middle of each shape.
     clusters : int
-        Parts that a mixed folder is split into, each aligned on its own and then rotated to the others; 0 finds their
-        number, 1 aligns all shapes together.
+        Kinds of shapes in a mixed folder, each of which is aligned by itself; 0 finds out whether there are several,
+        1 aligns all shapes together.
     seed : int
         Seed of everything random; the same seed gives the same bytes.
     certify : bool
@@ -184,7 +184,7 @@ class AlignOptions:
     up: str = ""
     front: str = ""
     origin: str = ""
-    clusters: int = 1
+    clusters: int = 0
     seed: int = 0
     certify: bool = False
     certify_budget_s: float = 600.0
@@ -212,7 +212,7 @@ class AlignOptions:
             raise OptionsError(
                 "reference: the gauge 'axes' takes no reference; choose one of the two"
             )
-        if self.clusters != 1 and self.synchronization != "robust":
+        if self.clusters > 1 and self.synchronization != "robust":
             raise OptionsError("clusters: only the robust synchronization splits a collection")
         if self.certify and self.embedding.has_eigenfunctions:
             raise OptionsError(

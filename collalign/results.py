@@ -1,7 +1,9 @@
 """What results are made of: frozen classes with read-only arrays, for annotations and to look up attributes."""
 
+from collalign.batch import BatchJob, BatchResult
 from collalign.output.collection_data import AlignedShape
-from collalign.output.members import Members
+from collalign.output.members import Members, Selection
+from collalign.products.kinds import Kind
 from collalign.products.pair import AlignedPair, Alternative, Pair
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, ExtraMaterial, Incomplete, PosedFile
@@ -18,12 +20,15 @@ __all__ = [
     "AlignedPair",
     "AlignedShape",
     "Alternative",
+    "BatchJob",
+    "BatchResult",
     "CertifiedCollection",
     "Copies",
     "Excluded",
     "ExtraMaterial",
     "Incomplete",
     "JointBound",
+    "Kind",
     "Made",
     "Members",
     "Note",
@@ -34,6 +39,7 @@ __all__ = [
     "PosedFile",
     "RigidMatch",
     "RunRecord",
+    "Selection",
     "Stability",
     "Trust",
 ]

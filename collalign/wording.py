@@ -61,8 +61,6 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "contradicted-kept": "{shapes}: POSE KEPT FROM THE EARLIER RESULT, BUT MOST PAIRS CONTRADICT IT. Look at it "
     "again.",
     "copies": lambda of: _copies(of, **of.values),
-    "different-parts": "The shapes are split into {num} parts, of {sizes} shapes. Poses can be compared within each "
-    "part. How the parts are rotated against each other is uncertain.",
     "components-joined": "Matched by all components, which tell poses apart better than the largest ones: {shapes}. "
     "To forbid this, use --cleaning.components largest.",
     "components-left-out": "In doubt, and matched without their smaller components: {shapes}. If these belong to the "
@@ -93,6 +91,32 @@ COLLECTION_TEXTS: dict[str, _Text] = {
     "much-smaller": lambda of: (
         f"Much smaller than the median shape: {_sized(of)}. The files may be in another unit."
     ),
+    "kind-alone": lambda of: (
+        f"The only {'one of its' if len(of.shapes) == 1 else 'ones of their'} kind: {listed(of.shapes)}. "
+        f"{'It is' if len(of.shapes) == 1 else 'Each is'} kept as in the file, because there is nothing to align "
+        f"{'it' if len(of.shapes) == 1 else 'them'} with."
+    ),
+    "kind-of": lambda of: _of_kind(of, **of.values),
+    "kinds-found": lambda of: (
+        f"The folder holds {of.values['num']} kinds of shapes, and each is aligned by itself: "
+        f"{'; '.join(of.values['groups'])}. This split is {percent(of.values['confidence'])} sure. To align all "
+        "together, use --clusters 1; to say how many kinds there are, --clusters K; to say which, --kinds-by."
+    ),
+    "kinds-given": lambda of: (
+        f"Each of {of.values['num']} kinds is aligned by itself: {'; '.join(of.values['groups'])}."
+    ),
+    "kinds-apart": lambda of: (
+        f"Not aligned with the kind of the reference, because pairs do not agree on a common frame: "
+        f"{', '.join(of.values['kinds'])}. Compare poses within each of these kinds only."
+    ),
+    "kinds-posed": lambda of: (
+        "Rotated to the kind of the reference as most pairs of similar shapes ask for: "
+        + ", ".join(
+            f"{kind} ({percent(share)} of pairs agree)"
+            for kind, share in zip(of.values["kinds"], of.values["shares"], strict=True)
+        )
+        + ". That is less sure than poses within a kind. Look at one shape of each."
+    ),
     "no-confidence": "No confidence is known for any pose: the synchronization {method} does not estimate it.",
     "no-vertex-maps": "There are no maps of vertices: fewer than two meshes could be mapped to each other.",
     "not-reflected": "No mix of left and right specimens was found, so no shapes were reflected. In {num_better} of "
@@ -116,8 +140,8 @@ COLLECTION_TEXTS: dict[str, _Text] = {
         f"Of another size than the others: {_sized(of)}. If they are not young or of another kind, check unit and "
         "voxel size, and whether a diameter was taken for a radius."
     ),
-    "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If the folder "
-    "holds several kinds, use --clusters 0 to align each by itself.",
+    "several-kinds": "The pairs agree within {num} groups of shapes, but not between them: {groups}. If these are "
+    "kinds of their own, use --clusters {num} or --kinds-by to align each by itself.",
     "shared-pieces": lambda of: (
         "Taken as the object, as the other files show it, beside pieces as large or larger: "
         f"{_with(of, map(percent, of.values['shares']))} of the area left out. To match these too, use "
@@ -329,6 +353,7 @@ _REASONS = {
     "overlap-alone": "nothing but overlap joins it to the others",
     "doubtful": "in doubt",
     "incomplete": "incomplete",
+    "alone": "the only one of its kind",
     "other-part": "not aligned with the largest part",
     "excluded": "excluded by name",
     "no-trusted-pair": "no trusted pair connects it to the others",
@@ -603,6 +628,10 @@ _REORDERED = {
     "exchanged": "are the names exchanged?",
     "renamed": "one landmark under two names?",
 }
+
+
+def _of_kind(note: Note, of_kind: str, of_code: str, **values: Value) -> str:
+    return f"Of {of_kind}: {note_text(Note(of_code, note.shapes, values))}"
 
 
 def _templates_reordered(

@@ -101,6 +101,8 @@ def what_a_user_has(tmp_path_factory):
     write_mesh(folder / "piece.ply", Shape.from_arrays(whole.vertices, whole.faces[kept]))
     np.save(folder / "points.npy", rng.random((40, 3)))
     np.save(folder / "landmarks.npy", digitised(rng))
+    jobs = ("[[jobs]]", "folder = 'bones'", "out = 'a'", "[[jobs]]", "folder = 'no'", "out = 'b'")
+    (folder / "batch.toml").write_text("\n".join(jobs))
     run = {"jobs": 1, "store": folder / "store.sqlite"}
     collalign.align_collection(folder / "bones", run=run, progress=False).save(folder / "aligned")
     return folder

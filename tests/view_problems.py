@@ -81,6 +81,7 @@ def view_of(num_shapes=10, *, seed=0, num_missing=0, subdivisions=2):
             (Alternative(rotation=half_turn @ R[at], log_odds=0.7),) if at == 1 else ()
             for at in range(num_shapes)
         ),
+        digests=tuple(f"{at:040x}" for at in range(num_shapes)),
         part_numbers=np.zeros(num_shapes, dtype=np.int64),
         labels={
             "taxon": kinds,

@@ -6,9 +6,10 @@ import itertools
 import json
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -42,16 +43,15 @@ from collalign.output.write import (
 )
 from collalign.products.own import Own
 from collalign.products.run_record import REST
-from collalign.products.trust import DOUBT
 from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.listing import FolderListing, read_folder
+from data_tools.io.listing import FolderListing, hash_shape, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.source import inputs_of, location
-from data_tools.notes import Note, percent
+from data_tools.notes import Note, listed, percent
 from data_tools.poses import scales_of
 from data_tools.rotations import rotation_angle_deg
 
@@ -77,7 +77,7 @@ class Given:
     Parameters
     ----------
     recursive : bool
-        Take the folders in a folder too; files of one name are called folder/name.
+        Take the folders in a folder too; their shapes are called folder/name.
     parts : bool
         The files of a folder in a folder, and A.part.ply, are parts of one specimen that move as one.
     corrections : list of Path, optional
@@ -86,6 +86,8 @@ class Given:
         CSV file with one row per shape (name, then columns such as taxon), for the report.
     marks : Path, optional
         Landmark file of one shape, called like it or given as SHAPE=FILE, for --up, --front and --origin.
+    kinds_by : str
+        What says which shapes are of one kind, where you know it: folder, or a column of --labels.
     own : Path, optional
         JSON file with candidate poses and weights of pairs, samples and descriptors of your own.
     """
@@ -98,6 +100,7 @@ class Given:
 
     labels: Path | None = None
     marks: Path | None = None
+    kinds_by: str = ""
     own: Path | None = None
 
 
@@ -146,6 +149,7 @@ def align(
     decided = [read_corrections(path) for path in given.corrections or ()]
     fixed, kept = fixed_by(decided, listing.names, options.incomplete)
     table = _labels(given.labels, listing.names)
+    kinds = _kinds(given.kinds_by, table, listing.names)
     if check:
         return check_shapes(listing, options, run)
     if out is None:
@@ -158,7 +162,13 @@ def align(
         with Session.open(options, run, progress_display(True)) as session:
             incomplete = {name for one in decided for name in one.incomplete}
             collection = align_listing(
-                session, listing, fixed=fixed, kept=kept, incomplete=incomplete, own=own
+                session,
+                listing,
+                fixed=fixed,
+                kept=kept,
+                incomplete=incomplete,
+                own=own,
+                kinds=kinds,
             )
         collection = _with_notes_of(collection, table)
         written = _save(collection, output, table, run, report=report)
@@ -174,6 +184,7 @@ def add(
     include: Included = (),
     columns: str = "",
     labels: Path | None = None,
+    kinds_by: str = "",
     report: bool = True,
     run: Annotated[RunOptions, Parameter(name="*")] = RunOptions(),  # noqa: B008
 ) -> int:
@@ -191,6 +202,8 @@ def add(
         Names of the columns of new text tables, as in ``collalign align``, where the result was made without.
     labels
         CSV file with one row per shape, old and new, for the report.
+    kinds_by
+        What says of which kind the new shapes are: folder, or a column of --labels.
     report
         Write report.html.
     """
@@ -199,7 +212,13 @@ def add(
     with resumable(run, result) as run, folders as output, lasting_workers():
         former = load(result)
         table = _labels(labels, (*former.names, *listing.names))
-        collection = collalign.add_to_collection(former, listing, columns=columns, run=run)
+        collection = collalign.add_to_collection(
+            former,
+            listing,
+            columns=columns,
+            kinds=_kinds(kinds_by, table, listing.names),
+            run=run,
+        )
         _say_known(collection)
         if collection.fresh is None:
             say("There is nothing new to add; the result stays as it is.")
@@ -289,13 +308,19 @@ def _refuse_to_drop(out: Path, listing: FolderListing) -> None:
     except InputError:  # the run makes it anew
         return
     files = {location(file.absolute()) for file in listing.files}
-    dropped = [
-        name
-        for name, file in zip(former.names, former.files, strict=True)
+    dropped = {
+        name: digest
+        for name, file, digest in zip(former.names, former.files, former.digests, strict=True)
         if name not in listing.names and file not in files and is_there(file)
-    ]
+    }
     if dropped:
-        shown = ", ".join(dropped[:10]) + (", ..." if dropped[10:] else "")
+        contents = set[str]()
+        for file in listing.files:
+            with suppress(InputError):  # the run says why a file cannot be read
+                contents.add(hash_shape(file))
+        dropped = {name: digest for name, digest in dropped.items() if digest not in contents}
+    if dropped:
+        shown = ", ".join([*dropped][:10]) + (", ..." if len(dropped) > 10 else "")
         raise InputError(
             f"{out}: the result there has {len(dropped)} more shapes, which would be lost: {shown}. Name their files "
             "too, or another --out; with --drop they are left out"
@@ -320,6 +345,26 @@ def _labels(path: Path | None, names: Sequence[str]) -> Labels | None:
     for note in table.mismatches(names):
         warn(note_text(note))
     return table
+
+
+def _kinds(
+    kinds_by: str, table: Labels | None, names: Sequence[str]
+) -> dict[str, str] | Literal["", "folder"]:
+    """Return the kind of each shape that has a label, or that the folders say it."""
+    if kinds_by == "folder":
+        return "folder"
+    if not kinds_by:
+        return ""
+    if table is None:
+        raise OptionsError(
+            f"--kinds-by: expected 'folder' or a column of --labels, got {kinds_by!r} without --labels"
+        )
+    columns = table.columns_for(names)
+    if kinds_by not in columns:
+        raise InputError(
+            f"--kinds-by: the labels have no column {kinds_by!r}; there are {listed([*columns])}"
+        )
+    return {name: kind for name, kind in zip(names, columns[kinds_by], strict=True) if kind}
 
 
 def _with_notes_of(collection: Collection, table: Labels | None) -> Collection:
@@ -392,11 +437,8 @@ def _doubtful(collection: Collection) -> dict[str, float]:
     )
     if max(stated.values()) < 0:
         return {}
-    return {
-        name: stated[name]
-        for name in sorted(stated, key=lambda name: stated[name])
-        if stated[name] < DOUBT
-    }
+    doubted = {collection.names[at] for at in np.flatnonzero(collection.is_doubtful)}
+    return {name: stated[name] for name in sorted(doubted, key=lambda name: (stated[name], name))}
 
 
 def _finish(collection: Collection, written: Sequence[Path]) -> int:

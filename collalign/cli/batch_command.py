@@ -47,7 +47,12 @@ def batch(
                     code = align(
                         [*job.folders],
                         out=job.out,
-                        given=Given(recursive=job.recursive, parts=job.parts, include=job.include),
+                        given=Given(
+                            recursive=job.recursive,
+                            parts=job.parts,
+                            include=job.include,
+                            kinds_by=job.kinds_by,
+                        ),
                         options=job.options,
                         run=run,
                     )

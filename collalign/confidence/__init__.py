@@ -6,7 +6,9 @@
 * ``overlap_model``: of surfaces that share a part
 * ``incomplete_model``: of an incomplete shape
 * ``map_model``: of a map
+* ``kind_model``: of two shapes of one kind
 * ``radius_model``: of a carried landmark
+* ``reliability_model``: how often what is stated is right
 
 A model takes evidence and returns a judgement; what gathers the evidence lies elsewhere. ``python -m experiments
 calibrate`` fits or tries all of them again. A tuned number has its table here, or the module of its estimator, with

@@ -52,6 +52,7 @@ _BASIC = frozenset(
             "group",
             "jobs",
             "labels",
+            "kinds-by",
             "landmarks",
             "leave-one-out",
             "nonrigid",

@@ -90,7 +90,7 @@ class TablePlugin(WorkerPlugin):  # type: ignore[misc]  # its types are not look
 _TABLES: dict[str, SharedTable] = {}
 
 
-def run_batch(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]:
+def run_share(call: Call, table_name: str | None, batch: Batch) -> list[Outcome]:
     """Run a batch on a Dask worker.
 
     Raises
@@ -154,7 +154,7 @@ class _DaskRun:
     def _submit(self, batch: Batch) -> Future:
         name = None if self._plugin is None else self._plugin.name
         future = self._cluster.ask(
-            self._cluster.client.submit, run_batch, self._call, name, batch, pure=False
+            self._cluster.client.submit, run_share, self._call, name, batch, pure=False
         )
         future.add_done_callback(self._ended.put)
         return future

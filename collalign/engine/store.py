@@ -249,7 +249,11 @@ class Store:
         return [key for key in keys if key not in settled]
 
     def status(self) -> dict[str, dict[str, int]]:
-        """Return, for each kind, how much is ``planned``, and of that ``done``, ``failed`` and ``left``."""
+        """Return, for each kind, how much is ``planned``, and of that ``done``, ``failed`` and ``left``.
+
+        What has one label counts once, however often a run looked at it: a shape that was read with all its
+        components and without, or a pair that was matched with reflections and without.
+        """
         return {kind: self._counts(kind) for kind in KINDS}
 
     def median_seconds(self, kind: str) -> float:
@@ -274,14 +278,16 @@ class Store:
         failed = (
             "EXISTS (SELECT 1 FROM failures AS f WHERE f.kind = plan.kind AND f.key = plan.key)"
         )
-        sql = f"SELECT count(*), total({done}), total(NOT {done} AND {failed}) FROM plan WHERE kind = ?"
-        ((planned, num_done, num_failed),) = self._query(sql, (kind,))
-        num_done, num_failed = int(num_done), int(num_failed)
+        numbers = f"count(*), total({done}), total(NOT {done} AND {failed})"
+        sql = f"SELECT {numbers} FROM plan WHERE kind = ? GROUP BY label"
+        rows = self._query(sql, (kind,))
+        left = sum(count > num_done + num_failed for count, num_done, num_failed in rows)
+        num_failed = sum(bad > 0 and not good and count == good + bad for count, good, bad in rows)
         return {
-            "planned": planned,
-            "done": num_done,
+            "planned": len(rows),
+            "done": len(rows) - left - num_failed,
             "failed": num_failed,
-            "left": planned - num_done - num_failed,
+            "left": left,
         }
 
     def _query(self, sql: str, values: tuple[Any, ...] = ()) -> list[Any]:

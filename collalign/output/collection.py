@@ -17,12 +17,12 @@ from collalign.engine.run_options import RunOptions
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import shown_pair
 from collalign.output.library_objects import open3d_of, trimesh_of
+from collalign.output.members import Selection, select_right
 from collalign.output.provenance import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
 from collalign.output.write import WRITER, save_collection
 from collalign.products.named_frame import NamedFrame
-from collalign.products.trust import DOUBT
 from data_tools.arrays import IntArray
 from data_tools.checks import check_choice
 from data_tools.errors import CollalignError
@@ -64,8 +64,7 @@ def gallery(collection: CollectionData) -> str:
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable")[:_MOST_SHOWN]
     rows = [
         f"<tr><td>{html.escape(one.name)}</td><td>{percent(one.confidence)}</td></tr>"
-        for one in (collection[at] for at in order.tolist())
-        if not one.confidence >= DOUBT
+        for one in (collection[at] for at in order.tolist() if collection.is_doubtful[at])
     ]
     table = (
         f"<table><tr><th>In doubt</th><th>Confidence</th></tr>{''.join(rows)}</table>"
@@ -136,6 +135,8 @@ class Collection(CollectionData):
         N names, unique.
     files : tuple of str
         Where each shape was read from; empty where it came from memory.
+    digests : tuple of str
+        Of each file's content: a shape keeps it wherever its file moves.
     transforms : ndarray, shape (N, 4, 4)
         Each shape's file coordinates to the common frame, scale and reflection included.
     confidence : ndarray, shape (N,)
@@ -158,6 +159,8 @@ class Collection(CollectionData):
         would tell apart, without their maps.
     alternatives : tuple of tuple of Alternative
         Other poses of each shape, the likeliest first.
+    kinds : tuple of Kind
+        Which shapes are of which kind, each posed by itself; empty where all are of one.
     part_numbers : ndarray of int, shape (N,)
         Shapes of different parts are not aligned with each other: their relative poses are unknown or ambiguous.
     excluded : tuple of Excluded
@@ -314,6 +317,28 @@ class Collection(CollectionData):
     ) -> dict[str, Any]:
         chosen = [self.index(shape) for shape in (self.names if shapes is None else shapes)]
         return {self.names[at]: convert(self.shape_at(at, aligned=True)) for at in chosen}
+
+    def select(self, *, right: float = 0.99) -> Selection:
+        """Return the shapes to keep so that a share of their poses is expected to be right.
+
+        The share comes from how often poses that were stated so surely were right in the development sets.
+
+        Parameters
+        ----------
+        right : float
+            The share, between 0 and 1. As many shapes as possible are kept, the surest first.
+
+        Returns
+        -------
+        Selection
+            Its text says how many shapes it keeps, and what share of them is expected to be right.
+
+        Raises
+        ------
+        OptionsError
+            If it is no share.
+        """
+        return select_right(self, right)
 
     def to_dataframe(self, of: Literal["shapes", "pairs"] = "shapes") -> Any:
         """Return a ``pandas.DataFrame`` with one row per shape, or per matched pair."""

@@ -17,6 +17,7 @@ from collalign.output.moved_files import find_files, is_there
 from collalign.output.vertex_maps import VERTEX_MAPS_FILE, load_vertex_maps
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.consistent_maps import ConsistentMaps, VertexMaps, position_of
+from collalign.products.kinds import Kind
 from collalign.products.pair import AlignedPair, Alternative, Pairs
 from collalign.products.run_record import Made, RunRecord
 from collalign.products.shapes import Excluded, ExtraMaterial, Incomplete, PosedFile
@@ -25,7 +26,7 @@ from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray, one_line
 from data_tools.embedding.copies import Copies
 from data_tools.errors import InputError, UnavailableError
 from data_tools.io.files import composed, file_stems
-from data_tools.io.listing import hash_shape
+from data_tools.io.listing import hash_shape, relative_path
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import inputs_of
 from data_tools.notes import Note
@@ -46,6 +47,10 @@ class AlignedShape:
     ----------
     name, file : str
         The file is empty where the shape came from memory.
+    relative_path : str
+        Of the file, below the place that was aligned; empty where the shape came from memory.
+    digest : str
+        Of the content: the same whatever the file is called and wherever it lies.
     transform : ndarray, shape (4, 4)
         File coordinates to the common frame.
     reflected : bool
@@ -55,17 +60,25 @@ class AlignedShape:
         Of its corresponding points, in the unit of its file.
     part : int
         Shapes of different parts are not aligned with each other.
+    kind : str
+        The name of its kind; empty where all shapes are of one.
+    is_alone : bool
+        Whether it is the only one of its kind, so that its pose compares with no other.
     alternatives : tuple of Alternative
         Other poses, the likeliest first.
     """
 
     name: str
     file: str
+    relative_path: str
+    digest: str
     transform: FloatArray
     reflected: bool
     confidence: float
     centroid_size: float
     part: int
+    kind: str
+    is_alone: bool
     alternatives: tuple[Alternative, ...]
 
     __repr__ = one_line
@@ -77,6 +90,7 @@ class CollectionData:
 
     names: tuple[str, ...]
     files: tuple[str, ...]
+    digests: tuple[str, ...]
     transforms: Annotated[FloatArray, Holds(shape="n 4 4")]
     confidence: Annotated[FloatArray, Holds(shape="n", nan=True)]
     samples: Annotated[IntArray, Holds(shape="n k")]
@@ -88,6 +102,7 @@ class CollectionData:
     pairs: Sequence[AlignedPair]
     alternatives: tuple[tuple[Alternative, ...], ...]
     part_numbers: Annotated[IntArray, Holds(shape="n")]
+    kinds: tuple[Kind, ...] = ()
     excluded: tuple[Excluded, ...] = ()
     notes: tuple[Note, ...] = ()
     copies: tuple[Copies, ...] = ()
@@ -115,7 +130,8 @@ class CollectionData:
         object.__setattr__(self, "pairs", Pairs.of(self.pairs, self.names))
 
     def __repr__(self) -> str:
-        doubtful, reflected = int((self.confidence < DOUBT).sum()), int(self.reflected.sum())
+        known = ~np.isnan(self.confidence)
+        doubtful, reflected = int((self.is_doubtful & known).sum()), int(self.reflected.sum())
         found = f"{len(self)} shapes, {len(self.pairs)} pairs, {doubtful} doubtful, {reflected} reflected"
         return f"<{type(self).__name__}: {found}>"
 
@@ -161,17 +177,45 @@ class CollectionData:
         return AlignedShape(
             name=self.names[at],
             file=self.files[at],
+            relative_path=self.relative_paths[at],
+            digest=self.digests[at],
             transform=self.transforms[at],
             reflected=bool(self.reflected[at]),
             confidence=float(self.confidence[at]),
             centroid_size=float(self.centroid_sizes[at]),
             part=int(self.part_numbers[at]),
+            kind=self.kind_names[at],
+            is_alone=bool(self.is_alone[at]),
             alternatives=self.alternatives[at],
         )
 
     def index(self, shape: str | int) -> int:
         """Return the position of a shape; an unknown name is an ``UnknownName``."""
         return position_of(self.names, shape)
+
+    @property
+    def relative_paths(self) -> tuple[str, ...]:
+        """The path of each file below the place that was aligned, length N; empty where a shape came from memory."""
+        return tuple(map(relative_path, self.names, self.files))
+
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """The kind of each shape, length N; empty where all are of one."""
+        found = dict.fromkeys(range(len(self)), "")
+        for kind in self.kinds:
+            found |= dict.fromkeys(kind.shapes.tolist(), kind.called)
+        return tuple(found.values())
+
+    @property
+    def is_alone(self) -> BoolArray:
+        """Whether each shape is the only one of its kind, shape (N,)."""
+        alone = [int(kind.shapes[0]) for kind in self.kinds if kind.is_alone]
+        return np.isin(np.arange(len(self)), alone)
+
+    @property
+    def is_doubtful(self) -> BoolArray:
+        """Whether each pose is in doubt, shape (N,): not sure, of a shape that is not the only one of its kind."""
+        return ~(self.confidence >= DOUBT) & ~self.is_alone
 
     @property
     def scales(self) -> FloatArray:
@@ -251,14 +295,16 @@ class CollectionData:
         return tuple(self.file(at) for at in range(len(self)))
 
     def with_sources(self, folder: str | Path) -> Self:
-        """Return the same result with the original files in another folder, where they are looked for by name.
+        """Return the same result with the original files in another folder.
+
+        They are looked for by name, and renamed ones by their content.
 
         Raises
         ------
         InputError
             If the folder holds none of them, or one file would stand for two shapes.
         """
-        return replace(self, files=find_files(self.names, self.files, folder))
+        return replace(self, files=find_files(self.names, self.files, self.digests, folder))
 
     @cached_property
     def surfaces(self) -> tuple[tuple[FloatArray, IntArray], ...]:
@@ -304,6 +350,7 @@ class CollectionData:
             self,
             names=of(self.names),
             files=of(self.files),
+            digests=of(self.digests),
             transforms=self.transforms[chosen],
             confidence=self.confidence[chosen],
             samples=self.samples[chosen],
@@ -317,6 +364,9 @@ class CollectionData:
             ],
             alternatives=of(self.alternatives),
             part_numbers=self.part_numbers[chosen],
+            kinds=tuple(
+                kind.among(position) for kind in self.kinds if {*kind.shapes.tolist()} & {*position}
+            ),
             incomplete=tuple(
                 one.among(position) for one in self.incomplete if one.shape in position
             ),
@@ -350,22 +400,23 @@ class CollectionData:
             )
         return self.fresh
 
+    def cleaning_of(self, at: int) -> CleaningOptions:
+        """Return how the file of a shape was read, which may differ between kinds, and by its components."""
+        of_kind = (kind.cleaning for kind in self.kinds if at in kind.shapes)
+        cleaning = next(of_kind, self.options.cleaning)
+        return replace(cleaning, components="all") if self.names[at] in self.assembled else cleaning
+
     def posed_file(self, at: int) -> PosedFile:
         """Return what a worker needs to read a shape."""
         path = self.file(at) if self.fresh is None else self.fresh.files[at]
         return PosedFile(
             name=self.names[at],
             path=path,
-            digest=hash_shape(path) if self.fresh is None else self.fresh.digests[at],
+            digest=hash_shape(path) if self.fresh is None else self.digests[at],
             transform=self.transforms[at],
             cleaning=self.cleaning_of(at),
             incomplete=bool(self.is_incomplete[at]),
         )
-
-    def cleaning_of(self, at: int) -> CleaningOptions:
-        """Return how a shape was read."""
-        cleaning = self.options.cleaning
-        return replace(cleaning, components="all") if self.names[at] in self.assembled else cleaning
 
     def shape_at(self, at: int, *, aligned: bool = False) -> Shape:
         """Return a shape in file coordinates, maybe decimated, or aligned at full resolution."""

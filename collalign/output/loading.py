@@ -121,7 +121,13 @@ def _correspondences(path: Path, names: list[str]) -> Record:
 def _check(collection: Collection) -> None:
     """Check what fields have to do with each other; each by itself was checked when it was read."""
     num, names = len(collection), collection.names
-    of_shapes = (collection.files, collection.alternatives, collection.vertices, collection.faces)
+    of_shapes = (
+        collection.files,
+        collection.digests,
+        collection.alternatives,
+        collection.vertices,
+        collection.faces,
+    )
     counts = {
         len(values)
         for values in (*of_shapes, *collection.labels.values(), collection.places or names)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collalign.confidence.reliability_model import expected_right
 from collalign.output.collection_data import CollectionData
-from collalign.products.trust import DOUBT
 from collalign.wording import reason_text
 from data_tools.arrays import IntArray
+from data_tools.checks import check_number
 from data_tools.embedding.copies import Copies
 from data_tools.io.text_tables import csv_text
 from data_tools.names import known_names
@@ -69,6 +70,80 @@ class Members:
         return ", ".join(f"{name} ({reason_text(reason)})" for name, reason in self.left_out)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Selection:
+    """Shapes that are kept so that a share of their poses is expected to be right.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Those that are kept.
+    chosen : ndarray of int, shape (n,)
+        Their positions, ascending: ``collection.some(selection.chosen)``.
+    total : int
+        Shapes of the collection.
+    least_confidence : float
+        All that are stated at this or more are kept; infinite where none is.
+    right : float
+        The share of those kept that is expected to be right; NaN where none is kept.
+    """
+
+    names: tuple[str, ...]
+    chosen: IntArray
+    total: int
+    least_confidence: float
+    right: float
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __str__(self) -> str:
+        if not self.names:
+            return f"keeps none of {self.total} shapes: none is stated so surely"
+        return (
+            f"keeps {len(self)} of {self.total} shapes, stated at {self.least_confidence:.3f} or more; "
+            f"{self.right:.1%} of these poses are expected to be right"
+        )
+
+
+def select_right(collection: CollectionData, right: float) -> Selection:
+    """Keep as many shapes as possible of which a share is expected to be right, the surest first.
+
+    The share comes from how often poses that were stated at a confidence were right
+    (:mod:`collalign.confidence.reliability_model`). Shapes without a confidence, as the only one of its kind, are not
+    kept.
+
+    Parameters
+    ----------
+    collection : CollectionData
+    right : float
+        The share, between 0 and 1.
+
+    Raises
+    ------
+    OptionsError
+        If it is no share.
+    """
+    check_number("right", right, lower=0.0, upper=1.0)
+    confidence = collection.confidence
+    shares = expected_right(confidence)
+    levels = np.unique(confidence[~np.isnan(confidence)])
+    means = np.array([float(shares[confidence >= level].mean()) for level in levels])
+    enough = np.flatnonzero(means >= right)
+    least = float(levels[enough[0]]) if len(enough) else np.inf
+    chosen = np.flatnonzero(confidence >= least)
+    return Selection(
+        names=tuple(collection.names[at] for at in chosen),
+        chosen=chosen,
+        total=len(collection),
+        least_confidence=least,
+        right=float(means[enough[0]]) if len(enough) else np.nan,
+    )
+
+
 def statistics_members(
     collection: CollectionData,
     *,
@@ -94,12 +169,12 @@ def statistics_members(
     if (
         not include_doubtful and known.any()
     ):  # without any confidence, as of a baseline, there is nothing to doubt
-        for at in np.flatnonzero(~(collection.confidence >= DOUBT)):
-            reasons[at] = "doubtful"
+        reasons[collection.is_doubtful] = "doubtful"
     if not include_incomplete:
         reasons[collection.is_incomplete] = "incomplete"
     if one_part:
         reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "other-part"
+    reasons[collection.is_alone] = "alone"
     excluded = known_names("exclude", exclude, collection.names)
     reasons[[collection.index(name) for name in excluded.values()]] = "excluded"
     left_out = {collection.names[at]: str(reasons[at]) for at in np.flatnonzero(reasons != "")}

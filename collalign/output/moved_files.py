@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from data_tools.errors import InputError
 from data_tools.io.files import readable_stem
-from data_tools.io.listing import READERS, parts_of
+from data_tools.io.listing import READERS, hash_shape, parts_of
 from data_tools.notes import listed
 
 
@@ -25,8 +26,12 @@ def missing_files(files: Sequence[str]) -> list[str]:
     return [file for file in files if file and not is_there(file)]
 
 
-def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -> tuple[str, ...]:
+def find_files(
+    names: Sequence[str], files: Sequence[str], digests: Sequence[str], folder: Path | str
+) -> tuple[str, ...]:
     """Return where files are now: in a folder, by their names and as far as there are any by their own folders.
+
+    A file that has none of these is looked for by its content in the folder and those in it: it was renamed.
 
     Parameters
     ----------
@@ -34,6 +39,8 @@ def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -
         Shapes that came from memory may have been saved there under their names.
     files : sequence of str, length N
         Where the shapes were read from; empty for shapes from memory.
+    digests : sequence of str, length N
+        Of the files' contents.
     folder : path
 
     Returns
@@ -48,6 +55,9 @@ def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -
     """
     place = Path(folder)
     found = [_found(name, file, place) for name, file in zip(names, files, strict=True)]
+    if not all(found) and place.is_dir():
+        renamed = renamed_files(place, {*digests})
+        found = [one or renamed.get(of, "") for one, of in zip(found, digests, strict=True)]
     if not any(found):
         wanted = [Path(re.split(r"[\\/]", file)[-1]).name for file in files if file] or list(names)
         raise InputError(
@@ -60,6 +70,18 @@ def find_files(names: Sequence[str], files: Sequence[str], folder: Path | str) -
             f"sources: {twice} would stand for several shapes; name the folder that holds their folders as they were"
         )
     return tuple(new or old for new, old in zip(found, files, strict=True))
+
+
+def renamed_files(folder: Path, digests: Collection[str]) -> dict[str, str]:
+    """Return the shape files of some contents, by digest, in a folder and those in it; of several alike the first."""
+    found = dict[str, str]()
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in READERS and path.is_file():
+            with suppress(InputError):
+                digest = hash_shape(path)
+                if digest in digests:
+                    found.setdefault(digest, str(path))
+    return found
 
 
 def _found(name: str, file: str, folder: Path) -> str:

@@ -64,21 +64,23 @@ def shape_words(collection: CollectionData) -> tuple[list[str], list[str]]:
             f"the result was made with {', '.join(collection.own)} of the caller's own"
         )
     files = collection.source_files()
-    folder, parts = files[0].parent, any(parts_of(file) for file in files)
-    places = [folder] if {file.parent for file in files} == {folder} else [*files]
-    listing = list_shapes(folder if places == [folder] else places, parts=parts)
+    parts = any(parts_of(file) for file in files)
+    depths = [path.count("/") for path in collection.relative_paths]
+    folders = {file.parents[depth] for file, depth in zip(files, depths, strict=True)}
+    places, recursive = [*(folders if len(folders) == 1 else files)], any(depths) and not parts
+    listing = list_shapes(places, recursive=recursive, parts=parts)
     if not {*files} <= {*listing.files}:  # tables beside meshes, say, which were included
-        places = [*files]
+        places, recursive = [*files], False
         listing = list_shapes(places, parts=parts)
     listed = dict(zip(listing.names, listing.files, strict=True))
     if any(listed.get(name) != file for name, file in zip(collection.names, files, strict=True)):
         raise InputError(
             "the shapes are not called like their files; go on where they are called as they were"
         )
-    known = {*collection.names, *(composed(Path(item.file).stem) for item in collection.excluded)}
-    return [*map(str, places), *["--parts"] * parts], [
-        name for name in listing.names if name not in known
-    ]
+    left_out = (composed(str(Path(item.file).with_suffix(""))) for item in collection.excluded)
+    known = {*collection.names, *left_out}
+    how = ["--parts"] * parts + ["--recursive"] * recursive
+    return [*map(str, places), *how], [name for name in listing.names if name not in known]
 
 
 def option_words(options: Any, default: Any = AlignOptions(), before: str = "--") -> Iterator[str]:  # noqa: B008

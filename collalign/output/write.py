@@ -40,7 +40,7 @@ from data_tools.errors import InputError
 from data_tools.io.files import file_stems, readable_name, system_reason, write_atomic
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
 from data_tools.io.shapes import declared_system
-from data_tools.io.source import inputs_of, location
+from data_tools.io.source import inputs_of
 from data_tools.io.text_tables import csv_text
 from data_tools.poses import scales_of
 from data_tools.surface.shape import Shape
@@ -235,6 +235,24 @@ def _incomplete(collection: CollectionData) -> dict[str, Any]:
     }
 
 
+def _kinds(collection: CollectionData) -> dict[str, Any]:
+    """Return which shapes are of which kind; nothing where all are of one."""
+    if not collection.kinds:
+        return {}
+    return {
+        "kinds": [
+            {
+                "name": kind.called,
+                "shapes": [collection.names[i] for i in kind.shapes.tolist()],
+                "confidence": _number(kind.confidence),
+                "frame": _number(kind.frame),
+                "group": kind.group,
+            }
+            for kind in collection.kinds
+        ]
+    }
+
+
 def _extra(collection: CollectionData) -> dict[str, Any]:
     """Return where the extra material of shapes is; nothing where there is none."""
     if not collection.extra:
@@ -256,9 +274,13 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
     shapes = zip(
         collection.names,
         collection.made.files,
+        collection.relative_paths,
+        collection.digests,
         collection.transforms,
         collection.reflected,
         collection.confidence,
+        collection.kind_names,
+        collection.is_alone,
         collection.centroid_sizes,
         strict=True,
     )
@@ -278,11 +300,14 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
         "shapes": [
             {
                 "name": name,
-                "file": Path(location(file)).name,
+                "file": path,
+                "digest": digest,
                 "transform": transform.tolist(),
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
                 **_by_hand(collection, name),
+                **({"kind": kind} if kind else {}),
+                **({"alone": True} if alone else {}),
                 "centroid_size": _number(size),
                 **({"pieces": "all"} if name in collection.assembled else {}),
                 **_limit(collection, name),
@@ -290,8 +315,20 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),
             }
-            for i, (name, file, transform, reflected, confidence, size) in enumerate(shapes)
+            for i, (
+                name,
+                file,
+                path,
+                digest,
+                transform,
+                reflected,
+                confidence,
+                kind,
+                alone,
+                size,
+            ) in enumerate(shapes)
         ],
+        **_kinds(collection),
         "groups": [
             [collection.names[i] for i in np.flatnonzero(collection.part_numbers == part)]
             for part in range(collection.part_numbers.max() + 1)

@@ -6,6 +6,7 @@
 * ``named_frame``: up and front, and the rotation to them
 * ``trust``: evidence of poses
 * ``consistent_maps``: labels of samples, and maps of all vertices
+* ``kinds``: which shapes are of one kind
 * ``run_record``: how a run went
 
 Words:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import TypeAlias, TypedDict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -94,6 +94,20 @@ class Own:
                 raise InputError(
                     f"candidates[{', '.join(pair)}]: expected shape (3, 3) or (m, 3, 3)"
                 )
+
+    def some(self, names: Iterable[str]) -> Own:
+        """Return what is given of some shapes, and of pairs of these."""
+        known = {*names}
+        own: dict[str, Any] = {
+            name: {key: value for key, value in given.items() if {key} <= known}
+            for name in ("invariants", "samples", "marks")
+            if isinstance(given := getattr(self, name), Mapping)
+        }
+        of_pairs: dict[str, Any] = {
+            name: {pair: value for pair, value in getattr(self, name).items() if {*pair} <= known}
+            for name in OF_PAIRS
+        }
+        return replace(self, **own, **of_pairs)
 
     @property
     def kinds(self) -> tuple[str, ...]:

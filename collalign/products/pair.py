@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from collalign.products.kinds import Kind
 from data_tools.arrays import FloatArray, Holds, IntArray, one_line, read_only
 from data_tools.errors import UnknownName
 from pairwise.certificates.certificate import Certificate
@@ -197,18 +198,28 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FormerPairs:
-    """The pairs that an earlier run matched among the first ``num_shapes`` shapes, and with which group."""
+    """The pairs that an earlier run matched among the first ``num_shapes`` shapes, and with which group.
+
+    ``kinds`` are those of these shapes; empty where they are of one.
+    """
 
     num_shapes: int
     edges: IntArray
     group: str
+    kinds: tuple[Kind, ...] = ()
 
     def some(self, chosen: Sequence[int]) -> FormerPairs:
-        """Return the pairs among some of the shapes, in order, by position among these."""
+        """Return the pairs among some of the shapes, in order, by position among these.
+
+        The group is that of their kind, where they are of one.
+        """
         at = {i: number for number, i in enumerate(chosen)}
         edges = [[at[i], at[j]] for i, j in self.edges.tolist() if i in at and j in at]
         return FormerPairs(
             num_shapes=sum(i < self.num_shapes for i in chosen),
             edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
-            group=self.group,
+            group=next(
+                (kind.group for kind in self.kinds if {*chosen} & {*kind.shapes.tolist()}),
+                self.group,
+            ),
         )

@@ -54,8 +54,6 @@ class Made:
     ----------
     files : tuple of Path or Source
         Where each shape was read from; a source in memory where it came from no file.
-    digests : tuple of str
-        Of the files' contents when they were read; saving refuses a file that has changed since.
     coordinates, invariants : ndarray, shapes (N, k, d) and (N, k, m)
         The samples as they were matched: embedded, centred and scaled, and what no rotation changes.
     shape_notes : tuple of tuple of Note
@@ -67,7 +65,6 @@ class Made:
     """
 
     files: tuple[Origin, ...]
-    digests: tuple[str, ...]
     coordinates: FloatArray
     invariants: FloatArray
     shape_notes: tuple[tuple[Note, ...], ...]

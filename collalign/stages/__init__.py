@@ -10,6 +10,7 @@
 * ``extra_material``: stands and the like, and poses without them
 * ``proofs``: of the pairs' poses
 * ``local_evidence``, ``evidence``: surfaces and non-rigid maps assess poses
+* ``kinds``: which kinds a folder holds, and how they are rotated to each other
 * ``poses``: from pairs to one pose per shape
 * ``trust``: the evidence of the confidence
 * ``deformation``, ``deformation_jobs``: maps of all vertices, and their jobs
@@ -17,6 +18,7 @@
 
 The way of a pair. ``collalign/align.py`` is the driver. One object goes through the steps, filled with ``replace``.
 
+* **Kinds.** ``kinds`` tells the kinds of a mixed folder apart. Each goes through all that follows by itself.
 * **Shapes.** ``prepare_shapes`` reads, samples and embeds, and describes the neighbourhoods of each surface
   (``LocalSurface``). Where sides are asked for, it finds which way each surface turns as well. The product is
   ``Shapes``. ``pieces_that_match`` matches shapes that are assembled of components by the largest one and by all;
@@ -32,9 +34,9 @@ The way of a pair. ``collalign/align.py`` is the driver. One object goes through
   the best candidate hardly overlaps, ``proposed_rotations`` adds candidates. The stored ``PairPoses`` become the
   ``Pair``. ``grow_pairs`` adds pairs where poses are uncertain.
 * **Synchronization.** ``certify_pairs`` adds bound and status. For shapes that bend, ``weigh_pairs`` adds candidates
-  with log-odds. ``split_shapes`` finds the parts of a mixed folder. ``pair_graph`` passes the candidates to
+  with log-odds. ``pair_graph`` passes the candidates to
   ``synchronize_shapes``.
-* **Frame.** ``join_parts``, ``refine_poses`` and ``fix_frame`` determine the common frame.
+* **Frame.** ``refine_poses`` and ``fix_frame`` determine the common frame.
 * **Confidence.** ``with_common_match`` makes each pair an ``AlignedPair``, with choice, inlier, disagreement and the
   map at the common poses. ``labels_at_common_poses`` and ``place_and_scale`` follow. ``gather_trust`` tries
   competing poses on dense points, and ``with_trust`` states the confidences and what limits each (``limited``). If

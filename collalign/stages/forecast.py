@@ -17,6 +17,7 @@ from collalign.stages.choose_pairs import all_pairs
 from collalign.stages.evidence.weigh import wants_maps, weigh_pairs
 from collalign.stages.incomplete.detect import MIN_SHAPES
 from collalign.stages.match_pairs import match_pairs
+from collalign.stages.pieces import assembled_shapes
 from collalign.stages.shape_stage import MOST_FOR_SIDES, prepare_shapes
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
 from data_tools.io.listing import FolderListing
@@ -84,11 +85,14 @@ class Trial:
         Seconds and bytes of each kind of record, by the median; NaN where there was none.
     start_s : float
         Seconds until the workers had started.
+    is_assembled : bool
+        Whether the shapes are assembled of components, so that all are matched by the largest and by all of these.
     """
 
     costs: dict[str, float]
     sizes: dict[str, float]
     start_s: float
+    is_assembled: bool = False
 
 
 def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -> Trial:
@@ -108,10 +112,16 @@ def try_shapes(listing: FolderListing, options: AlignOptions, run: RunOptions) -
         pairs, _ = match_pairs(session, shapes, all_pairs(len(shapes.names)))
         if wants_maps(options, shapes, pairs):
             weigh_pairs(session, shapes, pairs)
+        assembled = assembled_shapes(session, shapes)
         costs = costs_of(session.store)
         sizes = {kind: session.store.median_bytes(kind) for kind in costs}
     busy_s = costs["shapes"] * len(shapes.names) / min(run.num_workers, len(shapes.names))
-    return Trial(costs=costs, sizes=sizes, start_s=max(0.0, prepared_s - busy_s))
+    return Trial(
+        costs=costs,
+        sizes=sizes,
+        start_s=max(0.0, prepared_s - busy_s),
+        is_assembled=bool(assembled),
+    )
 
 
 def costs_of(store: Store) -> dict[str, float]:
@@ -129,6 +139,7 @@ def forecast(
     num_jobs: int,
     *,
     pilot: bool = False,
+    is_assembled: bool = False,
     start_s: float = 0.0,
     sizes: Mapping[str, float] | None = None,
 ) -> RunEstimate:
@@ -145,6 +156,9 @@ def forecast(
         Worker processes.
     pilot : bool
         Whether sides are asked for.
+    is_assembled : bool
+        Whether shapes are matched by the largest and by all of their components. The latter is counted as if nothing
+        of it were stored.
     start_s : float
         Until the workers have started.
     sizes : mapping of str to float, optional
@@ -173,6 +187,11 @@ def forecast(
     if options.incomplete == AUTO and num >= MIN_SHAPES:
         shared["incomplete shapes"] = refines * MISSING * num * match_s
         tasks["incomplete shapes"] = num
+    if is_assembled:
+        shared["pieces"] = num * prepare_s + num_pairs * match_s
+        tasks["pieces"] = num + num_pairs
+        records["shapes"] += num
+        records["pairs"] += num_pairs
     tasks["outputs"] = num
     shared["outputs"] = OUTPUT * prepare_s * num
     speed = 1.0 + _EFFICIENCY * (num_jobs - 1)

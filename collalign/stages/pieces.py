@@ -53,13 +53,8 @@ def pieces_that_match(
     read : callable
         Reads all shapes, those that it is given by other pieces.
     """
-    cleaning = session.options.cleaning
-    assembled = [
-        name
-        for name, samples in zip(shapes.names, shapes.samples, strict=True)
-        if is_assembled(samples.notes)
-    ]
-    if cleaning.components != AUTO or cleaning.like or not assembled:
+    assembled = assembled_shapes(session, shapes)
+    if session.options.cleaning.like or not assembled:
         return {}
     whole = read(dict.fromkeys([*assembled, *({*names} - {*shapes.names})], "all"))
     lost = {*whole.names} - {*shapes.names}
@@ -73,6 +68,14 @@ def pieces_that_match(
     )
     chosen = {*lost, *(name for name, by_pieces in zip(both, is_whole, strict=True) if by_pieces)}
     return dict.fromkeys(sorted(chosen), "all")
+
+
+def assembled_shapes(session: AlignSession, shapes: Shapes) -> list[str]:
+    """Return the shapes that are assembled of components, read by the largest, unless the options say which count."""
+    if session.options.cleaning.components != AUTO:
+        return []
+    every = zip(shapes.names, shapes.samples, strict=True)
+    return [name for name, samples in every if is_assembled(samples.notes)]
 
 
 def consistent_readings(

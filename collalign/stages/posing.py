@@ -121,8 +121,8 @@ def _pose_in_rounds(
 
 
 def _looks_at_shapes(options: AlignOptions) -> bool:
-    """Return whether nobody said which shapes are incomplete, and all are of one kind."""
-    return options.incomplete == AUTO and options.clusters == 1
+    """Return whether nobody said which shapes are incomplete."""
+    return options.incomplete == AUTO
 
 
 def _looks_for_extra(run: Run) -> bool:

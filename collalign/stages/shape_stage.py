@@ -20,7 +20,7 @@ from data_tools.embedding.embedding import Samples, sample_file
 from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import CollectionError, InputError, printable
 from data_tools.io.formats.raw_shape import content_not_kept
-from data_tools.io.listing import TABLES, FolderListing, hash_shape
+from data_tools.io.listing import TABLES, FolderListing, hash_shape, relative_path
 from data_tools.io.shapes import coarse_coordinates, read_shape
 from data_tools.io.source import Origin, Source, location
 from data_tools.notes import Note, listed
@@ -345,7 +345,7 @@ def wanted_shapes(
             given += ["columns", columns]
         wanted[name] = Wanted(
             key=SAMPLING.key(settings | {"cleaning": keyed, "suffix": suffix}, digest, *given),
-            label=file.name,
+            label=relative_path(name, location(file)) or file.name,
             arguments=settings
             | {"file": file.absolute(), "name": name, "digest": digest}
             | {"own": own.get(name), "extra": extra.get(name), "with_chirality": with_chirality},

@@ -24,7 +24,6 @@ from collalign.stages.deformation import map_vertices, vertex_notes
 from collalign.stages.evidence.weigh import wants_maps, weigh_doubtful_pairs, weigh_pairs
 from collalign.stages.mixed_sides import decide_group
 from collalign.stages.poses.agreement import with_common_match
-from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import (
     common_positions,
     fix_frame,
@@ -159,7 +158,7 @@ def weigh(run: Run, matched: Matched) -> Matched:
 class Posed:
     """The poses, with all that follows from them.
 
-    ``matched`` are the pairs within parts as they were first matched.
+    ``matched`` are the pairs as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
     ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
     ``seem_incomplete`` says of some shapes why they may be incomplete, though they were posed with the others.
@@ -200,14 +199,13 @@ def pose(run: Run, matched: Matched) -> Posed:
     )
     with run.stage("synchronization"):
         with session.alone("synchronization"):
-            parts, linked = split_shapes(options, samples, matched.pairs)
-            known = matched.solution if parts is None else None
-            first = synchronize_shapes(options, samples, linked, constraints, known=known)
-        pairs, solution = join_parts(options, parts, matched.pairs, linked, first, constraints)
-        rotations = refine_poses(session, samples, pairs, solution, constraints)
+            solution = synchronize_shapes(
+                options, samples, matched.pairs, constraints, known=matched.solution
+            )
+        rotations = refine_poses(session, samples, matched.pairs, solution, constraints)
         with session.alone("common matches"):
             rotations, solution = fix_frame(options, samples, rotations, solution, constraints)
-            settled = with_common_match(samples, pairs, solution, rotations)
+            settled = with_common_match(samples, matched.pairs, solution, rotations)
             labels = labels_at_common_poses(samples, settled, rotations)
     transforms = place_and_scale(
         samples, rotations, labels, options.scaling, fixed=constraints.fixed_transforms
@@ -215,7 +213,7 @@ def pose(run: Run, matched: Matched) -> Posed:
     transforms = with_origin(transforms, constraints)
     return Posed(
         pairs=settled,
-        matched=linked,
+        matched=list(matched.pairs),
         solution=solution,
         rotations=rotations,
         transforms=transforms,

@@ -32,7 +32,6 @@ Words:
 """
 
 # The stages use what is not in ``__all__``, which is what a user finds here.
-from collalign.synchronization.clusters import find_parts as find_parts
 from collalign.synchronization.frames import principal_axes_gauge as principal_axes_gauge
 from collalign.synchronization.graph import PairGraph
 from collalign.synchronization.permutations import synchronize_maps as synchronize_maps

@@ -9,8 +9,6 @@ from scipy.linalg import eigh
 from collalign.synchronization.frames import transposed
 from collalign.synchronization.graph import PairGraph
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.errors import OptionsError
-from data_tools.threads import one_blas_thread
 
 #: Triangles that close within this squared distance (30 degrees) support their pairs.
 CLOSED = 8.0 * np.sin(np.deg2rad(15.0)) ** 2
@@ -24,38 +22,14 @@ PRIOR_CLOSED = 1e-3
 #: Affinities that are averaged into what is typical of a shape, and the least of it, relative to the largest.
 NUM_TYPICAL, LEAST_TYPICAL = 5, 1e-9
 
-#: Rotations that the pairs between two parts ask for are counted around this many of them, at most; rounds of
-#: k-means.
-MAX_MODES, MAX_KMEANS = 256, 100
+#: Rounds of k-means.
+MAX_KMEANS = 100
 
 #: Parts that are looked for, at most.
 MAX_PARTS = 12
 
 #: Third shapes looked at per pair, at most.
 MAX_TRIANGLES = 64
-
-
-@one_blas_thread()
-def find_parts(graph: PairGraph, *, num_parts: int | None = None) -> IntArray:
-    """Split the shapes into parts whose pairs are consistent, shape (N,), parts numbered by first member.
-
-    The affinity of a pair is the share of the triangles over it that close, times how low its energy is. Spectral
-    clustering (von Luxburg 2007) finds the parts, their number by the eigenvalues of the normalised affinity.
-
-    Parameters
-    ----------
-    graph : PairGraph
-    num_parts : int, optional
-        Found by the eigenvalues by default.
-
-    Raises
-    ------
-    OptionsError
-        If a number of parts is impossible.
-    """
-    if num_parts is not None and not 1 <= num_parts <= graph.num_shapes:
-        raise OptionsError(f"num_parts: expected 1 to {graph.num_shapes}, got {num_parts}")
-    return spectral_clusters(pair_affinity(graph), num_parts)
 
 
 def pair_affinity(graph: PairGraph) -> FloatArray:
@@ -135,43 +109,3 @@ def _spread_rows(rows: FloatArray, count: int) -> FloatArray:
     while len(chosen) < count:
         chosen.append(int(np.argmin(np.abs(rows @ rows[chosen].T).max(axis=1))))
     return rows[chosen].copy()
-
-
-def part_rotations(
-    graph: PairGraph, labels: IntArray, rotations: FloatArray, stay: set[int]
-) -> FloatArray:
-    """Return the rotation of each shape that brings its part where the pairs to the parts before it ask for.
-
-    Parameters
-    ----------
-    graph : PairGraph
-    labels : ndarray of int, shape (N,)
-    rotations : ndarray, shape (N, d, d)
-        ``R_common_i``, of each part in a frame of its own.
-    stay : set of int
-        Parts that are not rotated.
-
-    Returns
-    -------
-    ndarray, shape (N, d, d)
-        The mode of what the pairs ask for, the same for all shapes of a part.
-    """
-    corrections = np.tile(np.eye(graph.dim), (graph.num_shapes, 1, 1))
-    done = np.isin(labels, list(stay))
-    i, j = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
-    chosen = graph.chosen(graph.best_choice)
-    measured = np.concatenate([chosen, transposed(chosen)])
-    for part in range(labels.max() + 1):
-        inside = labels == part
-        across = done[i] & inside[j]
-        if across.any() and part not in stay:
-            placed = corrections[i[across]] @ rotations[i[across]]
-            proposed = placed @ measured[across] @ transposed(rotations[j[across]])
-            flat = proposed.reshape(len(proposed), -1)
-            close = ((flat[:, None] - flat[:: max(1, len(flat) // MAX_MODES)]) ** 2).sum(
-                axis=2
-            ) <= CLOSED
-            mode = int(np.argmax(close.sum(axis=0)))
-            corrections[inside] = graph.pattern.project(proposed[close[:, mode]].sum(axis=0))
-        done |= inside
-    return corrections

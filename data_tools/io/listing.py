@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import re
 from collections import Counter
@@ -75,7 +76,9 @@ class FolderListing:
     files : tuple of Path or Source
         In natural order, with distinct ``names``.
     names : tuple of str
-        The stem of each file, as readable text; where two stems are equal, the whole file name, or ``folder/stem``.
+        Each file's path below the place that was asked for, without its suffix, as readable text: ``stem`` or
+        ``folder/stem``. It does not depend on what else is there, but that files which only their type tells apart
+        keep their suffix.
     skipped : tuple of Path
         Other files and folders, in natural order.
     """
@@ -87,7 +90,7 @@ class FolderListing:
     @property
     def skipped_names(self) -> tuple[str, ...]:
         """The names of the others, with as many folders as tell them apart."""
-        return tuple(_disambiguated(self.skipped, kinds=(True,)))
+        return tuple(_told_apart(self.skipped, whole=True))
 
     def some(self, chosen: Iterable[int]) -> FolderListing:
         """Return the listing of some of the shapes alone, by their positions."""
@@ -117,7 +120,7 @@ def read_folder(
     recursive : bool
         Its folders as well, at any depth; hidden ones and links to folders stay out.
     include : sequence of str
-        Patterns of names of tables that are shapes all the same (``*.csv``).
+        Patterns of names of tables that are shapes all the same (``*.csv``); their names keep the suffix.
 
     Raises
     ------
@@ -141,15 +144,15 @@ def read_folder(
         raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from None
     return FolderListing(
         files=files,
-        names=distinct_names(files),
+        names=_names_below(folder, files, include),
         skipped=tuple(path for path in entries if path not in files),
     )
 
 
-def files_at(
+def shapes_at(
     place: Path | str, *, recursive: bool = False, include: Sequence[str] = ()
-) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Return the shape files of a place, and what else is there.
+) -> FolderListing:
+    """List the shape files of a place, and what else is there.
 
     Parameters
     ----------
@@ -159,6 +162,12 @@ def files_at(
     recursive, include
         Of folders, as in :func:`read_folder`.
 
+    Returns
+    -------
+    FolderListing
+        Names are paths below the folder, below the folders of a pattern that are no pattern themselves, or below
+        that of ``@FILE``; a file that is named by itself has its stem.
+
     Raises
     ------
     InputError
@@ -166,11 +175,10 @@ def files_at(
     """
     place, text = Path(place), str(place)
     if text.startswith("@"):
-        return _files_of_list(Path(text[1:]), recursive=recursive, include=include)
+        return _shapes_of_list(Path(text[1:]), recursive=recursive, include=include)
     try:
         if place.is_dir():
-            listing = read_folder(place, recursive=recursive, include=include)
-            return tuple(path for path in listing.files if isinstance(path, Path)), listing.skipped
+            return read_folder(place, recursive=recursive, include=include)
         if not place.exists() and has_magic(text):
             found = [Path(match) for match in glob(text, recursive=True)]
             found = sorted(
@@ -179,36 +187,52 @@ def files_at(
             files = _shapes_among(found, include)
             if not files:
                 raise InputError(f"{place}: no shape file matches")
-            return files, tuple(path for path in found if path not in files)
+            return FolderListing(
+                files=files,
+                names=_names_below(base_of(place), files, include),
+                skipped=tuple(path for path in found if path not in files),
+            )
         if not place.exists() and place.suffix.lower() not in READERS:
             raise InputError(f"{place}: no such file or folder")
     except (OSError, ValueError) as error:
         raise InputError(
             f"{text[:200]}: cannot be read ({getattr(error, 'strerror', None) or error})"
         ) from None
-    return (place,), ()
+    return FolderListing(files=(place,), names=(readable_stem(place),))
 
 
-def _files_of_list(
-    path: Path, *, recursive: bool, include: Sequence[str]
-) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Return what the places of a list hold."""
+def base_of(place: Path) -> Path:
+    """Return the folder below which the files of a place have their names: of a pattern, the part that is none."""
+    text = str(place)
+    if text.startswith("@"):
+        return Path(text[1:]).absolute().parent
+    if place.is_dir() or not has_magic(text):
+        return place
+    return next(above for above in place.parents if not has_magic(str(above)))
+
+
+def _shapes_of_list(path: Path, *, recursive: bool, include: Sequence[str]) -> FolderListing:
+    """List what the places of a list hold."""
     try:
         lines = read_text(path, "utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a list of files, it is no text") from None
-    files, others = list[Path](), list[Path]()
+    folder = path.absolute().parent
+    files, others = dict[Path, None](), dict[Path, None]()
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
             continue
         try:
-            at = path.absolute().parent / line.strip()
-            found, rest = files_at(at, recursive=recursive, include=include)
+            found = shapes_at(folder / line.strip(), recursive=recursive, include=include)
         except InputError as error:
             raise InputError(f"{path}, line {number}: {error}") from None
-        files += found
-        others += rest
-    return tuple(files), tuple(others)
+        files |= dict.fromkeys(file for file in found.files if isinstance(file, Path))
+        others |= dict.fromkeys(found.skipped)
+    return FolderListing(
+        files=tuple(files),
+        names=_names_below(folder, [*files], include),
+        skipped=tuple(others),
+    )
 
 
 def _entries(folder: Path, *, recursive: bool) -> list[Path]:
@@ -247,42 +271,80 @@ def _elsewhere(folder: Path) -> str:
     )
 
 
-def distinct_names(files: Sequence[Path]) -> tuple[str, ...]:
-    """Return distinct names, whatever the order: stems where they are unlike, else whole names, else with folders.
+def path_below(folder: Path, file: Path, *, whole: bool = False) -> str:
+    """Return a file's path below a folder, its name alone where it is not below: what a shape is called.
 
     Parameters
     ----------
-    files : sequence of Path
+    folder, file : Path
+    whole : bool
+        Whether with the suffix.
+
+    Returns
+    -------
+    str
+        Readable text, folders separated by ``/``.
+    """
+    try:
+        above = file.absolute().parent.relative_to(folder.absolute()).parts
+    except ValueError:
+        above = ()
+    own = readable_name(file) if whole else readable_stem(file)
+    return "/".join([*(readable_name(Path(part)) for part in above), own])
+
+
+def _names_below(folder: Path, files: Sequence[Path], include: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of files below a folder; tables that were asked for keep their suffix: they lie beside meshes.
+
+    So do files that only their type tells apart: the one case in which what lies beside a file matters to its name.
+    Names that differ only in how accents are encoded get a number.
+    """
+    asked = [file.suffix.lower() in TABLES and _is_asked(file, include) for file in files]
+    names = [path_below(folder, file, whole=of) for file, of in zip(files, asked, strict=True)]
+    several = {name for name, count in Counter(names).items() if count > 1}
+    names = [
+        path_below(folder, file, whole=True) if name in several else name
+        for file, name in zip(files, names, strict=True)
+    ]
+    counts, order = Counter(names), sorted(map(str, files))
+    numbers = {str(file): order.index(str(file)) + 1 for file in files}
+    return tuple(
+        f"{name} ({numbers[str(file)]})" if counts[name] > 1 else name
+        for file, name in zip(files, names, strict=True)
+    )
+
+
+def told_apart(paths: Sequence[Path]) -> list[str]:
+    """Return names of files and folders that a caller named one by one: with as few folders as tell them apart.
+
+    Parameters
+    ----------
+    paths : sequence of Path
         Of which none is there twice.
     """
     alike: dict[str, list[Path]] = {}
-    for path in files:
+    for path in paths:
         alike.setdefault(_tail(path, 0, whole=False).casefold(), []).append(path)
     named = {
         path: name
         for group in alike.values()
-        for path, name in zip(group, _disambiguated(group), strict=True)
+        for path, name in zip(group, _told_apart(group), strict=True)
     }
-    names = tuple(named[path] for path in files)
-    return names if len(set(names)) == len(names) else tuple(_disambiguated(files, kinds=(True,)))
+    names = [named[path] for path in paths]
+    return names if len(set(names)) == len(names) else _told_apart(paths, whole=True)
 
 
-def _disambiguated(files: Sequence[Path], *, kinds: tuple[bool, ...] = (False, True)) -> list[str]:
-    """Return names of files with as few folders before them as tells them apart; with suffixes only where needed.
-
-    They are unlike without regard to case as well, unless case alone tells files of one folder apart.
-    """
-    deepest = max((len(path.parts) for path in files), default=1)
-    for alike in (str.casefold, str):
-        for depth in range(deepest):
-            for whole in kinds:
-                names = [_tail(path, depth, whole=whole) for path in files]
-                if len({alike(name) for name in names}) == len(names):
-                    return names
-    order = sorted(
-        map(str, files)
-    )  # files of one folder whose names differ only in how their accents are encoded
-    return [f"{_tail(path, deepest, whole=True)} ({order.index(str(path)) + 1})" for path in files]
+def _told_apart(paths: Sequence[Path], *, whole: bool = False) -> list[str]:
+    """Return names of files with as few folders before them as tells them apart; with suffixes if asked or needed."""
+    deepest = max((len(path.absolute().parts) for path in paths), default=1)
+    kinds = (True,) if whole else (False, True)
+    for same in (str.casefold, str):
+        for depth, with_suffix in itertools.product(range(deepest), kinds):
+            names = [_tail(path, depth, whole=with_suffix) for path in paths]
+            if len({same(name) for name in names}) == len(names):
+                return names
+    order = sorted(map(str, paths))  # names that differ only in how their accents are encoded
+    return [f"{_tail(path, deepest, whole=True)} ({order.index(str(path)) + 1})" for path in paths]
 
 
 def _tail(path: Path, depth: int, *, whole: bool) -> str:
@@ -293,6 +355,28 @@ def _tail(path: Path, depth: int, *, whole: bool) -> str:
         else []
     )
     return "/".join([*above, readable_name(path) if whole else readable_stem(path)])
+
+
+def relative_path(name: str, file: str) -> str:
+    """Return the path of a shape's file below the place that it was listed from, with its suffix.
+
+    Parameters
+    ----------
+    name : str
+        Of the shape.
+    file : str
+        Where it lies; empty for a shape from memory, and so is the path then.
+
+    Returns
+    -------
+    str
+        The file's name alone where somebody named the shape otherwise.
+    """
+    if not file:
+        return ""
+    own = readable_name(Path(file))
+    folder, sign, last = name.rpartition("/")
+    return f"{folder}{sign}{own}" if last in (own, readable_stem(Path(file))) else own
 
 
 def specimen_at(file: Path, place: Path) -> Path:
@@ -367,11 +451,12 @@ def _shapes_among(entries: Sequence[Path], include: Sequence[str]) -> tuple[Path
     files = [path for path in entries if _is_shape(path)]
     has_tables = any(path.suffix.lower() in TABLES for path in files)
     meshes = {path.stem.casefold() for path in files if has_tables and _is_mesh(path)}
-    return tuple(
-        path
-        for path in files
-        if any(fnmatch(path.name, pattern) for pattern in include) or not _is_beside(path, meshes)
-    )
+    return tuple(path for path in files if _is_asked(path, include) or not _is_beside(path, meshes))
+
+
+def _is_asked(path: Path, include: Sequence[str]) -> bool:
+    """Return whether a pattern of names asks for a file."""
+    return any(fnmatch(path.name, pattern) for pattern in include)
 
 
 def _is_mesh(path: Path) -> bool:

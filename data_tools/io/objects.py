@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from glob import has_magic
 from pathlib import Path
@@ -13,7 +14,15 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.errors import InputError
 from data_tools.io.files import composed, natural_key
-from data_tools.io.listing import FolderListing, distinct_names, files_at, read_folder, specimen_at
+from data_tools.io.listing import (
+    FolderListing,
+    base_of,
+    path_below,
+    read_folder,
+    shapes_at,
+    specimen_at,
+    told_apart,
+)
 from data_tools.io.source import Origin, Source
 
 #: One shape: a file, an array (n, 3) of points, a pair (V, F), or an object of trimesh, Open3D or of this project.
@@ -36,9 +45,10 @@ def list_shapes(
     Parameters
     ----------
     shapes : str, Path, iterable or mapping
-        A folder, a pattern or ``@FILE`` (:func:`data_tools.io.listing.files_at`); or several of these, files, arrays
-        (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives their names; files are
-        called by their stems (``folder/stem`` where those are equal), others ``shape1``, ``shape2``, ... by position.
+        A folder, a pattern or ``@FILE`` (:func:`data_tools.io.listing.shapes_at`); or several of these, files, arrays
+        (n, 3), pairs (V, F), trimesh and Open3D objects, in any mixture. A mapping gives their names. Files of a
+        folder are called by their path below it without the suffix, behind the folder's name if there are several
+        places; a file named by itself by its stem; others ``shape1``, ``shape2``, ... by position.
     recursive : bool
         Whether the folders in a folder count.
     parts : bool
@@ -116,20 +126,51 @@ def _named(
         raise InputError(
             f"shapes: expected a folder, a list or a dict of shapes, got {_kind(shapes)}"
         ) from None
-    files, skipped, named = dict[Path, None](), dict[Path, None](), list[tuple[str, ShapeLike]]()
+    places = [shape for shape in given if isinstance(shape, str | Path)]
+    named, skipped = _named_files(places, recursive=recursive, parts=parts, include=include)
     for number, shape in enumerate(given, start=1):
         if isinstance(shape, str | Path):
-            found, others = files_at(shape, recursive=recursive or parts, include=include)
-            files |= dict.fromkeys(
-                specimen_at(file, Path(shape)) if parts else file for file in found
+            continue
+        name = composed(getattr(shape, "name", None) or f"shape{number}")
+        if name in named:
+            raise InputError(
+                "shapes: two of them have the same name; give a dict of distinct names"
             )
-            skipped |= dict.fromkeys(others)
-        else:
-            named.append((composed(getattr(shape, "name", None) or f"shape{number}"), shape))
-    named += zip(distinct_names(list(files)), files, strict=True)
-    if len(dict(named)) < len(named):
-        raise InputError("shapes: two of them have the same name; give a dict of distinct names")
-    return dict(named), tuple(skipped)
+        named[name] = shape
+    return named, skipped
+
+
+def _named_files(
+    places: Sequence[str | Path], *, recursive: bool, parts: bool, include: Sequence[str]
+) -> tuple[dict[str, ShapeLike], tuple[Path, ...]]:
+    """Return the files of several places by name, and what else is there. A file that several hold is there once.
+
+    Several folders are told apart by their own names, files that are named one by one by their folders if they must.
+    """
+    listings = [shapes_at(place, recursive=recursive or parts, include=include) for place in places]
+    bases = [base_of(Path(place)) for place in places]
+    folders = [*dict.fromkeys(base for base in bases if base.is_dir())]
+    called = dict(zip(folders, told_apart(folders), strict=True)) if folders[1:] else {}
+    named, single, skipped = dict[Path, str](), dict[Path, None](), dict[Path, None]()
+    for place, base, listing in zip(places, bases, listings, strict=True):
+        skipped |= dict.fromkeys(listing.skipped)
+        for file, name in zip(listing.files, listing.names, strict=True):
+            assert isinstance(file, Path)
+            at = specimen_at(file, Path(place)) if parts else file
+            if not base.is_dir():
+                single[at] = None
+            elif at not in named:
+                own = path_below(base, at) if at != file else name
+                named[at] = f"{called[base]}/{own}" if base in called else own
+    single = {file: None for file in single if file not in named}
+    named |= zip(single, told_apart([*single]), strict=True)
+    found: dict[str, ShapeLike] = {name: file for file, name in named.items()}
+    if len(found) < len(named):
+        twice = next(name for name, count in Counter(named.values()).items() if count > 1)
+        raise InputError(
+            f"shapes: two files would be called {twice!r}; give a dict of distinct names, or the folder of both"
+        )
+    return found, tuple(path for path in skipped if path not in named)
 
 
 def _arrays(shape: Any, name: str) -> tuple[FloatArray, IntArray]:

@@ -10,12 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collalign.batch import estimate_job, read_batch
+from collalign import load
+from collalign.batch import estimate_job, read_batch, run_batch
 from collalign.engine.run_options import RunOptions
+from collalign.engine.store import Store
 from collalign.options import AlignOptions
-from collalign.stages.forecast import forecast
+from collalign.stages.forecast import forecast, try_shapes
 from data_tools.datasets.synthetic import write_collection
+from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.objects import list_shapes
+from data_tools.io.shapes import write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.surface.shape import Shape
 from tests.commands import run_command
 from tests.finished_runs import chairs
 
@@ -91,7 +98,15 @@ def test_jobs_share_options_and_override_them(folder):
 @pytest.mark.parametrize(
     ("text", "error", "word"),
     [
-        ("jobs = 3", InputError, "nothing to do"),
+        ("seed = 3", InputError, "unknown entry 'seed'"),
+        ("[options]\nseed = 3", InputError, "nothing to do"),
+        ("jobs = 3", InputError, "For so many processes use `collalign batch batch.toml --jobs 3`"),
+        (
+            "[options]\njobs = 3\n[[jobs]]\nfolder = 'x'\nout = 'y'",
+            OptionsError,
+            "batch.toml --jobs 3",
+        ),
+        ("[[jobs]]\nfolder = 'x'\nout = 'y'\nkinds_by = 'age'", InputError, "must be 'folder'"),
         ("[[jobs]]\nfolder = 'x'", InputError, "job 1"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\nparts = 1", InputError, "true or false"),
         ("[[jobs]]\nfolder = 'x'\nout = 'y'\ninclude = '*.csv'", InputError, "list of patterns"),
@@ -176,8 +191,7 @@ def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes
     kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
     estimate = forecast(kinds, (num_shapes, 0), (10, 10), AlignOptions(incomplete=incomplete), 1)
     assert ("incomplete shapes" in estimate.stages_s) == looked_for
-    settled = 4.0 * num_shapes if num_shapes > 8 else 0.0
-    assert estimate.stages_s["maps"] == num_shapes + 10.0 + settled
+    assert estimate.stages_s["maps"] == num_shapes + 10.0 + 4.0 * num_shapes
 
 
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])
@@ -200,3 +214,47 @@ def refuse_to_list(folder, monkeypatch):
         return listing(path)
 
     monkeypatch.setattr(Path, "iterdir", iterdir)
+
+
+def test_matching_by_other_pieces_is_part_of_the_estimate():
+    costs = {"shapes": 1.0, "pairs": 0.5, "surfaces": math.nan, "evidence": math.nan}
+    once, twice = (
+        forecast(costs, (6, 6), (15, 15), AlignOptions(), 1, is_assembled=second)
+        for second in (False, True)
+    )
+    assert "pieces" not in once.stages_s
+    assert twice.stages_s["pieces"] == pytest.approx(6 * 1.0 + 15 * 0.5)
+    assert twice.seconds == pytest.approx(once.seconds + twice.stages_s["pieces"])
+    assert twice.tasks["pieces"] == 21
+
+
+def test_a_trial_says_whether_shapes_are_assembled_of_components(folder):
+    rng = np.random.default_rng(0)
+    for at in range(2):
+        pieces = [blob(rng, num_vertices=200) for _ in range(2)]
+        vertices = np.concatenate([pieces[0].vertices, pieces[1].vertices + 5.0])
+        faces = np.concatenate([pieces[0].faces, pieces[1].faces + len(pieces[0].vertices)])
+        write_mesh(folder / "assembled" / f"{at}.ply", Shape.from_arrays(vertices, faces))
+    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
+    run = RunOptions(jobs=1)
+    assert try_shapes(list_shapes(folder / "assembled"), options, run).is_assembled
+    assert not try_shapes(list_shapes(folder / "chairs"), options, run).is_assembled
+
+
+def test_python_runs_a_batch_and_says_what_failed(folder):
+    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
+    lost, found = run_batch(batch_file(folder, text), run={"jobs": 1}, progress=False)
+    assert lost.collection is None
+    assert "nowhere" in lost.error
+    assert found.collection is not None
+    assert not found.error
+    assert load(folder / "b").names == found.collection.names
+    again = run_batch(read_batch(folder / "batch.toml")[1:], run={"jobs": 1}, progress=False)
+    assert again[0].collection is not None
+    assert again[0].collection.run.num_reused == 6
+
+
+def test_status_counts_shapes_and_not_how_often_they_were_read(tmp_path):
+    with Store.open(tmp_path / "store.sqlite") as store:
+        store.plan("shapes", {key * 64: label for key, label in zip("abc", "xxy", strict=True)})
+        assert store.status()["shapes"] == {"planned": 2, "done": 0, "failed": 0, "left": 2}

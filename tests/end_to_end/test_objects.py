@@ -46,7 +46,7 @@ def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
     assert list_shapes(tmp_path).names == found.names == from_memory.names
     np.testing.assert_array_equal(found.transforms, from_memory.transforms)
     np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
-    assert found.made.digests == from_memory.made.digests
+    assert found.digests == from_memory.digests
 
 
 def test_objects_of_open3d_are_aligned_and_given_back(

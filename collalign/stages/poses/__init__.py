@@ -1,7 +1,6 @@
 """From pairs that partly contradict each other to one pose per shape.
 
 * ``synchronize``: from pairs to poses
-* ``parts``: of a mixed folder
 * ``refinement``: on dense samples
 * ``bent``: averages over several ways
 * ``agreement``: pairs at the common poses

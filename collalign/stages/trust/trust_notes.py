@@ -123,9 +123,7 @@ def remedies(
     options, said = session.options, []
     in_doubt = np.flatnonzero(~(confidence >= DOUBT))
     mostly = len(in_doubt) >= MOST_IN_DOUBT * len(confidence)
-    kinds = (
-        _kinds(pairs, len(confidence), options.group) if mostly and options.clusters == 1 else []
-    )
+    kinds = _kinds(pairs, len(confidence), options.group) if mostly else []
     if kinds:
         groups = "; ".join(listed([shapes.names[i] for i in kind]) for kind in kinds)
         said.append(Note("several-kinds", values={"num": len(kinds), "groups": groups}))

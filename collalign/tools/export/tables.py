@@ -84,9 +84,13 @@ def shape_columns(request: ExportRequest) -> Table:
     columns: dict[str, list[Any]] = {
         "name": list(collection.names),
         "file": list(collection.files),
+        "relative_path": list(collection.relative_paths),
+        "digest": list(collection.digests),
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "group": collection.part_numbers.tolist(),
+        "kind": list(collection.kind_names),
+        "alone": collection.is_alone.astype(int).tolist(),
         "centroid_size": collection.centroid_sizes.tolist(),
         "scale": collection.scales.tolist(),
         **member_columns(request),

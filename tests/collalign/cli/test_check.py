@@ -54,7 +54,9 @@ def test_a_check_reads_every_file_and_writes_nothing(folder):
             "align", folder, "--recursive", "--out", out, *FLAGS, "--check", "--json", ends=3
         ).out
     )
-    assert [one["name"] for one in told["shapes"]] == ["left/a", "left/b", "right/a", "c", "metres"]
+    assert [one["name"] for one in told["shapes"]] == [
+        *("left/a", "left/b", "right/a", "right/c", "right/metres"),
+    ]
     assert all(one["points"] == 40 and one["triangles"] == 0 for one in told["shapes"])
     assert max(told["shapes"][0]["size"]) > 30
     assert [one["file"] for one in told["left_out"]] == ["right/b.xyz"]
@@ -62,7 +64,7 @@ def test_a_check_reads_every_file_and_writes_nothing(folder):
     (note,) = told["notes"]
     assert (note["code"], note["shapes"], note["values"]) == (
         "much-smaller",
-        ["metres"],
+        ["right/metres"],
         {"times": [pytest.approx(1e3, rel=0.01)]},
     )
     assert not out.exists()
@@ -91,7 +93,7 @@ def test_a_check_says_who_has_few_points(folder):
     assert "three.xyz: 3 points do not determine a pose; 4 are needed" in said.err
     said = said.out
     assert "Shapes are matched at 40 points: none has the 64 asked for." in said
-    assert "Fewer points than the 40 that shapes are matched at: few (5 points)." in said
+    assert "Fewer points than the 40 that shapes are matched at: left/few (5 points)." in said
 
 
 def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder):
@@ -99,15 +101,18 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     places = folder.parent / "all.txt"
     places.write_text("in/left\nin/right/*.xyz\n")
     said = run_command("align", f"@{places}", "--out", out, *FLAGS, ends=3)
-    assert "Much smaller than the median shape: metres" in said.out
-    assert "Left out: right/b.xyz: " in said.err
-    assert load(out).names == ("c", "left/a", "left/b", "metres", "right/a")
+    assert "Much smaller than the median shape: in/right/metres" in said.out
+    assert "Left out: in/right/b.xyz: " in said.err
+    names = ("in/left/a", "in/left/b", "in/right/a", "in/right/c", "in/right/metres")
+    assert load(out).names == names
     assert len({path.name for path in (out / "meshes").iterdir()}) == 5
     places = [str(folder / "right"), str(folder / "left")]
     told = json.loads(
         run_command("align", *places, "--out", out, *FLAGS, "--check", "--json", ends=3).out
     )
-    assert {"c", "left/a", "metres", "right/a"} < {one["name"] for one in told["shapes"]}
+    assert {"right/c", "left/a", "right/metres", "right/a"} < {
+        one["name"] for one in told["shapes"]
+    }
     ended = run_command("align", folder, "--out", out, ends=2)
     assert "its folders do: left (2), right (4)" in ended.err
 

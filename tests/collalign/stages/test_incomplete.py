@@ -425,7 +425,6 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         ({}, "open", True),
         ({}, "closed", False),
         ({"incomplete": "never"}, "open", False),
-        ({"clusters": 2}, "open", False),
         ({"synchronization": "spectral"}, "open", False),
         ({"deformable": True}, "open", False),
     ],

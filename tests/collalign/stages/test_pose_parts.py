@@ -6,18 +6,16 @@ import pytest
 from collalign.options import AlignOptions
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import resolve_pair
-from collalign.stages.poses.parts import join_parts, split_shapes
 from collalign.stages.poses.placement import rotated_solution
-from collalign.stages.poses.synchronize import synchronize_pairs, synchronize_shapes
+from collalign.stages.poses.synchronize import synchronize_pairs
 from data_tools.datasets.synthetic_shapes import chair
 from data_tools.embedding.embedding import sample_shape
-from data_tools.errors import CollectionError, OptionsError
+from data_tools.errors import OptionsError
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from tests.notes import codes
 from tests.products import pair_of, samples_at
-from tests.synchronization_problems import mixed_collection, pose_errors_deg
+from tests.synchronization_problems import mixed_collection
 
 SIZES = (9, 7)
 NONE = Constraints()
@@ -49,41 +47,7 @@ def samples(rng):
     ]
 
 
-def solve(samples, pairs, clusters, constraints=NONE):
-    options = AlignOptions(group="SO", clusters=clusters)
-    split, linked = split_shapes(options, samples, pairs)
-    solution = synchronize_shapes(options, samples, linked, constraints)
-    merged, solution = join_parts(options, split, pairs, linked, solution, constraints)
-    assert [(pair.target, pair.source) for pair in merged] == [
-        (pair.target, pair.source) for pair in pairs
-    ]
-    return solution
-
-
-@pytest.mark.parametrize("clusters", [0, 2])
-def test_a_mixed_folder_is_split_and_each_part_is_right(clusters, samples, pairs, labels_and_truth):
-    labels, truth = labels_and_truth
-    solution = solve(samples, pairs, clusters)
-    assert {tuple(part) for part in solution.parts} == {
-        tuple(np.flatnonzero(labels == label)) for label in (0, 1)
-    }
-    for part in solution.parts:
-        assert pose_errors_deg(solution.rotations[part], truth[part]).max() < 20
-    assert np.allclose(solution.rotations[0], np.eye(3))
-    assert len(solution.edge_choice) == len(solution.edge_inlier) == len(pairs)
-    assert codes(solution.warnings) == ["different-parts"]
-    assert solution.warnings[0].values["num"] == 2
-
-
-def test_poses_set_by_hand_stay(samples, pairs, rng):
-    fixed = random_rotation(rng)
-    solution = solve(samples, pairs, 2, Constraints(fixed={3: fixed}))
-    assert np.allclose(solution.rotations[3], fixed)
-
-
-def test_parts_of_one_shape_each_are_refused(samples, pairs):
-    with pytest.raises(CollectionError, match="ask for fewer"):
-        solve(samples, pairs, sum(SIZES))
+def test_impossible_options_of_frames_and_kinds_are_refused():
     with pytest.raises(OptionsError, match="clusters"):
         AlignOptions(clusters=2, synchronization="spectral")
     with pytest.raises(OptionsError, match="reference"):

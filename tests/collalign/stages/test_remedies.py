@@ -58,7 +58,6 @@ def test_two_kinds_are_told_apart_by_pairs_that_agree_and_energies(said):
     assert said(np.full(NUM, 0.9), mixed) == [kinds]
     assert kinds not in said(np.full(NUM, 0.9), pairs)
     assert kinds not in said(sure(s1=0.9), mixed)
-    assert kinds not in said(np.full(NUM, 0.9), mixed, replace(OPTIONS, clusters=2))
 
 
 @pytest.mark.parametrize(

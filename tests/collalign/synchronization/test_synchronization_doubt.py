@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from collalign.synchronization import PairGraph, find_parts, synchronize
-from data_tools.errors import OptionsError
+from collalign.synchronization import synchronize
 from tests.synchronization_problems import (
     D2_FLIPS,
     complete_edges,
     exact_pairs,
     flipped_pairs,
     group_flip,
-    mixed_collection,
     pose_errors_deg,
     random_rotations,
     regular_edges,
@@ -105,20 +103,3 @@ def test_sparse_graphs_with_uniform_outliers_state_no_wrong_shape(degree, wrong,
     sure = found.confidence >= 0.95
     assert sure.mean() >= stated
     assert is_right[sure].all()
-
-
-@pytest.mark.parametrize(("sizes", "seed"), [((20, 20, 20), 0), ((10, 14, 8, 12), 1)])
-def test_mixed_folders_are_split(sizes, seed):
-    problem, labels = mixed_collection(np.random.default_rng(seed), sizes, wrong=0.2)
-    found = find_parts(
-        PairGraph.from_user(problem.edges, problem.rotations, energies=problem.energies)
-    )
-    assert len(np.unique(np.stack([found, labels]), axis=1).T) == found.max() + 1 == len(sizes)
-
-
-def test_one_kind_of_shapes_is_not_split():
-    problem = flipped_pairs(np.random.default_rng(8), complete_edges(20), 20, wrong=0.2)
-    graph = PairGraph.from_user(problem.edges, problem.rotations)
-    assert not find_parts(graph).any()
-    with pytest.raises(OptionsError, match="num_parts"):
-        find_parts(graph, num_parts=21)

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collalign.synchronization import PairGraph, principal_axes_gauge, synchronize
-from collalign.synchronization.clusters import pair_affinity, part_rotations, spectral_clusters
+from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from collalign.synchronization.frames import fix_gauge, relative, transposed
 from collalign.synchronization.hypotheses import (
     FORBIDDEN,
@@ -328,23 +328,6 @@ def test_parts_are_numbered_by_their_first_shape():
     affinity = np.where(member[:, None] == member, 1.0, 0.01) - np.eye(8)
     expected = [0, 1, 1, 0, 2, 2, 0, 1]
     assert spectral_clusters(affinity, 3).tolist() == expected
-
-
-@pytest.mark.parametrize("num", [3, 17], ids=["few pairs", "more pairs than modes"])
-def test_parts_are_turned_to_each_other_and_some_stay(num):
-    edges = complete_edges(2 * num)
-    truth = random_rotations(np.random.default_rng(6), 2 * num)
-    graph = PairGraph.from_user(edges, exact_pairs(truth, edges))
-    labels, own = (
-        np.repeat([0, 1], num),
-        np.repeat(random_rotations(np.random.default_rng(7), 2), num, axis=0),
-    )
-    for stay in (0, 1):
-        turns = part_rotations(graph, labels, own @ truth, {stay})
-        np.testing.assert_array_equal(turns[labels == stay], np.tile(np.eye(3), (num, 1, 1)))
-        np.testing.assert_allclose(
-            exact_pairs(turns @ own @ truth, edges), graph.candidates[:, 0], atol=1e-8
-        )
 
 
 def test_shapes_that_are_fixed_stay_and_the_reference_is_the_identity():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
-from data_tools.io.listing import files_at, parts_of, read_folder
+from data_tools.io.listing import parts_of, read_folder, shapes_at
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import write_mesh
 from data_tools.surface.shape import Shape
@@ -35,13 +35,13 @@ def test_tables_beside_meshes_are_no_shapes_and_change_no_name(folder):
 
 def test_whoever_names_a_table_gets_it(folder):
     included = read_folder(folder, include=["*.csv"])
-    assert {"s0.csv", "s0.ply", "S1_landmarks"} <= {*included.names}
+    assert {"s0.csv", "s0", "S1_landmarks.csv"} <= {*included.names}
     assert "measured.txt" in included.skipped_names
-    assert list_shapes(folder, include=["s0.xyz"]).names[1:3] == ("s0.ply", "s0.xyz")
+    assert list_shapes(folder, include=["s0.xyz"]).names[1:3] == ("s0", "s0.xyz")
     assert list_shapes(folder / "*.csv").names == ("s0", "S1_landmarks")
     assert len(list_shapes([*folder.glob("s0.*")]).names) == 3
     (folder / "list").write_text(".\nmeasured.txt\n")
-    assert "measured.txt" in [path.name for path in files_at(f"@{folder / 'list'}")[0]]
+    assert "measured.txt" in [path.name for path in shapes_at(f"@{folder / 'list'}").files]
 
 
 def test_tables_alone_and_beside_clouds_are_clouds(tmp_path):

@@ -110,6 +110,20 @@ def test_the_content_of_a_source_decides_its_digest_and_travels_to_workers(shape
     assert (location(first), location(Path("a.ply"))) == ("", "a.ply")
 
 
+def test_several_places_are_told_apart_whatever_they_hold(shape, tmp_path):
+    a, b = tmp_path / "left", tmp_path / "right"
+    for name in ("l1", "l2"):
+        write_mesh(a / f"{name}.ply", shape)
+    write_mesh(b / "r1.ply", shape)
+    assert list_shapes([a, b]).names == ("left/l1", "left/l2", "right/r1")
+    assert list_shapes([a / "*1.ply", b / "*"]).names == ("left/l1", "right/r1")
+    assert list_shapes([a / "l1.ply", b / "r1.ply"]).names == ("l1", "r1")
+    write_mesh(b / "l1.ply", shape)
+    assert list_shapes([a, b]).names == ("left/l1", "left/l2", "right/l1", "right/r1")
+    assert list_shapes([a / "l1.ply", b / "l1.ply"]).names == ("left/l1", "right/l1")
+    assert list_shapes([a, a / "l1.ply"]).names == ("l1", "l2")
+
+
 def test_a_list_names_shapes_by_file_own_name_or_position(shape, tmp_path):
     file = write_mesh(tmp_path / "tooth2.ply", shape)
     listing = list_shapes([shape.vertices, file, trimesh.Trimesh(shape.vertices, shape.faces)])

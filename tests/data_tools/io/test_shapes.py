@@ -1,5 +1,4 @@
 import dataclasses
-import itertools
 import os
 import re
 import unicodedata
@@ -9,7 +8,7 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, UnavailableError
-from data_tools.io.listing import READERS, distinct_names, files_at, hash_shape, read_folder
+from data_tools.io.listing import READERS, hash_shape, read_folder, relative_path, shapes_at
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import AS_STORED, CleaningOptions
@@ -262,12 +261,12 @@ def test_clouds_come_without_faces(tmp_path, rng):
 
 
 def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
-    for name in ("b10.ply", "b2.ply", "a.off", "a.ply", "A.obj", "notes.md", ".hidden.ply"):
+    for name in ("b10.ply", "b2.ply", "a.off", "A.obj", "notes.md", ".hidden.ply"):
         (tmp_path / name).touch()
     (tmp_path / "folder.ply").mkdir()
     listing = read_folder(tmp_path)
-    assert [f.name for f in listing.files] == ["A.obj", "a.off", "a.ply", "b2.ply", "b10.ply"]
-    assert listing.names == ("A.obj", "a.off", "a.ply", "b2", "b10")
+    assert [f.name for f in listing.files] == ["A.obj", "a.off", "b2.ply", "b10.ply"]
+    assert listing.names == ("A", "a", "b2", "b10")
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
 
 
@@ -290,22 +289,58 @@ def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
     (tmp_path / "a.pts").write_text("Version 1.0\n1\nS000 0 0 0\n", "utf-8-sig")
     (tmp_path / "b.pts").write_text("2\n0 0 0\n1 2 3\n")
     for files, skipped in (
-        (read_folder(tmp_path).files, read_folder(tmp_path).skipped),
-        files_at(tmp_path / "*"),
+        (listing.files, listing.skipped)
+        for listing in (read_folder(tmp_path), shapes_at(tmp_path / "*"))
     ):
         assert [path.name for path in files] == ["a.ply", "b.pts"]
         assert [path.name for path in skipped] == ["a.pts"]
     assert read_folder(tmp_path).names == ("a", "b")
 
 
-def test_names_stay_distinct_and_readable_whatever_the_files_are_called(tmp_path):
-    for name in (b"a.ply", b"a.obj", b"a.ply.ply", b"\xff.ply"):
+def test_names_are_readable_whatever_the_files_are_called(tmp_path):
+    for name in (b"a.ply", b"b.obj", b"a.ply.ply", b"\xff.ply"):
         with open(os.fsencode(tmp_path) + b"/" + name, "wb"):
             pass
     listing = read_folder(tmp_path)
     assert len(set(listing.names)) == 4
     assert "\n".join(listing.names).encode()  # no surrogates
     assert any("xff" in name for name in listing.names)
+
+
+def test_a_name_does_not_depend_on_what_else_is_in_the_folder(tmp_path):
+    files = ["desk_00.ply", "setA/desk_00.ply", "setB/desk_00.stl", "setB/old/desk_00.ply"]
+    names = set[str]()
+    for count, file in enumerate(files, 1):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+        found = read_folder(tmp_path, recursive=True).names
+        assert names < {*found}
+        assert len(found) == count
+        names = {*found}
+    assert names == {"desk_00", "setA/desk_00", "setB/desk_00", "setB/old/desk_00"}
+
+
+def test_files_that_only_their_type_tells_apart_keep_their_suffix(tmp_path):
+    for name in ("a.ply", "b.obj", "a.stl", "sub/a.ply"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert read_folder(tmp_path, recursive=True).names == ("a.ply", "a.stl", "b", "sub/a")
+    assert shapes_at(tmp_path / "*.ply").names == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "expected"),
+    [
+        ("setA/desk_00", "/data/setA/desk_00.ply", "setA/desk_00.ply"),
+        ("desk_00", "/data/setA/desk_00.ply", "desk_00.ply"),
+        ("mine", "/data/setA/desk_00.ply", "desk_00.ply"),
+        ("setA/desk.ply", "/data/setA/desk.ply", "setA/desk.ply"),
+        ("A", "/data/A.*", "A.*"),
+        ("shape1", "", ""),
+    ],
+)
+def test_a_relative_path_is_the_name_with_the_suffix(name, file, expected):
+    assert relative_path(name, file) == expected
 
 
 def test_names_that_differ_in_case_or_encoding_alone_stay_short(tmp_path):
@@ -345,39 +380,35 @@ def test_folders_in_a_folder_are_taken_when_asked_and_named_when_not(sides):
     ):
         read_folder(sides)
     listing = read_folder(sides, recursive=True)
-    assert listing.names == ("left/A", "right/A", "B2", "old/A")
+    assert listing.names == ("left/A", "right/A", "right/B2", "right/old/A")
     assert [path.name for path in listing.skipped] == ["notes.md"]
     assert read_folder(sides / "right").names == ("A", "B2")
 
 
-def test_names_tell_files_apart_whatever_their_order(sides):
-    files = [sides / name for name in ("left/A.ply", "right/A.ply", "right/A.obj", "right/B2.ply")]
-    named = dict(zip(files, distinct_names(files), strict=True))
-    assert list(named.values()) == ["left/A.ply", "right/A.ply", "right/A.obj", "B2"]
-    for order in itertools.permutations(files):
-        assert dict(zip(order, distinct_names(order), strict=True)) == named
-
-
 def test_places_are_folders_patterns_lists_and_files(sides):
     (sides / "some.txt").write_text("# the left one and a pattern\nleft\n\nright/*\n")
-    found, others = files_at(f"@{sides / 'some.txt'}")
-    assert [path.name for path in (*found, *others)] == ["A.ply", "A.ply", "B2.ply", "notes.md"]
-    assert len(files_at(sides / "**" / "*.[ps]*")[0]) == 4
-    assert len(files_at(sides / "right", recursive=True)[0]) == 3
-    assert files_at(sides / "none.ply") == (
-        (sides / "none.ply",),
-        (),
-    )  # left out later, with this as the reason
+    listed = shapes_at(f"@{sides / 'some.txt'}")
+    assert listed.names == ("left/A", "right/A", "right/B2")
+    assert [path.name for path in listed.skipped] == ["notes.md"]
+    assert shapes_at(sides / "**" / "*.[ps]*").names == (
+        "left/A",
+        "right/A",
+        "right/B2",
+        "right/old/A",
+    )
+    assert shapes_at(sides / "right", recursive=True).names == ("A", "B2", "old/A")
+    # A file that is not there is left out later, with this as the reason.
+    assert shapes_at(sides / "none.ply").files == (sides / "none.ply",)
     for wrong, message in (
         (sides / "nowhere", "nowhere: no such file or folder"),
         (sides / "left" / "*.stl", "no shape file matches"),
         (f"@{sides / 'none.txt'}", "cannot be read"),
     ):
         with pytest.raises(InputError, match=re.escape(message)):
-            files_at(wrong)
+            shapes_at(wrong)
     (sides / "some.txt").write_text("left\nlfet\n")
     with pytest.raises(InputError, match=r"some\.txt, line 2: .*lfet: no such file"):
-        files_at(f"@{sides / 'some.txt'}")
+        shapes_at(f"@{sides / 'some.txt'}")
 
 
 def with_gaps(tmp_path, suffix, bad):

@@ -1,0 +1,196 @@
+"""Finds the kinds of a collection: by what no pose changes, then by pairs of shapes that decide between kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from collalign.confidence.kind_model import LEAST_FREE_GAP, LEAST_GAP, kin_log_odds
+from collalign.options import MAX_ROUNDS, AlignSession
+from collalign.products.shapes import Shapes
+from collalign.stages.choose_pairs import normalised
+from collalign.stages.kinds.grouping import (
+    FEWEST_OF_KIND,
+    Grouping,
+    group_into,
+    group_shapes,
+)
+from collalign.stages.kinds.pose_free import kind_descriptors
+from collalign.stages.match_pairs import match_pairs
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.errors import CollectionError, OptionsError
+
+#: Shapes, the nearest before any are matched, that each is matched with.
+NUM_NEAR = 6
+#: Kinds, the nearest, that each is compared with, and pairs of shapes between two of them.
+NUM_RIVALS, NUM_ACROSS = 3, 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoundKinds:
+    """The kinds of a collection.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (N,)
+        Kind of each shape, numbered by first member.
+    confidence : ndarray, shape (K,)
+        How likely each is a kind of its own.
+    log_odds : ndarray, shape (N, N)
+        Of two shapes being of one kind.
+    """
+
+    labels: IntArray
+    confidence: FloatArray
+    log_odds: FloatArray
+
+    @property
+    def num(self) -> int:
+        """How many kinds there are."""
+        return len(self.confidence)
+
+
+def find_kinds(
+    session: AlignSession, shapes: Shapes, *, num: int = 0, known: IntArray | None = None
+) -> FoundKinds | None:
+    """Return the kinds of a collection; None where it is of one kind, or nothing tells.
+
+    Pairs are matched only where kinds are likely. Mirror images are of one kind: before two kinds are told apart, the
+    nearest of their pairs are matched with reflections as well, unless ``options.group`` forbids these.
+
+    Parameters
+    ----------
+    session : Session
+    shapes : Shapes
+    num : int
+        How many kinds there are; 0 where that is to be found.
+    known : ndarray of int, shape (N,), optional
+        Kinds of shapes of an earlier run, from 0; -1 for new ones.
+
+    Raises
+    ------
+    OptionsError
+        If more kinds are asked for than there are shapes, or shapes of so few points are to be split.
+    """
+    if num > len(shapes.names):
+        raise OptionsError(
+            f"clusters: expected at most {len(shapes.names)}, one a shape, got {num}"
+        )
+    descriptors = kind_descriptors(shapes.samples)
+    if descriptors is None:
+        if num:
+            raise OptionsError(
+                "clusters: kinds cannot be told apart, because some shapes have too few points; say them with "
+                "--kinds-by"
+            )
+        return None
+    distances = descriptors.distances()
+    free = kin_log_odds(*distances)
+    parts = _may_be_parts(shapes)
+    if not num:
+        first = group_shapes(free, LEAST_FREE_GAP, known=known, never_apart=parts)
+        if first.num == 1:
+            return None
+    log_odds = np.minimum(free, 0.0)
+    near = np.argsort(-_without_own(free), axis=1, kind="stable")[:, :NUM_NEAR]
+    near_pairs = [(i, j) for i, own in enumerate(near.tolist()) for j in own]
+    first_group = "O" if session.options.group == "O" else "SO"
+    evidence = _Evidence(distances=distances, log_odds=log_odds)
+    evidence.add(_least_mismatches(session, shapes, near_pairs, first_group))
+    looked_at = set[tuple[int, int]]()
+    for _ in range(MAX_ROUNDS):
+        found = (
+            group_into(log_odds, num, known=known)
+            if num
+            else group_shapes(log_odds, LEAST_GAP, known=known, never_apart=parts)
+        )
+        edges = sorted({*_across(found, log_odds)} - looked_at)
+        if found.num == 1 or not edges:
+            break
+        second_group = "SO" if session.options.group == "SO" else "O"
+        evidence.add(_least_mismatches(session, shapes, edges, second_group))
+        looked_at |= {*edges}
+    was_mixed = known is not None and known.max() > 0
+    if found.num == 1 or not (num or was_mixed or _is_mixed(found)):
+        return None
+    return FoundKinds(labels=found.labels, confidence=found.confidence, log_odds=log_odds)
+
+
+def alikeness(shapes: Shapes) -> FloatArray:
+    """Return how alike any two shapes are by what no pose changes, shape (N, N); 0 where that is not known."""
+    descriptors = kind_descriptors(shapes.samples)
+    num = len(shapes.names)
+    return np.zeros((num, num)) if descriptors is None else kin_log_odds(*descriptors.distances())
+
+
+def _is_mixed(found: Grouping) -> bool:
+    """Return whether groups show that a folder holds several kinds; single odd shapes do not."""
+    return int((np.bincount(found.labels) >= FEWEST_OF_KIND).sum()) > 1
+
+
+def _may_be_parts(shapes: Shapes) -> BoolArray:
+    """Return which shapes may be parts of others: open surfaces, where most are closed."""
+    are_open = np.array([one.rim == "open" for one in shapes.samples])
+    return are_open & (2 * are_open.sum() < len(are_open))
+
+
+def _without_own(values: FloatArray) -> FloatArray:
+    """Return a square table without its diagonal."""
+    found = values.copy()
+    np.fill_diagonal(found, -np.inf)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Evidence:
+    """What is known of pairs: distances of their descriptors, and the log-odds that matching may change in place."""
+
+    distances: tuple[FloatArray, FloatArray]
+    log_odds: FloatArray
+    matched: set[tuple[int, int]] = field(default_factory=set)
+
+    def add(self, mismatches: Mapping[tuple[int, int], float]) -> None:
+        """Take in what matching says of pairs; of several matches of one pair the better counts."""
+        for (i, j), least in mismatches.items():
+            shells, descriptors = (one[i, j] for one in self.distances)
+            known = kin_log_odds(shells, descriptors, np.array(least))
+            before = self.log_odds[i, j] if (i, j) in self.matched else -np.inf
+            self.log_odds[i, j] = self.log_odds[j, i] = max(float(known), before)
+            self.matched.add((i, j))
+
+
+def _least_mismatches(
+    session: AlignSession, shapes: Shapes, edges: Sequence[tuple[int, int]], group: str
+) -> dict[tuple[int, int], float]:
+    """Return the least mismatch of pairs, by the positions of their shapes; of those that could be matched."""
+    options = replace(session.options, group="O" if group == "O" else "SO")
+    try:
+        pairs, _ = match_pairs(
+            replace(session, options=options), shapes, normalised(np.array(edges))
+        )
+    except CollectionError:  # not one could be matched: nothing is known of them
+        return {}
+    least = {
+        (min(one.target, one.source), max(one.target, one.source)): np.nanmin(
+            one.mismatches, initial=np.inf
+        )
+        for one in pairs
+    }
+    return {pair: float(value) for pair, value in least.items() if np.isfinite(value)}
+
+
+def _across(found: Grouping, log_odds: FloatArray) -> list[tuple[int, int]]:
+    """Return the nearest pairs of shapes between each group and those nearest to it."""
+    chosen = set[tuple[int, int]]()
+    for group in range(found.num):
+        rivals = np.argsort(-found.across[group], kind="stable")[: min(NUM_RIVALS, found.num - 1)]
+        for rival in rivals.tolist():
+            one, other = (np.flatnonzero(found.labels == of) for of in (group, rival))
+            table = log_odds[np.ix_(one, other)]
+            order = np.argsort(-table, axis=None, kind="stable")[:NUM_ACROSS]
+            for at in order.tolist():
+                i, j = int(one[at // len(other)]), int(other[at % len(other)])
+                chosen.add((min(i, j), max(i, j)))
+    return sorted(chosen)

@@ -1,0 +1,315 @@
+"""Kinds of shapes: groups whose nearest kin is far closer than the nearest stranger, and the frames between them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from collalign import AlignOptions, RunOptions
+from collalign.confidence.kind_model import FEW, LEAST_GAP, kin_log_odds, split_confidence
+from collalign.engine.session import Session
+from collalign.products.kinds import Kind
+from collalign.products.pair import FormerPairs
+from collalign.stages.kinds.find import find_kinds
+from collalign.stages.kinds.grouping import group_into, group_shapes
+from collalign.stages.kinds.kind_frames import LEAST_AGREEING, agreed_rotation, kind_frames
+from collalign.stages.kinds.plan import (
+    kinds_of,
+    looks_for_kinds,
+    options_of_kind,
+    plan_kinds,
+    settled_kinds,
+)
+from collalign.stages.kinds.pose_free import NUM_SHELLS, kind_descriptors, shell_means
+from collalign.stages.shape_stage import prepare_shapes
+from data_tools.datasets.synthetic import deformed_family, planted_collection
+from data_tools.datasets.synthetic_shapes import blob, figure
+from data_tools.errors import InputError, OptionsError
+from data_tools.io.objects import list_shapes
+from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.poses import APART_DEG
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+
+OPTIONS = AlignOptions(
+    group="SO", sampling=SamplingOptions(num_points=32, num_dense_points=100), maps="never"
+)
+
+
+def log_odds_of(labels, *, kin=6.0, strangers=-2.0, rng=None):
+    """Log-odds of shapes whose nearest kin is as close as is said, and whose strangers are."""
+    labels = np.asarray(labels)
+    odds = np.where(labels[:, None] == labels, kin, strangers).astype(float)
+    if rng is not None:
+        noise = rng.normal(scale=0.3, size=odds.shape)
+        odds += noise + noise.T
+    return odds
+
+
+def as_partition(labels):
+    return {tuple(np.flatnonzero(labels == k).tolist()) for k in np.unique(labels)}
+
+
+@pytest.mark.parametrize("labels", [[0, 0, 0, 1, 1, 1], [0, 1, 0, 1, 2, 2, 0, 1, 2]])
+def test_kinds_are_told_apart_whatever_their_order(labels, rng):
+    odds = log_odds_of(labels, rng=rng)
+    found = group_shapes(odds, LEAST_GAP)
+    assert as_partition(found.labels) == as_partition(np.array(labels))
+    assert found.labels.tolist()[0] == 0
+    assert (found.confidence > 0.95).all()
+    order = rng.permutation(len(labels))
+    again = group_shapes(odds[np.ix_(order, order)], LEAST_GAP)
+    assert as_partition(again.labels[np.argsort(order)]) == as_partition(np.array(labels))
+
+
+def test_a_gap_that_is_small_or_strangers_that_match_keep_shapes_together(rng):
+    labels = [0, 0, 0, 1, 1, 1]
+    limit = LEAST_GAP + FEW / 3
+    for kin, strangers, num in (
+        (limit - 1.0 - 0.2, -1.0, 1),
+        (limit - 1.0 + 0.2, -1.0, 2),
+        (30.0, 1.5, 1),  # they match, however closely others do
+    ):
+        found = group_shapes(log_odds_of(labels, kin=kin, strangers=strangers), LEAST_GAP)
+        assert found.num == num
+    assert group_shapes(log_odds_of([0] * 8, rng=rng), LEAST_GAP).num == 1
+
+
+def test_nearest_kin_counts_and_not_all_of_a_kind():
+    """A row of shapes, each like its neighbours only, is of one kind; a second row far from it is another."""
+    place = np.concatenate([np.arange(6.0), 100.0 + np.arange(6.0)])
+    odds = np.maximum(5.0 - 3.0 * (np.abs(place[:, None] - place) - 1.0), -8.0)
+    assert as_partition(group_shapes(odds, LEAST_GAP).labels) == {
+        tuple(range(6)),
+        tuple(range(6, 12)),
+    }
+
+
+def test_known_groups_stay_apart_and_new_shapes_come_to_theirs():
+    labels = np.array([0, 0, 0, 0, 1, 1])
+    known = np.array([0, 0, 1, 1, -1, -1])
+    found = group_shapes(log_odds_of(labels), LEAST_GAP, known=known)
+    assert as_partition(found.labels) == {(0, 1), (2, 3), (4, 5)}
+    near = log_odds_of([0, 0, 1, 1, 1, 0])
+    found = group_shapes(near, LEAST_GAP, known=known)
+    assert as_partition(found.labels) == {(0, 1, 5), (2, 3, 4)}
+
+
+def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
+    labels = [0, 0, 0, 0, 1]
+    odds = log_odds_of(labels, kin=9.0)
+    assert group_shapes(odds, LEAST_GAP).num == 2
+    parts = np.array([False] * 4 + [True])
+    assert group_shapes(odds, LEAST_GAP, never_apart=parts).num == 1
+    three = log_odds_of([0, 0, 0, 1, 1, 1], kin=9.0)
+    assert group_shapes(three, LEAST_GAP, never_apart=np.arange(6) > 2).num == 2
+
+
+@pytest.mark.parametrize("num", [1, 2, 3, 5, 9])
+def test_there_are_as_many_groups_as_asked_for(num, rng):
+    odds = log_odds_of([0, 0, 0, 1, 1, 1, 2, 2, 2], rng=rng)
+    found = group_into(odds, num)
+    assert found.num == num == len(np.unique(found.labels))
+    if num == 3:
+        assert as_partition(found.labels) == {(0, 1, 2), (3, 4, 5), (6, 7, 8)}
+
+
+def test_what_is_nearer_is_likelier_of_one_kind_and_a_larger_gap_surer():
+    near, far = np.array(0.1), np.array(0.4)
+    assert kin_log_odds(near, near) > kin_log_odds(far, near) > kin_log_odds(far, far)
+    assert kin_log_odds(near, near, near) > kin_log_odds(near, near, far)
+    assert split_confidence(6.0) > split_confidence(2.6) > 0.5 > split_confidence(0.0)
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """Six blobs and six figures in random poses, and which of the two each is."""
+    rng = np.random.default_rng(6)
+    two = blob(rng, num_vertices=400), figure(resolution=1)
+    shapes = [shape for kind in two for shape in deformed_family(kind, 6, rng, rms=0.005)]
+    planted = planted_collection(shapes, rng)
+    return planted, np.repeat([0, 1], 6)
+
+
+def _number_of(planted, name):
+    return [shape.name for shape in planted.shapes].index(name)
+
+
+def prepared(session, shapes):
+    return prepare_shapes(session, list_shapes({shape.name: shape for shape in shapes}))
+
+
+def test_descriptors_do_not_depend_on_pose_size_or_side(mixed, rng):
+    shape = mixed[0].shapes[0]
+    moved = 3.0 * shape.vertices @ random_rotation(rng).T + 5.0
+    mirrored = shape.vertices * [1.0, 1.0, -1.0]
+    others = [
+        Shape.from_arrays(moved, shape.faces, name="moved"),
+        Shape.from_arrays(mirrored, shape.faces[:, ::-1], name="mirrored"),
+        replace(mixed[0].shapes[7], name="other"),
+    ]
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        samples = prepared(session, [shape, *others]).samples
+    by_name = {one.name: one for one in samples}
+    means = {name: shell_means(one.local) for name, one in by_name.items()}
+    assert means["moved"].shape == (33 * NUM_SHELLS,)
+    of = means[shape.name]
+    near = [float(np.linalg.norm(means[name] - of)) for name in ("moved", "mirrored")]
+    assert 4.0 * max(near) < np.linalg.norm(means["other"] - of)
+    assert kind_descriptors([replace(one, local=None) for one in samples]) is None
+
+
+def test_two_kinds_are_found_and_one_is_not_split(mixed):
+    planted, kinds = mixed
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepared(session, planted.shapes)
+        truth = np.array([kinds[_number_of(planted, name)] for name in shapes.names])
+        found = find_kinds(session, shapes)
+        assert found is not None
+        assert as_partition(found.labels) == as_partition(truth)
+        assert (found.confidence > 0.9).all()
+        alone = shapes.some(np.flatnonzero(truth == 0).tolist())
+        assert find_kinds(session, alone) is None
+        halves = find_kinds(session, alone, num=2)
+        assert halves is not None
+        assert halves.num == 2
+        with pytest.raises(OptionsError, match="at most 6"):
+            find_kinds(session, alone, num=7)
+
+
+def test_one_kind_costs_no_pair(mixed):
+    planted, kinds = mixed
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepared(session, [planted.shapes[i] for i in np.flatnonzero(kinds == 1)])
+        assert find_kinds(session, shapes) is None
+        assert not session.store.keys("pairs")
+
+
+def test_an_odd_shape_among_one_kind_makes_no_second_kind(mixed):
+    planted, kinds = mixed
+    chosen = [*np.flatnonzero(kinds == 0), int(np.flatnonzero(kinds == 1)[0])]
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        assert find_kinds(session, prepared(session, [planted.shapes[i] for i in chosen])) is None
+
+
+def test_most_rotations_agree_or_none_does(rng):
+    truth = random_rotation(rng)
+    near = [truth @ _small(rng, 8.0) for _ in range(7)]
+    far = [random_rotation(rng) for _ in range(2)]
+    mean, share = agreed_rotation(np.stack([*near, *far]))
+    assert rotation_angle_deg(mean, truth) < APART_DEG / 3
+    assert LEAST_AGREEING <= share < 1.0
+    assert agreed_rotation(np.stack([random_rotation(rng) for _ in range(9)]))[1] == 0.0
+
+
+def _small(rng, degrees):
+    axis = rng.standard_normal(3)
+    axis *= np.radians(degrees) / np.linalg.norm(axis)
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.linalg.qr(np.eye(3) + cross)[0] * np.sign(np.diag(np.linalg.qr(np.eye(3) + cross)[1]))
+
+
+def test_a_kind_is_rotated_to_another_that_it_matches(mixed):
+    """Two halves of one kind, one of which has another frame: pairs across say how it lies."""
+    planted, kinds = mixed
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepared(session, [planted.shapes[i] for i in np.flatnonzero(kinds == 0)])
+        at = [_number_of(planted, name) for name in shapes.names]
+        turn = random_rotation(np.random.default_rng(3))
+        rotations = planted.rotations[at].copy()
+        rotations[3:] = turn.T @ rotations[3:]
+        halves = [np.arange(3), np.arange(3, 6)]
+        odds = np.zeros((6, 6))
+        first, second = kind_frames(session, shapes, halves, rotations, odds, root=0, settled={})
+        assert first.agreeing == 1.0
+        np.testing.assert_array_equal(first.rotation, np.eye(3))
+        assert rotation_angle_deg(second.rotation, turn) < 10
+        assert LEAST_AGREEING <= second.agreeing < 1.0
+        stays = kind_frames(session, shapes, halves, rotations, odds, root=0, settled={1: 0.7})[1]
+        assert stays.agreeing == 0.7
+        np.testing.assert_array_equal(stays.rotation, np.eye(3))
+
+
+def test_folders_and_labels_say_kinds():
+    names = ["chairs/a", "chairs/old/b", "mugs/a", "c"]
+    assert kinds_of("folder", names) == {
+        "chairs/a": "chairs",
+        "chairs/old/b": "chairs",
+        "mugs/a": "mugs",
+    }
+    assert kinds_of({"mugs/a": "mug", "c": ""}, names) == {"mugs/a": "mug"}
+    assert kinds_of("", names) == {}
+    with pytest.raises(InputError, match="--recursive"):
+        kinds_of("folder", ["a", "b"])
+    with pytest.raises(InputError, match="no shape is called 'd'"):
+        kinds_of({"d": "x"}, names)
+    with pytest.raises(OptionsError, match="expected 'folder'"):
+        kinds_of("colour", names)
+
+
+@pytest.mark.parametrize(
+    ("options", "num", "expected"),
+    [
+        ({}, 6, True),
+        ({}, 5, False),
+        ({"clusters": 1}, 50, False),
+        ({"clusters": 2}, 4, True),
+        ({"incomplete": "all"}, 50, False),
+        ({"deformable": True}, 50, False),
+        ({"preset": "paper"}, 50, False),
+    ],
+)
+def test_kinds_are_looked_for_where_nothing_forbids_it(options, num, expected):
+    assert looks_for_kinds(AlignOptions(**options), num) == expected
+
+
+def test_given_and_former_kinds_are_taken_as_they_are(mixed):
+    planted, kinds = mixed
+    cleaning = CleaningOptions()
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepared(session, planted.shapes)
+        given = {name: "even" if i % 2 else "odd" for i, name in enumerate(shapes.names)}
+        plan = plan_kinds(session, shapes, None, given)
+        assert plan is not None
+        assert {*plan.names} == {"odd", "even"}
+        assert np.isnan(plan.confidence).all()
+        assert plan.kind_of(shapes.names[2]) == plan.names.index("odd")
+        assert plan_kinds(session, shapes, None, dict.fromkeys(shapes.names, "one")) is None
+        truth = np.array([kinds[_number_of(planted, name)] for name in shapes.names])
+        first = np.flatnonzero(truth[:-1] == truth[0])
+        former = FormerPairs(
+            num_shapes=len(truth) - 1,
+            edges=np.empty((0, 2), dtype=np.int64),
+            group="SO",
+            kinds=tuple(
+                Kind(
+                    called=called,
+                    shapes=shapes_of,
+                    confidence=0.9,
+                    frame=frame,
+                    group=group,
+                    cleaning=cleaning,
+                )
+                for called, shapes_of, frame, group in (
+                    ("blobs", first, 1.0, "SO"),
+                    ("figures", np.setdiff1d(np.arange(len(truth) - 1), first), 0.0, "O"),
+                )
+            ),
+        )
+        plan = plan_kinds(session, shapes, former, {})
+        assert plan is not None
+        assert {*plan.names} == {"blobs", "figures"}
+        assert as_partition(truth) == {tuple(own.tolist()) for own in plan.members}
+    assert former.some(former.kinds[1].shapes.tolist()).group == "O"
+    called = [[shapes.names[i] for i in own] for own in plan.members]
+    assert settled_kinds(former, called, {*shapes.names}) == {0: 1.0, 1: 0.0}
+    assert settled_kinds(former, called, {called[0][0]}) == {0: 1.0}
+
+
+def test_directions_are_those_of_the_kind_of_the_reference():
+    options = AlignOptions(reference="a", up="z", front="x", incomplete="b,c")
+    own = options_of_kind(options, {"a", "b"}, has_reference=True)
+    assert (own.reference, own.up, own.front, own.incomplete) == ("a", "z", "x", "b")
+    other = options_of_kind(options, {"d"}, has_reference=False)
+    assert (other.reference, other.up, other.front, other.incomplete) == ("", "", "", "never")

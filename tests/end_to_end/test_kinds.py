@@ -1,0 +1,198 @@
+"""A folder of several kinds: each is aligned by itself, by default, by folders or by labels, and shapes are added."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import collalign
+from collalign import AlignOptions, RunOptions, align_collection, load
+from collalign.output.members import statistics_members
+from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
+from data_tools.datasets.synthetic_shapes import blob, figure
+from data_tools.io.shapes import write_mesh
+from data_tools.options import SamplingOptions
+from data_tools.rotations import rotation_angle_deg
+from tests.commands import read_json, run_command
+from tests.notes import codes, only
+
+OPTIONS = AlignOptions(
+    group="SO", maps="never", sampling=SamplingOptions(num_points=32, num_dense_points=200)
+)
+ALONE = RunOptions(jobs=1)
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """Five blobs and five figures in random poses."""
+    rng = np.random.default_rng(6)
+    two = blob(rng, num_vertices=400), figure(resolution=1)
+    family = [shape for kind in two for shape in deformed_family(kind, 5, rng, rms=0.005)]
+    return planted_collection(family, rng)
+
+
+@pytest.fixture(scope="module")
+def folder(planted, tmp_path_factory):
+    """Eight of them, in a folder of folders, in which files of both kinds have the same names."""
+    place = tmp_path_factory.mktemp("mixed") / "objects"
+    for at, shape in enumerate(planted.shapes):
+        if at % 5 < 4:
+            write_mesh(place / ("blobs", "figures")[at // 5] / f"{at % 5}.ply", shape)
+    return place
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    return align_collection(folder, recursive=True, options=OPTIONS, run=ALONE, progress=False)
+
+
+def worst_within_deg(collection, planted):
+    """The largest error of the relative rotations of shapes of one kind."""
+    errors = []
+    for i, one in enumerate(collection.names):
+        for j, other in enumerate(collection.names[:i]):
+            (a, m), (b, n) = (name.split("/") for name in (one, other))
+            if a == b:
+                at = [5 * (a == "figures") + int(k) for k in (m, n)]
+                true = planted.relative_rotation(*at)
+                mine = collection.rotations[i].T @ collection.rotations[j]
+                errors.append(float(rotation_angle_deg(mine, true)))
+    return max(errors)
+
+
+def test_kinds_are_found_and_each_is_aligned(found, planted):
+    assert [kind.shapes.tolist() for kind in found.kinds] == [[0, 1, 2, 3], [4, 5, 6, 7]]
+    assert found.kind_names == ("kind 1",) * 4 + ("kind 2",) * 4
+    assert found[5].kind == "kind 2"
+    assert worst_within_deg(found, planted) < 15
+    assert len(np.unique(found.part_numbers)) == 2
+    note = only(found.notes, "kinds-found")
+    assert note.values["num"] == 2
+    assert 0.5 < float(str(note.values["confidence"])) <= 1.0
+    assert {*codes(found.notes)} & {"kinds-posed", "kinds-apart"}
+    assert found.kinds[0].frame == 1.0 > found.kinds[1].frame
+    assert all({pair.target < 4, pair.source < 4} != {True, False} for pair in found.pairs)
+
+
+def test_shapes_of_two_kinds_do_not_correspond(found):
+    assert (found.maps["blobs/0", "figures/0"] == -1).all()
+    assert (found.maps["blobs/0", "blobs/1"] >= 0).all()
+    assert found.landmarks.shape[1] == 2 * 32 == len(found.consensus)
+    assert np.isnan(found.landmarks[0, 32:]).all()
+    members = statistics_members(found, include_doubtful=True)
+    assert [reason for _, reason in members.left_out] == ["other-part"] * 4
+
+
+def test_a_loaded_result_knows_its_kinds_and_files(found, tmp_path):
+    found.save(tmp_path / "out")
+    loaded = load(tmp_path / "out")
+    assert loaded.kind_names == found.kind_names
+    assert loaded.digests == found.digests
+    assert loaded.relative_paths[0] == "blobs/0.ply" == loaded[0].relative_path
+    record = read_json(tmp_path / "out" / "alignment.json")
+    assert record["shapes"][4]["file"] == "figures/0.ply"
+    assert record["shapes"][4]["kind"] == "kind 2"
+    assert len(record["shapes"][4]["digest"]) == 40
+    assert record["kinds"][1]["shapes"] == [f"figures/{n}" for n in range(4)]
+    assert record["kinds"][1]["frame"] < 1.0
+    part = loaded.some(np.array([1, 2, 6]))
+    assert [kind.shapes.tolist() for kind in part.kinds] == [[0, 1], [2]]
+
+
+def test_one_may_forbid_or_say_kinds(folder, planted, tmp_path):
+    together = align_collection(
+        folder, recursive=True, options=replace(OPTIONS, clusters=1), run=ALONE, progress=False
+    )
+    assert together.kinds == ()
+    assert len(together.pairs) == 28
+    table = tmp_path / "labels.csv"
+    rows = [f"{kind}/{n},{kind[:-1]}" for kind in ("blobs", "figures") for n in range(4)]
+    table.write_text("name,thing\n" + "\n".join(rows) + "\n")
+    words = ["align", folder, "--recursive", "--jobs", "1", "--no-report", "--group", "SO"]
+    words += ["--maps", "never", "--sampling.num-points", "32"]
+    run_command(*words, "--out", tmp_path / "a", "--kinds-by", "folder")
+    run_command(*words, "--out", tmp_path / "b", "--kinds-by", "thing", "--labels", table)
+    for out, called in (("a", ("blobs", "figures")), ("b", ("blob", "figure"))):
+        result = load(tmp_path / out)
+        assert tuple(kind.called for kind in result.kinds) == called
+        assert worst_within_deg(result, planted) < 15
+        assert codes(result.notes)[0] == "kinds-given"
+    said = run_command(*words, "--out", tmp_path / "c", "--kinds-by", "thing", ends=2)
+    assert "without --labels" in said.err
+    said = run_command(
+        *words, "--out", tmp_path / "c", "--kinds-by", "form", "--labels", table, ends=2
+    )
+    assert "no column 'form'; there are thing" in said.err
+
+
+def test_a_shape_without_another_of_its_kind_is_alone_and_not_doubtful(planted, tmp_path):
+    given = {f"b{n}": planted.shapes[n] for n in range(3)} | {"f": planted.shapes[5]}
+    found = align_collection(
+        given,
+        kinds={"b0": "blob", "b1": "blob", "b2": "blob", "f": "figure"},
+        options=OPTIONS,
+        run=ALONE,
+        progress=False,
+    )
+    assert found.is_alone.tolist() == [False, False, False, True]
+    assert np.isnan(found["f"].confidence)
+    assert found["f"].is_alone
+    assert not found.is_doubtful[3]
+    assert only(found.notes, "kind-alone").shapes == ("f",)
+    assert "f" not in [
+        name for note in found.notes if note.code == "doubtful" for name in note.shapes
+    ]
+    assert ("f", "alone") in statistics_members(found).left_out
+    found.save(tmp_path / "out")
+    record = read_json(tmp_path / "out" / "alignment.json")["shapes"][3]
+    assert record["alone"]
+    assert record["confidence"] is None
+    assert load(tmp_path / "out").is_alone.tolist() == found.is_alone.tolist()
+
+
+def test_added_shapes_come_to_their_kind_and_nothing_moves(found, planted, tmp_path):
+    found.save(tmp_path / "out")
+    write_mesh(tmp_path / "new" / "blobs" / "4.ply", planted.shapes[4])
+    write_mesh(tmp_path / "new" / "figures" / "4.ply", planted.shapes[9])
+    grown = collalign.add_to_collection(
+        tmp_path / "out", tmp_path / "new", recursive=True, run=ALONE, progress=False
+    )
+    np.testing.assert_array_equal(grown.transforms[:8], found.transforms)
+    assert grown.kind_names[8:] == ("kind 1", "kind 2")
+    assert [kind.frame for kind in grown.kinds] == [kind.frame for kind in found.kinds]
+    assert worst_within_deg(grown, planted) < 15
+
+
+def test_up_is_that_of_the_kind_of_the_reference(folder):
+    options = replace(OPTIONS, reference="figures/1", up="z", front="x")
+    found = align_collection(folder, recursive=True, options=options, run=ALONE, progress=False)
+    np.testing.assert_allclose(
+        found["figures/1"].transform[:3, :3], found.scales[5] * np.eye(3), atol=1e-9
+    )
+    assert [kind.frame == 1.0 for kind in found.kinds] == [False, True]
+
+
+def test_the_summary_names_kinds(folder, tmp_path):
+    said = run_command(
+        *("align", folder, "--recursive", "--out", tmp_path / "out", "--jobs", "1", "--no-report"),
+        *("--group", "SO", "--maps", "never", "--sampling.num-points", "32", "--json"),
+    )
+    notes = {note["code"]: note for note in json.loads(said.out)["notes"]}
+    assert "kinds-found" in notes
+    assert "aligned by itself" in notes["kinds-found"]["text"]
+
+
+def test_a_written_collection_is_what_the_helper_measures(planted, tmp_path):
+    """The helper notices a wrong pose."""
+    write_collection(tmp_path, replace(planted, shapes=planted.shapes[:4]))
+    found = align_collection(
+        {f"blobs/{n}": planted.shapes[n] for n in range(3)},
+        options=OPTIONS,
+        run=ALONE,
+        progress=False,
+    )
+    assert worst_within_deg(found, planted) < 15
+    wrong = found.transforms.copy()
+    wrong[0, :3, :3] = wrong[0, :3, :3] @ np.diag([1.0, -1.0, -1.0])
+    assert worst_within_deg(replace(found, transforms=wrong), planted) > 90
