@@ -276,7 +276,7 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
                 "reflected": bool(reflected),
                 "confidence": _number(confidence),
                 **_by_hand(collection, name),
-                "centroid_size": _number(size),
+                "centroid_size_points": _number(size),
                 **_symmetry(collection.made.trust, i),
                 "evidence": _evidence(collection, i),
                 **({"coordinate_system": system} if (system := declared_system(file)) else {}),

@@ -129,7 +129,15 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     assert [s["name"] for s in record["shapes"]] == list(aligned.names)
     assert np.array_equal([s["transform"] for s in record["shapes"]], aligned.transforms)
     assert set(record["shapes"][0]) == {
-        *("name", "file", "transform", "reflected", "confidence", "centroid_size", "evidence"),
+        *(
+            "name",
+            "file",
+            "transform",
+            "reflected",
+            "confidence",
+            "centroid_size_points",
+            "evidence",
+        ),
     }
     with np.load(out / "correspondences.npz") as arrays:
         assert np.array_equal(arrays["labels"], aligned.maps.labels)
