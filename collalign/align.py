@@ -292,6 +292,7 @@ def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing)
             num_reused=session.num_reused("shapes", shapes.keys)
             + num_reused_pairs(session, shapes, posed.pairs),
             skipped=listing.skipped_names,
+            left_out=listing.left_out,
             command=COMMAND.get(),
             date=now(),
         ),

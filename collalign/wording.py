@@ -322,6 +322,7 @@ _REASONS = {
     "incomplete": "incomplete",
     "other-part": "not aligned with the largest part",
     "excluded": "excluded by name",
+    "not-registered": "the mean surface could not be laid onto it",
     "no-trusted-pair": "no trusted pair connects it to the others",
     "by-order": "they were matched by their order",
     "curves-by-order": "curves were matched by their order",

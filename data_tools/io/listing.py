@@ -78,11 +78,14 @@ class FolderListing:
         The stem of each file, as readable text; where two stems are equal, the whole file name, or ``folder/stem``.
     skipped : tuple of Path
         Other files and folders, in natural order.
+    left_out : tuple of str
+        Names of shapes that somebody asked to leave out.
     """
 
     files: tuple[Origin, ...]
     names: tuple[str, ...]
     skipped: tuple[Path, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def skipped_names(self) -> tuple[str, ...]:
@@ -100,7 +103,8 @@ class FolderListing:
         """Return the listing without some shapes, see :func:`data_tools.names.known_names`."""
         left_out = {*known_names("exclude", names, self.names).values()}
         kept = self.some(at for at, name in enumerate(self.names) if name not in left_out)
-        return replace(kept, skipped=self.skipped)
+        asked = tuple(name for name in self.names if name in left_out)
+        return replace(kept, skipped=self.skipped, left_out=asked)
 
 
 def read_folder(

@@ -187,6 +187,12 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
+    cited = run_command("status", to, "--cite").out
+    assert f"We aligned {NUM_SHAPES} surfaces" in cited
+    assert "6 landmarks were carried to all specimens from 5 templates" in cited
+    assert f"{6 * (NUM_SHAPES - 5)} landmarks were carried." in cited
+    mean = np.mean([float(row["error"]) for row in left_out])
+    assert f"a mean error of {mean:.3g} " in cited
 
 
 def rewritten(files, folder, at, change):

@@ -23,6 +23,7 @@ from collalign.output.label_notes import (
 )
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
+from collalign.output.provenance import result_place
 from collalign.products.named_frame import NamedFrame
 from collalign.tools.correspond import dense_correspondence
 from collalign.tools.variation.files import write_variation
@@ -176,6 +177,7 @@ def write_surface_variation(
     )
     check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
+    who = who.without((name, "not-registered") for name, _ in dense.failed)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
     posture = []
@@ -259,7 +261,7 @@ def write_surface_variation(
         version=version,
         who=who,
         record={
-            "result": str(collection.folder or ""),
+            "result": result_place(collection, Path(to)),
             "tests": asdict(test_options),
             "symmetry": None if symmetry is None else str(symmetry),
             "individuals": owners,
@@ -269,7 +271,8 @@ def write_surface_variation(
             "exclude": exclude,
             "include_doubtful": include_doubtful,
             "without_posture": without_posture,
-            "labels": list(columns),
+            "labels": list(grouped),
+            "left_out": who.left_out,
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),
             "notes": note_records(found.notes),
