@@ -300,6 +300,11 @@ TOOL_TEXTS: dict[str, _Text] = {
     "matter, as on worn or broken surfaces, use --partial, which keeps them.",
     "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
     "--include.",
+    "templates-doubtful": lambda of: (
+        f"{listed(of.shapes)}: the pose of this template is in doubt. Its landmarks were "
+        f"{'carried all the same, and may lie' if of.values['counted'] else 'not carried, since they might lie'} at "
+        "wrong places. Look at it in the report, confirm or correct its pose, and carry them again."
+    ),
     "templates-disagree": lambda of: _templates_disagree(of, **of.values),
     "templates-reordered": lambda of: _templates_reordered(of, **of.values),
 }

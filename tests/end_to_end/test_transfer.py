@@ -393,6 +393,33 @@ def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run):
     assert (to / "landmarks.tps").read_text().count("NaN") == 18
 
 
+def test_a_template_in_doubt_is_not_carried_where_another_is_sure(
+    result, templates, planted, tmp_path, run
+):
+    view = load(result)
+    doubted = tmp_path / "doubted"
+    confidence = np.array([0.8] + [1.0] * (NUM_SHAPES - 1))
+    write_result(replace(view, confidence=confidence), doubted)
+    wrong = read_landmarks(templates[0])
+    shifted = Landmarks(labels=wrong.labels, points=wrong.points[::-1])
+    marks = {planted.shapes[0].name: shifted, planted.shapes[1].name: read_landmarks(templates[1])}
+
+    def carried(given):
+        return collalign.transfer_landmarks(doubted, given, run=run, progress=False)
+
+    found, alone = carried(marks), carried({planted.shapes[1].name: marks[planted.shapes[1].name]})
+    np.testing.assert_array_equal(found.points[2:], alone.points[2:])
+    np.testing.assert_array_equal(found.points[0], shifted.points)  # its own stay
+    assert found.templates == (planted.shapes[1].name,)
+    (note,) = [note for note in found.notes if note.code == "templates-doubtful"]
+    assert (note.shapes, note.values["counted"]) == ((planted.shapes[0].name,), False)
+    assert not any(note.code == "templates-doubtful" for note in alone.notes)
+    only = carried({planted.shapes[0].name: wrong})
+    (note,) = [note for note in only.notes if note.code == "templates-doubtful"]
+    assert note.values["counted"]
+    assert {*only.status[-1]} == {CARRIED}
+
+
 def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run):
     truth = collalign.transfer_landmarks(result, templates[:1], run=run)
     name, points = planted.shapes[0].name, read_landmarks(templates[0]).points

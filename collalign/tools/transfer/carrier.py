@@ -54,6 +54,7 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape
 from data_tools.landmark_files import SemilandmarkRows
+from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import moved_by
 from data_tools.surface.closest import lies_beyond
@@ -74,7 +75,8 @@ class LandmarkCarrier:
     dense : DenseCorrespondence
         Of its shapes.
     table : LandmarkTable
-        Landmarks of the templates, at least one of which is registered.
+        Landmarks of the templates, at least one of which is registered. Where some have a sure pose, those in doubt
+        are not carried.
     """
 
     def __init__(
@@ -92,9 +94,12 @@ class LandmarkCarrier:
         self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
         self.templates: list[Template] = []
         self._around: dict[int, Surroundings] = {}
-        for name, points in table.points.items():
-            if name in self._rows:
-                item, around = self._read_template(name, points)
+        registered = [name for name in table.points if name in self._rows]
+        self._doubtful = tuple(name for name in registered if self._is_doubtful(name))
+        self._only_doubtful = len(self._doubtful) == len(registered)
+        for name in registered:
+            if self._only_doubtful or name not in self._doubtful:
+                item, around = self._read_template(name, table.points[name])
                 self.templates.append(item)
                 self._around[item.shape] = around
         if not self.templates:
@@ -165,13 +170,16 @@ class LandmarkCarrier:
             left_out_errors=read_only(lengths / unit),
             left_out_radii=read_only(radius / unit),
             semilandmarks=self._semilandmarks,
-            notes=agreement_notes(
-                self._mistakes,
-                names,
-                self._labels,
-                lengths / unit,
-                self._radius / unit[:, 0],
-                self.trust,
+            notes=(
+                *self._doubtful_notes(),
+                *agreement_notes(
+                    self._mistakes,
+                    names,
+                    self._labels,
+                    lengths / unit,
+                    self._radius / unit[:, 0],
+                    self.trust,
+                ),
             ),
         )
         return self._with_surface_points(moved, surface_points) if surface_points else moved
@@ -249,8 +257,16 @@ class LandmarkCarrier:
     def _abstention(self, name: str) -> str | None:
         if name not in self._rows:
             return NOT_REGISTERED
-        doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
-        return DOUBTFUL_POSE if doubtful else None
+        return DOUBTFUL_POSE if self._is_doubtful(name) else None
+
+    def _is_doubtful(self, name: str) -> bool:
+        return bool(self._collection.confidence[self._collection.index(name)] < DOUBT)
+
+    def _doubtful_notes(self) -> tuple[Note, ...]:
+        """Say which templates have poses in doubt: they do not count where others are sure."""
+        if not self._doubtful:
+            return ()
+        return (Note("templates-doubtful", self._doubtful, {"counted": self._only_doubtful}),)
 
     def predict(
         self, name: str, templates: list[Template]
