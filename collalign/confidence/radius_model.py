@@ -91,6 +91,23 @@ class RadiusEvidence:
     held: FloatArray
     held_slip: FloatArray
 
+    @classmethod
+    def unknown(cls, num: int) -> RadiusEvidence:
+        """Return what is shown of ``num`` landmarks that nothing predicts."""
+        nothing = np.full(num, np.nan)
+        return cls(
+            spread=nothing,
+            distance=0.0,
+            residual=nothing,
+            unit=1.0,
+            variation=0.0,
+            hold=nothing,
+            slip=nothing,
+            misfit=nothing,
+            held=np.full((num, 3, 3), np.nan),
+            held_slip=nothing,
+        )
+
     def expected(self, landmark_error: FloatArray) -> FloatArray:
         """Return a number in proportion to the error to expect, given each landmark's error elsewhere, shape (l,)."""
         distance = max(self.distance / self.unit, _LEAST_DISTANCE)

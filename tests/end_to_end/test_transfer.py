@@ -13,7 +13,7 @@ import collalign
 from collalign.output.loading import load
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import choose_template
-from collalign.tools.transfer.carrier import _lost
+from collalign.tools.transfer.posed_specimens import why_lost
 from collalign.tools.transfer.result import (
     CARRIED,
     CONTRADICTED,
@@ -346,7 +346,7 @@ def test_a_landmark_that_the_registration_does_not_reach_is_told_from_one_beyond
     cut = faces[(vertices[faces][..., 2] < 0.8).all(axis=1)]
     surface = RegistrationSurface.from_shape(Shape.from_arrays(vertices, cut, name="cut"))
     points = np.array([[0, 0, -1.0], [0, 0, 1.3], [0, 0, -1.6], [np.nan] * 3])
-    assert _lost(surface, points).tolist() == ["", NO_COUNTERPART, NOT_REACHED, ""]
+    assert why_lost(surface, points).tolist() == ["", NO_COUNTERPART, NOT_REACHED, ""]
 
 
 def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
