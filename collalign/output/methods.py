@@ -12,6 +12,7 @@ import numpy as np
 
 from collalign.options import ALL, AUTO, NEVER
 from collalign.output.collection_data import CollectionData
+from collalign.output.evidence_file import EVIDENCE_FILE
 from collalign.output.provenance import RECORDS
 from collalign.output.references import MARON, SOFTWARE
 from collalign.output.tool_methods import TOOLS, Sentence, counted, specimens
@@ -63,7 +64,7 @@ def alignment_folder(folder: Path) -> Path:
     told = [str(record["options"].get("result", "")) for record in records]
     places = [place for one in told if one for place in (folder / one, Path(one))]
     for place in [*places, folder.parent]:
-        if (place / "alignment.json").is_file():
+        if (place / EVIDENCE_FILE).is_file():
             return place
     named = f" ({listed(list(filter(None, told)))})" if any(told) else ""
     raise InputError(

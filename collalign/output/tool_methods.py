@@ -62,12 +62,13 @@ def _transfer(options: Mapping[str, Any]) -> Iterator[Sentence]:
             "procrustes": ("the Procrustes distance", PEREZ),
         }[options["slide"]]
         yield f"Semilandmarks were slid to where {to} from the mean is least.", (source,)
-    carried, lacking = options["num_carried"], options["num_lacking"]
-    yield (
-        f"{carried} landmarks were carried. The program placed none where a pose was in doubt or the surface had no "
-        f"such place ({lacking} landmarks).",
-        (),
-    )
+    yield f"{options['num_carried']} landmarks were carried.", ()
+    if lacking := options["num_lacking"]:
+        placed = counted(lacking, "landmark", "landmarks")
+        yield (
+            f"The program did not place {placed}, where a pose was in doubt or the surface had no such place.",
+            (),
+        )
     if options["left_out_error"] is not None:
         yield (
             "Predicting each template from the others gave a mean error of "

@@ -107,7 +107,6 @@ def write_record(folder, tool, options):
 def test_the_folder_of_a_tool_tells_the_whole_chain_wherever_both_are(tmp_path):
     home, moved = tmp_path / "a" / "out", tmp_path / "b"
     write_result(view_of(6), home)
-    (home / "alignment.json").write_text("{}")
     write_record(tmp_path / "a" / "marks", "transfer", OPTIONS["transfer"] | {"result": "../out"})
     said = run_command("status", tmp_path / "a" / "marks", "--cite").out
     assert said.startswith("We aligned 6 surfaces")

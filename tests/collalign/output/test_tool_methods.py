@@ -69,6 +69,8 @@ def test_a_transfer_tells_templates_semilandmarks_and_errors():
     assert "the bending energy from the mean is least" in said
     assert "a mean error of 0.151 (median 0.12)" in said
     assert any("Gunz" in one for one in references)
+    assert "The program did not place 2 landmarks" in said
+    assert "did not place" not in told("transfer", num_lacking=0)[0]
     single, few = told("transfer")
     assert "contradicted" not in single
     assert not any("Gunz" in one for one in few)
