@@ -11,7 +11,7 @@ from collalign.engine.store import Store
 from collalign.engine.store_file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.output.evidence_file import EVIDENCE_FILE
 from collalign.output.loading import load
-from collalign.output.methods import alignment_folder, methods_paragraph
+from collalign.output.methods.paragraph import alignment_folder, methods_paragraph
 from data_tools.errors import OptionsError, StoreError, printable
 
 

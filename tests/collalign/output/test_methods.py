@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from collalign.options import AlignOptions
-from collalign.output.methods import methods_paragraph
+from collalign.output.methods.paragraph import methods_paragraph
+from collalign.output.methods.references import MARON, SOFTWARE
 from collalign.output.provenance import option_words
-from collalign.output.references import MARON, SOFTWARE
 from collalign.tools.export.run import export
 from tests.commands import read_json, run_command
 from tests.view_problems import view_of, write_result

@@ -2,7 +2,7 @@
 
 import pytest
 
-from collalign.output.tool_methods import TOOLS
+from collalign.output.methods.of_tools import TOOLS
 from tests.collalign.output.test_methods import OPTIONS, TESTS
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from collalign.output.references import (
+from collalign.output.methods.references import (
     ARTICULATED,
     DRAKE,
     GOODALL,

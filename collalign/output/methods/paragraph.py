@@ -13,9 +13,9 @@ import numpy as np
 from collalign.options import ALL, AUTO, NEVER
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import EVIDENCE_FILE
+from collalign.output.methods.of_tools import TOOLS, Sentence, counted, specimens
+from collalign.output.methods.references import MARON, SOFTWARE
 from collalign.output.provenance import RECORDS
-from collalign.output.references import MARON, SOFTWARE
-from collalign.output.tool_methods import TOOLS, Sentence, counted, specimens
 from collalign.products.trust import DOUBT
 from collalign.version import __version__
 from data_tools.errors import InputError
