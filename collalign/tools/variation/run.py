@@ -250,6 +250,7 @@ def write_surface_variation(
         doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
         found = replace(found, notes=(*doubts, *found.notes))
     version = str(collection.run.versions.get("collalign", ""))
+    terms = {term for row in tested.tables["anova"] for term in str(row[0]).split(" + ")}
     write_variation(
         found,
         Path(to),
@@ -271,7 +272,7 @@ def write_surface_variation(
             "exclude": exclude,
             "include_doubtful": include_doubtful,
             "without_posture": without_posture,
-            "labels": list(grouped),
+            "labels": [column for column in grouped if column in terms],
             "left_out": who.left_out,
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),
