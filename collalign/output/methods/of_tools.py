@@ -47,8 +47,8 @@ def _transfer(options: Mapping[str, Any]) -> Iterator[Sentence]:
     )
     if len(templates) > 2:
         yield (
-            "Predictions of several templates were averaged; a template that the others contradicted at a landmark "
-            f"did not count there ({counted(options['num_contradicted'], 'landmark', 'landmarks')} of templates).",
+            "Predictions of several templates were averaged. A template that the others contradicted at a landmark "
+            f"did not count there ({counted(options['num_contradicted'], 'case', 'cases')}).",
             (),
         )
     if options["semilandmarks"]:

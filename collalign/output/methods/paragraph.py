@@ -62,8 +62,7 @@ def alignment_folder(folder: Path) -> Path:
             f"{folder}: there is no result. Give the folder that collalign align, transfer, variation or export wrote"
         )
     told = [str(record["options"].get("result", "")) for record in records]
-    places = [place for one in told if one for place in (folder / one, Path(one))]
-    for place in [*places, folder.parent]:
+    for place in [*(folder / one for one in told if one), folder.parent]:
         if (place / EVIDENCE_FILE).is_file():
             return place
     named = f" ({listed(list(filter(None, told)))})" if any(told) else ""

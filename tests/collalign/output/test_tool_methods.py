@@ -64,7 +64,7 @@ def test_a_transfer_tells_templates_semilandmarks_and_errors():
         left_out_median=0.12,
     )
     assert "from 3 templates (a, b, c)" in said
-    assert "(2 landmarks of templates)" in said
+    assert "(2 cases)" in said
     assert "58 of them are semilandmarks on 2 curves, 1 patch." in said
     assert "the bending energy from the mean is least" in said
     assert "a mean error of 0.151 (median 0.12)" in said
