@@ -248,7 +248,12 @@ def align_listing(
     return replace(
         found,
         excluded=(*excluded, *found.excluded),
-        run=replace(found.run, times_s=times_s, skipped=listing.skipped_names),
+        run=replace(
+            found.run,
+            times_s=times_s,
+            skipped=listing.skipped_names,
+            left_out=listing.left_out,
+        ),
     )
 
 

@@ -1,12 +1,8 @@
 """Statistics of shapes: how the surfaces of a result vary, and tests of arrays of landmarks."""
 
 from collalign.analysis.integration import TwoBlockPLS, two_block_pls
-from collalign.analysis.paired_sides import (
-    MeasurementError,
-    PairedSides,
-    measurement_error,
-    paired_sides,
-)
+from collalign.analysis.measurement_error import MeasurementError, measurement_error
+from collalign.analysis.paired_sides import PairedSides, paired_sides
 from collalign.analysis.procrustes import (
     PrincipalComponents,
     generalized_procrustes,

@@ -324,6 +324,11 @@ TOOL_TEXTS: dict[str, _Text] = {
     "matter, as on worn or broken surfaces, use --partial, which keeps them.",
     "tables-beside": "Tables beside meshes are not aligned: {files}. To align them too, name them, or use "
     "--include.",
+    "templates-doubtful": lambda of: (
+        f"{listed(of.shapes)}: the pose of this template is in doubt. Its landmarks were "
+        f"{'carried all the same, and may lie' if of.values['counted'] else 'not carried, since they might lie'} at "
+        "wrong places. Look at it in the report, confirm or correct its pose, and carry them again."
+    ),
     "templates-disagree": lambda of: _templates_disagree(of, **of.values),
     "templates-reordered": lambda of: _templates_reordered(of, **of.values),
 }
@@ -356,6 +361,7 @@ _REASONS = {
     "alone": "the only one of its kind",
     "other-part": "not aligned with the largest part",
     "excluded": "excluded by name",
+    "not-registered": "the mean surface could not be laid onto it",
     "no-trusted-pair": "no trusted pair connects it to the others",
     "by-order": "they were matched by their order",
     "curves-by-order": "curves were matched by their order",

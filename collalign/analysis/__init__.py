@@ -2,7 +2,8 @@
 
 * ``procrustes``: mean shapes, sizes, distances, ordination, changes of poses
 * ``shape_tests``: permutation tests, ANOVA
-* ``symmetry``, ``paired_sides``: of one object; left and right of individuals, repeated measurements
+* ``symmetry``, ``paired_sides``: of one object; left and right of individuals
+* ``measurement_error``: of shapes that were measured repeatedly
 * ``integration``: partial least squares
 * ``sliding``: of semilandmarks
 * ``label_table``, ``label_checks``: tables of labels, and what is wrong with them

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from collalign.analysis.procrustes import MAX_SUPERIMPOSITIONS, SETTLED, best_rotations, unit_size
 from collalign.analysis.shape_tests import NUM_PERMUTATIONS, SEED, AnovaRow, Effects
@@ -74,14 +74,16 @@ def object_symmetry(
     partner : array_like of int, shape (k,)
         The point on the other side; a point of the midline is its own.
     individuals : sequence of str, length N, optional
-        Whom each configuration belongs to, where some are replicates.
+        Whom each configuration belongs to, where some are replicates; ``""`` where unknown, which does not count in
+        the ANOVA.
     permutations, seed : int
         Random exchanges of sides that test directional asymmetry, and the seed of their generator.
 
     Raises
     ------
     InputError
-        If points are missing, ``partner`` is no pairing, or no plane mirrors the points to their partners.
+        If points are missing, ``partner`` is no pairing, no plane mirrors the points to their partners, or
+        ``individuals`` names nobody.
 
     References
     ----------
@@ -103,6 +105,18 @@ def object_symmetry(
             f"samples: asymmetry is compared between at least two shapes, got {len(shapes)}"
         )
     mean, aligned = _superimposed(shapes, pairing)
+    owners = (
+        np.arange(len(shapes)).astype(str)
+        if individuals is None
+        else np.array(individuals, dtype=str)
+    )
+    if len(owners) != len(shapes):
+        raise InputError(f"individuals: {len(owners)} names for {len(shapes)} shapes")
+    known = np.asarray(owners != "")
+    if not known.any():
+        raise InputError(
+            "individuals: nobody is named; leave them out where nothing was measured again"
+        )
     symmetric = 0.5 * (aligned + mirror_image(aligned, pairing))
     asymmetric = aligned - symmetric
     directional = asymmetric.mean(axis=0)
@@ -114,10 +128,10 @@ def object_symmetry(
         asymmetry=read_only(np.linalg.norm(asymmetric, axis=(1, 2))),
         fluctuating=read_only(np.linalg.norm(asymmetric - directional, axis=(1, 2))),
         anova=_anova(
-            symmetric,
-            asymmetric,
+            symmetric[known],
+            asymmetric[known],
             pairing,
-            individuals or [str(at) for at in range(len(shapes))],
+            owners[known],
             lambda components, counts: exchange_test(components, counts, permutations, seed),
         ),
     )
@@ -190,15 +204,11 @@ def _anova(
     symmetric: FloatArray,
     asymmetric: FloatArray,
     partner: IntArray,
-    individuals: Sequence[str],
+    individuals: NDArray[np.str_],
     exchange: Callable[[FloatArray, IntArray], Effects],
 ) -> tuple[AnovaRow, ...]:
     """Klingenberg et al. 2002, table 2: sums over configurations and mirror images, two of each."""
-    if len(individuals) != len(symmetric):
-        raise InputError(f"individuals: {len(individuals)} names for {len(symmetric)} shapes")
-    _, rows, counts = np.unique(
-        np.array(individuals, dtype=object).astype(str), return_inverse=True, return_counts=True
-    )
+    _, rows, counts = np.unique(individuals, return_inverse=True, return_counts=True)
     num, num_shapes = len(counts), len(symmetric)
     means = [means_of_rows(values, rows, counts) for values in (symmetric, asymmetric)]
     grand = [values.mean(axis=0) for values in (symmetric, asymmetric)]
@@ -270,6 +280,8 @@ def exchange_test(
 ) -> Effects:
     """Compare the mean asymmetry with that after random exchanges of the sides of individuals.
 
+    Neither names nor the order of individuals decide which are exchanged: they are taken by the size of asymmetry.
+
     Parameters
     ----------
     components : ndarray, shape (n, k, 3)
@@ -280,6 +292,8 @@ def exchange_test(
         As in :func:`object_symmetry`.
     """
     flat = components.reshape(len(components), -1)
+    ranked = np.argsort(np.linalg.norm(flat, axis=1), kind="stable")
+    flat, weights = flat[ranked], weights[ranked]
     gram = (weights[:, None] * weights) * (flat @ flat.T)
     signs = np.random.default_rng(seed).choice(
         [-1.0, 1.0], size=(permutations + 1, len(components))

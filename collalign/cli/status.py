@@ -9,8 +9,9 @@ from collalign.console.interruption import INCOMPLETE, UNFINISHED
 from collalign.console.messages import add_to_summary, say
 from collalign.engine.store import Store
 from collalign.engine.store_file import FINISHED, NUM_FILES, STAGE, STORE_FILE
+from collalign.output.evidence_file import EVIDENCE_FILE
 from collalign.output.loading import load
-from collalign.output.provenance import methods_paragraph
+from collalign.output.methods.paragraph import alignment_folder, methods_paragraph
 from data_tools.errors import OptionsError, StoreError, printable
 
 
@@ -20,9 +21,11 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     Parameters
     ----------
     result
-        The output folder of the run, or its store file where ``--store`` named another.
+        The output folder of the run, or its store file where ``--store`` named another. With ``--cite`` also the
+        folder of a tool: of ``transfer``, ``variation`` or ``export``.
     cite
-        Print instead a paragraph for the methods section, with figures and references.
+        Print instead a paragraph for the methods section, from the alignment to what is in the folder, with figures,
+        who was left out by whom, and references.
     prune
         Delete instead from a finished run's store what no run asked for last: other options, files that have changed
         or gone. The result stays as it is, and the same command computes nothing anew; a run with former options
@@ -33,7 +36,12 @@ def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
     if prune:
         return _prune(_store_of(result))
     if cite:
-        paragraph = methods_paragraph(load(result))
+        is_alignment = result.is_file() or (result / EVIDENCE_FILE).is_file()
+        paragraph = (
+            methods_paragraph(load(result))
+            if is_alignment
+            else methods_paragraph(load(alignment_folder(result)), result)
+        )
         say(paragraph)
         add_to_summary(methods=paragraph)
         return 0

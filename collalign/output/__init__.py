@@ -11,6 +11,7 @@
 * ``shape_files``, ``vertex_maps``: aligned meshes; maps of all vertices
 * ``library_objects``: shapes for trimesh and Open3D
 * ``views``: pictures, and from where
-* ``provenance``: records, and the methods paragraph
+* ``provenance``: records
+* ``methods``: what a methods section says
 * ``report``: the page
 """

@@ -18,7 +18,7 @@ from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import shown_pair
 from collalign.output.library_objects import open3d_of, trimesh_of
 from collalign.output.members import Selection, select_right
-from collalign.output.provenance import methods_paragraph
+from collalign.output.methods.paragraph import methods_paragraph
 from collalign.output.report.page import report_pages, write_report
 from collalign.output.views import FEWEST_FACES, contact_sheet, display_mesh, tile_of
 from collalign.output.write import WRITER, save_collection

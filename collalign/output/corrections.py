@@ -33,7 +33,7 @@ class Corrections:
         ``R_common_shape`` of the shapes decided on, in the result that was looked at, whether chosen or confirmed; of
         incomplete ones that were placed as well, the transform from the file to the common frame.
     frame : dict of str to ndarray, shape (3, 3) or (4, 4)
-        The same of the certain shapes among which the decisions place the others.
+        The same of the certain shapes, which stay; decisions are about the others.
     incomplete : tuple of str
         The shapes that were incomplete in that result.
     source : str
@@ -52,8 +52,8 @@ def fixed_by(
     """Return the poses that synchronization must keep, ``fixed`` and ``kept`` of :func:`collalign.align_collection`.
 
     Poses mean something only relative to each other: a single fixed shape would choose the common frame and
-    change nothing. So the certain shapes stay where they were seen, and the doubtful ones may follow. Incomplete
-    shapes without a decision are placed anew on the complete ones, which gives them the pose that they had.
+    change nothing. So the certain shapes stay where they were seen, complete or not, and the doubtful ones may
+    follow.
 
     Parameters
     ----------
@@ -94,11 +94,7 @@ def fixed_by(
                 raise InputError(
                     f"{one.source}: {shape!r} was incomplete there; name it in --incomplete as well"
                 )
-        frame = {
-            name: pose
-            for name, pose in one.frame.items()
-            if name in names and name not in one.incomplete
-        }
+        frame = {name: pose for name, pose in one.frame.items() if name in names}
         placed = any(len(pose) == 4 for pose in one.decisions.values())
         if (
             one.decisions

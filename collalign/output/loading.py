@@ -101,7 +101,8 @@ def _run(path: Path) -> RunRecord:
     """Return how the run went; nothing is known of it where ``run.json`` is not there."""
     if not path.is_file():
         return RunRecord()
-    return from_record(RunRecord, json.loads(read_source(path).content), path.name)
+    record = to_record(RunRecord()) | json.loads(read_source(path).content)
+    return from_record(RunRecord, record, path.name)
 
 
 def _correspondences(path: Path, names: list[str]) -> Record:

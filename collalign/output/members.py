@@ -47,6 +47,10 @@ class Members:
         names, reasons = zip(*self.left_out, strict=True)
         return (Note("left-out-of-statistics", names, {"reasons": reasons}),)
 
+    def without(self, left_out: Iterable[tuple[str, str]]) -> Members:
+        """Return the same with further shapes left out, by name, for the codes of reasons."""
+        return replace(self, left_out=(*self.left_out, *left_out))
+
     def not_said_by(self, notes: Iterable[Note]) -> list[Note]:
         """Return the notes of an alignment without that of doubtful shapes, where all of these are left out."""
         names = {name for name, _ in self.left_out}

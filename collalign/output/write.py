@@ -308,7 +308,7 @@ def alignment_record(collection: CollectionData) -> dict[str, Any]:
                 **_by_hand(collection, name),
                 **({"kind": kind} if kind else {}),
                 **({"alone": True} if alone else {}),
-                "centroid_size": _number(size),
+                "centroid_size_points": _number(size),
                 **({"pieces": "all"} if name in collection.assembled else {}),
                 **_limit(collection, name),
                 **_symmetry(collection.made.trust, i),

@@ -29,6 +29,8 @@ class RunRecord:
         Shapes and pairs that came out of the store.
     skipped : tuple of str
         Files of the folder that are no shapes.
+    left_out : tuple of str
+        Shapes that the user asked to leave out (``--exclude``).
     known : tuple of str
         Files that were to be added and whose content the collection has already, each with the shape that has it.
     command : str
@@ -41,6 +43,7 @@ class RunRecord:
     versions: dict[str, str] = field(default_factory=dict)
     num_reused: int = 0
     skipped: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
     command: str = ""
     date: str = ""

@@ -312,7 +312,7 @@ def _prepared(vertices: bytes, faces: bytes) -> RegistrationSurface:
 
 
 #: Registers a surface. The version changes whenever the same surfaces would give another registration.
-REGISTERING = Job(kind="registrations", version="dense-10", run=register_file, reader=Registration)
+REGISTERING = Job(kind="registrations", version="dense-11", run=register_file, reader=Registration)
 
 
 def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:

@@ -81,11 +81,14 @@ class FolderListing:
         keep their suffix.
     skipped : tuple of Path
         Other files and folders, in natural order.
+    left_out : tuple of str
+        Names of shapes that somebody asked to leave out.
     """
 
     files: tuple[Origin, ...]
     names: tuple[str, ...]
     skipped: tuple[Path, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def skipped_names(self) -> tuple[str, ...]:
@@ -103,7 +106,8 @@ class FolderListing:
         """Return the listing without some shapes, see :func:`data_tools.names.known_names`."""
         left_out = {*known_names("exclude", names, self.names).values()}
         kept = self.some(at for at, name in enumerate(self.names) if name not in left_out)
-        return replace(kept, skipped=self.skipped)
+        asked = tuple(name for name in self.names if name in left_out)
+        return replace(kept, skipped=self.skipped, left_out=asked)
 
 
 def read_folder(

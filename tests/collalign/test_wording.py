@@ -62,6 +62,8 @@ EXAMPLES = [
     ),
     Note("groups-of-one", PAIR, {"column": "x", "groups": ("f", "m")}),
     Note("mirror-part-fits-better", PAIR[:1], {"chance": 0.62}),
+    Note("templates-doubtful", PAIR, {"counted": True}),
+    Note("templates-doubtful", PAIR, {"counted": False}),
     Note("templates-disagree", PAIR, {"labels": ("LM3",), "distances": (4.5,)}),
     Note("templates-disagree", PAIR[:1], {"labels": ("LM3",), "distances": (4.5,)}),
     *(

@@ -130,7 +130,7 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     assert np.array_equal([s["transform"] for s in record["shapes"]], aligned.transforms)
     assert set(record["shapes"][0]) == {
         *("name", "file", "digest", "transform", "reflected", "confidence"),
-        *("centroid_size", "evidence"),
+        *("centroid_size_points", "evidence"),
     }
     with np.load(out / "correspondences.npz") as arrays:
         assert np.array_equal(arrays["labels"], aligned.maps.labels)

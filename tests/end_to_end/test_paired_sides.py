@@ -88,6 +88,12 @@ def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
     assert not any("bone" in model for model in tested), "individuals are no covariate"
     options = read_json(tmp_path / "out" / "run-variation.json")["options"]
     assert options["sides"].count("L") == 7
+    assert "bone" not in options["labels"]
+    cited = run_command("status", tmp_path / "out", "--cite").out
+    assert cited.startswith("We aligned")
+    assert "Left and right of each individual were compared" in cited
+    assert "By our choice, poses of a confidence below 95 % counted as well." in cited
+    assert "99 random permutations" in cited
 
 
 def test_repeats_alone_are_the_error_of_measurement(result, tmp_path):

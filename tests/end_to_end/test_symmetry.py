@@ -90,7 +90,7 @@ def test_the_planted_asymmetry_is_found(result, tmp_path):
     anova = {row["effect"]: row for row in rows(to / "symmetry/procrustes_anova.csv")}
     assert list(anova) == ["individual", "side", "individual:side", "total"]
     assert np.isclose(sum(float(row["Rsq"]) for row in anova.values()), 2)
-    sizes = [float(row["centroid_size"]) for row in rows(to / "scores.csv")]
+    sizes = [float(row["centroid_size_surface"]) for row in rows(to / "scores.csv")]
     assert max(sizes) > 1.5 * min(sizes)
     assert len(list((to / "symmetry/specimens").iterdir())) == len(names)
     run_command(*words, "--individuals", "nobody", ends=InputError.exit_code)

@@ -13,7 +13,7 @@ import collalign
 from collalign.output.loading import load
 from collalign.registration.surface import RegistrationSurface
 from collalign.tools.correspond import choose_template
-from collalign.tools.transfer.carrier import _lost
+from collalign.tools.transfer.posed_specimens import why_lost
 from collalign.tools.transfer.result import (
     CARRIED,
     CONTRADICTED,
@@ -187,6 +187,12 @@ def test_the_command_writes_landmarks_tables_and_a_plot(
     left_out = list(csv.DictReader((to / "leave_one_out.csv").open()))
     assert len(left_out) == 30
     assert "30 landmarks of 5 templates" in capsys.readouterr().out
+    cited = run_command("status", to, "--cite").out
+    assert f"We aligned {NUM_SHAPES} surfaces" in cited
+    assert "6 landmarks were carried to all specimens from 5 templates" in cited
+    assert f"{6 * (NUM_SHAPES - 5)} landmarks were carried." in cited
+    mean = np.mean([float(row["error"]) for row in left_out])
+    assert f"a mean error of {mean:.3g} " in cited
 
 
 def rewritten(files, folder, at, change):
@@ -343,7 +349,7 @@ def test_a_landmark_that_the_registration_does_not_reach_is_told_from_one_beyond
     cut = faces[(vertices[faces][..., 2] < 0.8).all(axis=1)]
     surface = RegistrationSurface.from_shape(Shape.from_arrays(vertices, cut, name="cut"))
     points = np.array([[0, 0, -1.0], [0, 0, 1.3], [0, 0, -1.6], [np.nan] * 3])
-    assert _lost(surface, points).tolist() == ["", NO_COUNTERPART, NOT_REACHED, ""]
+    assert why_lost(surface, points).tolist() == ["", NO_COUNTERPART, NOT_REACHED, ""]
 
 
 def test_where_the_surface_ends_no_landmark_is_invented(planted, tmp_path, run):
@@ -390,6 +396,33 @@ def test_a_doubtful_pose_gets_no_landmarks(result, templates, tmp_path, run):
     ]
     assert DOUBTFUL_POSE in run_command(*words, "--store", run.store, "--format", "tps", ends=3).out
     assert (to / "landmarks.tps").read_text().count("NaN") == 18
+
+
+def test_a_template_in_doubt_is_not_carried_where_another_is_sure(
+    result, templates, planted, tmp_path, run
+):
+    view = load(result)
+    doubted = tmp_path / "doubted"
+    confidence = np.array([0.8] + [1.0] * (NUM_SHAPES - 1))
+    write_result(replace(view, confidence=confidence), doubted)
+    wrong = read_landmarks(templates[0])
+    shifted = Landmarks(labels=wrong.labels, points=wrong.points[::-1])
+    marks = {planted.shapes[0].name: shifted, planted.shapes[1].name: read_landmarks(templates[1])}
+
+    def carried(given):
+        return collalign.transfer_landmarks(doubted, given, run=run, progress=False)
+
+    found, alone = carried(marks), carried({planted.shapes[1].name: marks[planted.shapes[1].name]})
+    np.testing.assert_array_equal(found.points[2:], alone.points[2:])
+    np.testing.assert_array_equal(found.points[0], shifted.points)  # its own stay
+    assert found.templates == (planted.shapes[1].name,)
+    (note,) = [note for note in found.notes if note.code == "templates-doubtful"]
+    assert (note.shapes, note.values["counted"]) == ((planted.shapes[0].name,), False)
+    assert not any(note.code == "templates-doubtful" for note in alone.notes)
+    only = carried({planted.shapes[0].name: wrong})
+    (note,) = [note for note in only.notes if note.code == "templates-doubtful"]
+    assert note.values["counted"]
+    assert {*only.status[-1]} == {CARRIED}
 
 
 def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run):

@@ -13,7 +13,7 @@ from collalign.engine.command_line import json_types
 from collalign.output.collection_data import CollectionData
 from collalign.output.evidence_file import OWN_MAP, label_maps
 from collalign.output.members import main_part, statistics_members
-from collalign.output.provenance import methods_paragraph
+from collalign.output.methods.paragraph import methods_paragraph
 from collalign.output.report.payload import Fields, pack, pack_mesh, quaternions, sample_colors
 from collalign.output.report.sections import (
     cycle_histogram,

@@ -60,7 +60,7 @@ def specimen_table(request: ExportRequest, written: list[str]) -> Path:
         "name": list(collection.names),
         "id": written,
         "file": list(collection.files),
-        "centroid_size": collection.centroid_sizes.tolist(),
+        "centroid_size_landmarks": collection.centroid_sizes.tolist(),
         "confidence": collection.confidence.tolist(),
         "reflected": collection.reflected.astype(int).tolist(),
         "coordinates": [

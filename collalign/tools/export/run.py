@@ -11,7 +11,7 @@ from collalign.output.collection import Collection
 from collalign.output.label_notes import compare_members
 from collalign.output.loading import load
 from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
-from collalign.output.provenance import write_tool_record
+from collalign.output.provenance import result_place, write_tool_record
 from collalign.tools.export.formats import (
     mesh_writer,
     write_markups,
@@ -150,7 +150,7 @@ def export(
                 output.stage(f"notes-{format}.txt"), notes.encode("utf-8", "backslashreplace")
             )
             decided = {
-                "result": str(collection.folder or ""),
+                "result": result_place(collection, folder),
                 "space": space,
                 "exclude": exclude,
                 "include_doubtful": include_doubtful,

@@ -91,7 +91,7 @@ def shape_columns(request: ExportRequest) -> Table:
         "group": collection.part_numbers.tolist(),
         "kind": list(collection.kind_names),
         "alone": collection.is_alone.astype(int).tolist(),
-        "centroid_size": collection.centroid_sizes.tolist(),
+        "centroid_size_landmarks": collection.centroid_sizes.tolist(),
         "scale": collection.scales.tolist(),
         **member_columns(request),
         **{f"T{at // 4 + 1}{at % 4 + 1}": column for at, column in enumerate(entries)},

@@ -18,8 +18,7 @@ from collalign.confidence.radius_model import (
 )
 from collalign.engine.session import ProgressFactory, each_shown
 from collalign.output.collection import Collection
-from collalign.products.trust import DOUBT
-from collalign.registration.surface import RegistrationSurface, nearest_on, with_cloud_rim
+from collalign.registration.surface import RegistrationSurface
 from collalign.template_landmarks.carry import (
     Template,
     at_places,
@@ -36,33 +35,20 @@ from collalign.template_landmarks.consensus import agreement_notes, order_mistak
 from collalign.template_landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
 from collalign.template_landmarks.table import LandmarkTable, evenly_spaced, may_be_one
 from collalign.tools.correspond import DenseCorrespondence
+from collalign.tools.transfer.posed_specimens import PosedSpecimens, why_lost
 from collalign.tools.transfer.result import (
     CARRIED,
     CONTRADICTED,
-    DOUBTFUL_POSE,
     MISSING_PLACE,
-    NO_COUNTERPART,
-    NOT_REACHED,
-    NOT_REGISTERED,
     OUT_OF_RANGE,
     PLACED,
     UNKNOWN,
     TransferredLandmarks,
 )
+from collalign.tools.transfer.surface_points import with_surface_points
 from data_tools.arrays import FloatArray, read_only
-from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
-from data_tools.io.shapes import read_shape
-from data_tools.landmark_files import SemilandmarkRows
-from data_tools.options import CleaningOptions
-from data_tools.poses import moved_by
-from data_tools.surface.closest import lies_beyond
-from data_tools.surface.shape import Shape
-
-#: What semilandmarks of the whole surface are called.
-SURFACE = "surface"
-#: Farthest points by which the size of a specimen is measured, which says how far from its rim it has nothing.
-_NUM_RIM_POINTS = 300
+from data_tools.notes import Note
 
 
 class LandmarkCarrier:
@@ -74,7 +60,8 @@ class LandmarkCarrier:
     dense : DenseCorrespondence
         Of its shapes.
     table : LandmarkTable
-        Landmarks of the templates, at least one of which is registered.
+        Landmarks of the templates, at least one of which is registered. Where some have a sure pose, those in doubt
+        are not carried.
     """
 
     def __init__(
@@ -87,14 +74,16 @@ class LandmarkCarrier:
             table.points,
         )
         self._semilandmarks = table.semilandmarks
-        self._rows = {name: row for row, name in enumerate(dense.names)}
-        centred = dense.mean - dense.mean.mean(axis=0)
-        self._radius = radius = float(np.sqrt((centred**2).sum(axis=1).mean()))
+        self._specimens = PosedSpecimens(collection, dense)
+        self._radius = radius = self._specimens.radius
         self.templates: list[Template] = []
         self._around: dict[int, Surroundings] = {}
-        for name, points in table.points.items():
-            if name in self._rows:
-                item, around = self._read_template(name, points)
+        registered = [name for name in table.points if name in self._specimens.rows]
+        self._doubtful = tuple(name for name in registered if self._specimens.is_doubtful(name))
+        self._only_doubtful = len(self._doubtful) == len(registered)
+        for name in registered:
+            if self._only_doubtful or name not in self._doubtful:
+                item, around = self._read_template(name, table.points[name])
                 self.templates.append(item)
                 self._around[item.shape] = around
         if not self.templates:
@@ -114,10 +103,6 @@ class LandmarkCarrier:
             for item, copy in copies
         }
         self._variation = float(np.sqrt(((dense.completed - dense.mean) ** 2).sum(axis=2).mean()))
-        self._scale = {
-            name: float(scale)
-            for name, scale in zip(collection.names, collection.scales, strict=True)
-        }
 
     def same_places(self) -> dict[str, dict[str, str]]:
         """Return labels that a program counted on, by template, with those that other templates have at their places.
@@ -148,7 +133,7 @@ class LandmarkCarrier:
         specimens = each_shown(self._collection.names, "specimens", progress)
         found = [self._specimen(name, calibration, of_held) for name in specimens]
         names = tuple(self._dense.names[item.shape] for item in self.templates)
-        unit = np.array([self._scale[name] for name in names])[:, None]
+        unit = np.array([self._specimens.scale(name) for name in names])[:, None]
         rest = [evidence[:at] + evidence[at + 1 :] for at in range(len(evidence))]
         without = [calibrate(np.delete(right, at, 0), others) for at, others in enumerate(rest)]
         radius = np.array([radii(one, own) for one, own in zip(without, evidence, strict=True)])
@@ -165,16 +150,21 @@ class LandmarkCarrier:
             left_out_errors=read_only(lengths / unit),
             left_out_radii=read_only(radius / unit),
             semilandmarks=self._semilandmarks,
-            notes=agreement_notes(
-                self._mistakes,
-                names,
-                self._labels,
-                lengths / unit,
-                self._radius / unit[:, 0],
-                self.trust,
+            notes=(
+                *self._doubtful_notes(),
+                *agreement_notes(
+                    self._mistakes,
+                    names,
+                    self._labels,
+                    lengths / unit,
+                    self._radius / unit[:, 0],
+                    self.trust,
+                ),
             ),
         )
-        return self._with_surface_points(moved, surface_points) if surface_points else moved
+        if not surface_points:
+            return moved
+        return with_surface_points(moved, self._specimens, surface_points)
 
     def _leave_one_out(self) -> tuple[FloatArray, FloatArray, list[RadiusEvidence]]:
         """Predict templates from the others.
@@ -189,30 +179,13 @@ class LandmarkCarrier:
         """
         shape = (len(self.templates), len(self._labels))
         if len(self.templates) < 2:
-            nothing = np.full(shape[1], np.nan)
-            return (
-                np.full((*shape, 3), np.nan),
-                np.full((*shape, 3), np.nan),
-                [
-                    RadiusEvidence(
-                        spread=nothing,
-                        distance=0.0,
-                        residual=nothing,
-                        unit=1.0,
-                        variation=0.0,
-                        hold=nothing,
-                        slip=nothing,
-                        misfit=nothing,
-                        held=np.full((shape[1], 3, 3), np.nan),
-                        held_slip=nothing,
-                    )
-                ],
-            )
+            nothing = np.full((*shape, 3), np.nan)
+            return nothing, nothing, [RadiusEvidence.unknown(shape[1])]
         predicted, errors, evidence = [], [], []
         for at, item in enumerate(self.templates):
             name = self._dense.names[item.shape]
             points, shown, _ = self.predict(name, self.templates[:at] + self.templates[at + 1 :])
-            predicted.append(self._in_file(name, points))
+            predicted.append(self._specimens.in_file(name, points))
             errors.append(self.errors(name, points))
             evidence.append(shown)
         return np.array(predicted), np.array(errors), evidence
@@ -225,7 +198,7 @@ class LandmarkCarrier:
         placed = np.isfinite(own).all(axis=1)
         points, radius = np.array(own), np.where(placed, 0.0, np.nan)
         axes = np.repeat(radius, 9).reshape(-1, 3, 3)
-        reason = self._abstention(name)
+        reason = self._specimens.abstention(name)
         known = (
             np.isfinite(np.stack([item.offsets for item in self.templates])).all(axis=2).any(axis=0)
         )
@@ -236,8 +209,8 @@ class LandmarkCarrier:
             vague = beyond_range(calibration, evidence)
             predicted[(lost != "") | vague] = np.nan
             reasons = np.where(lost != "", lost, np.where(vague, OUT_OF_RANGE, reasons))
-            points[~placed] = self._in_file(name, predicted)[~placed]
-            radius[~placed] = radii(calibration, evidence)[~placed] / self._scale[name]
+            points[~placed] = self._specimens.in_file(name, predicted)[~placed]
+            radius[~placed] = radii(calibration, evidence)[~placed] / self._specimens.scale(name)
             inverse = np.linalg.inv(self._collection.transforms[self._collection.index(name)])
             axes[~placed] = (ellipsoids(of_held, evidence) @ inverse[:3, :3].T)[~placed]
             lacking = np.isnan(points).any(axis=1)
@@ -246,11 +219,11 @@ class LandmarkCarrier:
         words = np.where(placed, PLACED, np.where(there, CARRIED, reason or reasons))
         return points, radius, axes, tuple(words.tolist())
 
-    def _abstention(self, name: str) -> str | None:
-        if name not in self._rows:
-            return NOT_REGISTERED
-        doubtful = self._collection.confidence[self._collection.index(name)] < DOUBT
-        return DOUBTFUL_POSE if doubtful else None
+    def _doubtful_notes(self) -> tuple[Note, ...]:
+        """Say which templates have poses in doubt: they do not count where others are sure."""
+        if not self._doubtful:
+            return ()
+        return (Note("templates-doubtful", self._doubtful, {"counted": self._only_doubtful}),)
 
     def predict(
         self, name: str, templates: list[Template]
@@ -265,11 +238,11 @@ class LandmarkCarrier:
         lost : ndarray of str, shape (l,)
             Why a landmark has no place on the specimen's surface; empty where it has one.
         """
-        row, dense, surface = self._rows[name], self._dense, self._surface(name)
+        row, dense, surface = self._specimens.rows[name], self._dense, self._specimens.surface(name)
         said = carried(templates, dense.vertices[row])
         weights = template_weights(templates, row, dense.vertices, dense.quality)
         mapped, spreads = fuse(said, weights)
-        lost = np.where(off_surface(templates), "", _lost(surface, mapped))
+        lost = np.where(off_surface(templates), "", why_lost(surface, mapped))
         mapped = on_surface(mapped, templates, surface.locator)
         places, misfits = self._local_fits(templates, row, surface)
         points, _ = fuse(said + FIT.share * (places - said), weights)
@@ -295,12 +268,12 @@ class LandmarkCarrier:
 
     def errors(self, name: str, points: FloatArray) -> FloatArray:
         """Return predicted landmarks less a template's own, in the common frame, shape (l, 3)."""
-        return points - self._posed(name, self._known[name])
+        return points - self._specimens.posed(name, self._known[name])
 
     def _read_template(self, name: str, points: FloatArray) -> tuple[Template, Surroundings]:
         """Return a template and the surroundings of its landmarks, which are points (l, 3) of its file."""
-        row, mean = self._rows[name], self._dense.mean
-        surface, posed = self._surface(name), self._posed(name, points)
+        row, mean = self._specimens.rows[name], self._dense.mean
+        surface, posed = self._specimens.surface(name), self._specimens.posed(name, points)
         item = template(
             row, posed, self._dense.completed[row], self._dense.faces, self._radius, surface.locator
         )
@@ -339,82 +312,9 @@ class LandmarkCarrier:
                 )
         return placed
 
-    def _with_surface_points(self, carried: TransferredLandmarks, num: int) -> TransferredLandmarks:
-        """Add evenly spread vertices of the mean, on the surface of every shape."""
-        mean = Shape.from_arrays(self._dense.mean, self._dense.faces, name="the mean")
-        if num > len(mean.vertices):
-            raise InputError(
-                f"surface_points: the mean has {len(mean.vertices)} vertices, {num} are asked for"
-            )
-        chosen = farthest_points(mean, num, metric="euclidean")
-        places, words = [], []
-        for at, name in enumerate(self._collection.names):
-            reason = self._abstention(name)
-            points, lost = np.full((num, 3), np.nan), np.full(num, reason or "")
-            if reason is None:
-                copies = self._dense.vertices[self._rows[name]][chosen]
-                surface = self._surface(name)
-                lost = _lost(surface, copies)
-                there = np.isfinite(copies).all(axis=1) & (lost == "")
-                points[there] = surface.locator.closest(copies[there]).on(surface.vertices)
-                points = moved_by(np.linalg.inv(self._collection.transforms[at]), points)
-            places.append(points)
-            why = np.where(lost == "", NO_COUNTERPART, lost)
-            words.append(np.where(np.isfinite(points).all(axis=1), CARRIED, why).tolist())
-        rows = SemilandmarkRows(
-            SURFACE, "patch", tuple(range(len(self._labels), len(self._labels) + num))
-        )
-        nothing = np.full((len(self._collection.names), num), np.nan)
-        left_out = np.full((len(carried.templates), num), np.nan)
-        no_place = np.repeat(left_out[..., None], 3, axis=2)
-        return replace(
-            carried,
-            labels=(*self._labels, *(f"{SURFACE}-{number}" for number in range(1, num + 1))),
-            points=read_only(np.concatenate([carried.points, np.stack(places)], axis=1)),
-            radii=read_only(np.concatenate([carried.radii, nothing], axis=1)),
-            ellipsoids=read_only(
-                np.concatenate(
-                    [carried.ellipsoids, np.full((*nothing.shape, 3, 3), np.nan)], axis=1
-                )
-            ),
-            status=tuple((*own, *more) for own, more in zip(carried.status, words, strict=True)),
-            template_trust=read_only(
-                np.concatenate([carried.template_trust, np.zeros_like(left_out)], axis=1)
-            ),
-            left_out_points=read_only(np.concatenate([carried.left_out_points, no_place], axis=1)),
-            left_out_errors=read_only(np.concatenate([carried.left_out_errors, left_out], axis=1)),
-            left_out_radii=read_only(np.concatenate([carried.left_out_radii, left_out], axis=1)),
-            semilandmarks=(*self._semilandmarks, rows),
-        )
-
-    def _surface(self, name: str) -> RegistrationSurface:
-        """Read a specimen's surface, as its file has it, in the common frame."""
-        at = self._collection.index(name)
-        cleaning = CleaningOptions(inner=self._collection.options.cleaning.inner)
-        shape = read_shape(self._collection.file(at), cleaning, name=name).transformed(
-            self._collection.transforms[at]
-        )
-        return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
-
-    def _posed(self, name: str, points: FloatArray) -> FloatArray:
-        return moved_by(self._collection.transforms[self._collection.index(name)], points)
-
-    def _in_file(self, name: str, points: FloatArray) -> FloatArray:
-        return moved_by(
-            np.linalg.inv(self._collection.transforms[self._collection.index(name)]), points
-        )
-
 
 def _without(values: FloatArray, where: Any) -> FloatArray:
     """Return a copy with NaN in some places."""
     left = np.array(values)
     left[where] = np.nan
     return left
-
-
-def _lost(surface: RegistrationSurface, points: FloatArray) -> NDArray[np.str_]:
-    """Return why points that are known have no place on a surface, shape (l,); empty where they have one."""
-    known = np.asarray(np.isfinite(points).all(axis=1))
-    distances, on_rim = nearest_on(surface, np.where(known[:, None], points, surface.vertices[0]))
-    beyond = known & lies_beyond(distances, on_rim, surface.radius)
-    return np.where(beyond, np.where(on_rim, NO_COUNTERPART, NOT_REACHED), "")

@@ -22,12 +22,13 @@ from collalign.engine.command_line import json_types
 from collalign.engine.run_options import RunOptions
 from collalign.output.collection import Collection
 from collalign.output.loading import load
-from collalign.output.provenance import write_tool_record
+from collalign.output.provenance import result_place, write_tool_record
 from collalign.output.report.content import shapes_content
 from collalign.output.report.page import opener, render_page, shown_part
 from collalign.template_landmarks.table import slider_rows
 from collalign.template_landmarks.templates import (
     SemilandmarkRequest,
+    Slide,
     read_templates,
     shape_of,
     specimen_among,
@@ -40,7 +41,7 @@ from collalign.tools.transfer.disagreement import (
     agreement_text,
     findings,
 )
-from collalign.tools.transfer.result import TransferredLandmarks
+from collalign.tools.transfer.result import CARRIED, PLACED, TransferredLandmarks
 from collalign.tools.transfer.run import transfer_landmarks
 from collalign.wording import note_records, note_text
 from data_tools.errors import InputError
@@ -71,6 +72,7 @@ def write_transfer(
     *,
     page: str,
     leave_one_out: bool,
+    slide: Slide | None = None,
 ) -> tuple[Path, ...]:
     """Write page and ``transfer.csv``, and tables of semilandmarks where there are any.
 
@@ -84,6 +86,8 @@ def write_transfer(
     page : str
         See :func:`collalign.tools.transfer.command.landmarks_page`.
     leave_one_out : bool
+    slide : {"bending", "procrustes"}, optional
+        How semilandmarks were slid, for the record.
 
     Raises
     ------
@@ -109,15 +113,44 @@ def write_transfer(
             )
         if leave_one_out:
             staged.append(_write(output.stage(LEAVE_ONE_OUT_FILE), left_out_rows(transferred)))
-        decided = {
-            "templates": transferred.templates,
-            "num_landmarks": len(transferred.labels),
-            "num_shapes": len(transferred.names),
-            "leave_one_out": leave_one_out,
-        }
-        write_tool_record(output, _WRITER, decided)
+        write_tool_record(
+            output,
+            _WRITER,
+            {
+                "result": result_place(collection, to),
+                "leave_one_out": leave_one_out,
+                "slide": slide,
+                **transfer_figures(transferred),
+            },
+        )
         output.publish()
         return tuple(output.published(path) for path in staged)
+
+
+def transfer_figures(transferred: TransferredLandmarks) -> dict[str, object]:
+    """Return what a methods section says of a transfer; lengths in the units of the files, None where unknown."""
+    errors, status = transferred.left_out_errors, np.array(transferred.status)
+    errors = errors[np.isfinite(errors)]
+    carried = status == CARRIED
+    radii = transferred.radii[carried & np.isfinite(transferred.radii)]
+    is_given = (
+        np.isfinite(transferred.template_trust)
+        & (status == PLACED)[[transferred.names.index(name) for name in transferred.templates]]
+    )
+    return {
+        "templates": transferred.templates,
+        "num_landmarks": len(transferred.labels),
+        "num_shapes": len(transferred.names),
+        "semilandmarks": [
+            {"kind": one.kind, "num": len(one.rows)} for one in transferred.semilandmarks
+        ],
+        "num_carried": int(carried.sum()),
+        "num_lacking": int((~carried & (status != PLACED)).sum()),
+        "num_contradicted": int((is_given & (transferred.template_trust <= 0)).sum()),
+        "left_out_error": float(errors.mean()) if len(errors) else None,
+        "left_out_median": float(np.median(errors)) if len(errors) else None,
+        "median_radius": float(np.median(radii)) if len(radii) else None,
+    }
 
 
 def transfer_rows(transferred: TransferredLandmarks) -> list[list[object]]:
@@ -309,7 +342,12 @@ def transfer(
     ):
         warn(note_text(note))
     tables = write_transfer(
-        collection, found, written.to, page=page, leave_one_out=written.leave_one_out
+        collection,
+        found,
+        written.to,
+        page=page,
+        leave_one_out=written.leave_one_out,
+        slide=semilandmarks.slide,
     )
     say_files((*paths, *tables))
     return _summarise(found, leave_one_out=written.leave_one_out)

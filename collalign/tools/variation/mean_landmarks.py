@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collalign.analysis.paired_sides import check_repeats
+from collalign.analysis.measurement_error import check_repeats
 from collalign.analysis.procrustes import MIN_LABELS
 from collalign.analysis.symmetry import means_of_rows
 from collalign.output.collection import Collection

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from collalign.analysis.measurement_error import (
+    MeasurementError,
+    check_repeats,
+    measurement_error,
+)
 from collalign.analysis.paired_sides import (
     INDIVIDUAL,
     INTERACTION,
     SIDE,
-    MeasurementError,
     PairedSides,
-    check_repeats,
-    measurement_error,
     paired_sides,
     with_both_sides,
 )

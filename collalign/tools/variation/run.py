@@ -22,6 +22,7 @@ from collalign.output.label_notes import (
 )
 from collalign.output.loading import load
 from collalign.output.members import statistics_members
+from collalign.output.provenance import result_place
 from collalign.products.named_frame import NamedFrame
 from collalign.template_landmarks.templates import shape_of
 from collalign.tools.correspond import dense_correspondence
@@ -171,6 +172,7 @@ def write_surface_variation(
     )
     check_tests(test_options, grouped, counted)  # before the registrations, which take minutes
     dense = dense_correspondence(collection, leave_out=names, run=run, progress=progress)
+    who = who.without((name, "not-registered") for name, _ in dense.failed)
     rows = [collection.index(name) for name in dense.names]
     vertices = dense.vertices / collection.scales[rows][:, None, None]
     posture = []
@@ -243,6 +245,7 @@ def write_surface_variation(
         doubts = shared_error_notes(components, mirror_error(found.mean, counterparts))
         found = replace(found, notes=(*doubts, *found.notes))
     version = str(collection.run.versions.get("collalign", ""))
+    terms = {term for row in tested.tables["anova"] for term in str(row[0]).split(" + ")}
     write_variation(
         found,
         Path(to),
@@ -254,7 +257,7 @@ def write_surface_variation(
         version=version,
         who=who,
         record={
-            "result": str(collection.folder or ""),
+            "result": result_place(collection, Path(to)),
             "tests": asdict(test_options),
             "symmetry": None if symmetry is None else str(symmetry),
             "individuals": owners,
@@ -264,7 +267,8 @@ def write_surface_variation(
             "exclude": exclude,
             "include_doubtful": include_doubtful,
             "without_posture": without_posture,
-            "labels": list(columns),
+            "labels": [column for column in grouped if column in terms],
+            "left_out": who.left_out,
             "num_shapes": len(found.names),
             "num_vertices": len(found.mean),
             "notes": note_records(found.notes),

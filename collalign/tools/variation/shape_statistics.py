@@ -49,7 +49,7 @@ def write_tables(
     variation: SurfaceVariation, columns: Columns, tests: Mapping[str, Rows], output: OutputFolder
 ) -> None:
     """Write scores with centroid sizes, and ``statistics/``."""
-    sizes = {"centroid_size": variation.centroid_sizes}
+    sizes = {"centroid_size_surface": variation.centroid_sizes}
     _csv(output, [SCORES_FILE], score_rows(variation.names, columns, variation.components, sizes))
     for name, rows in tests.items():
         _csv(output, ["statistics", f"{name}.csv"], rows)
@@ -356,6 +356,6 @@ def _allometry(variation: SurfaceVariation, columns: Columns, shapes: FloatArray
     sizes = np.log(variation.centroid_sizes)
     slope = (sizes - sizes.mean()) @ shapes
     scores = shapes @ slope / max(float(np.linalg.norm(slope)), np.finfo(float).tiny)
-    rows: Rows = [["name", *columns, "log_centroid_size", "regression_score"]]
+    rows: Rows = [["name", *columns, "log_centroid_size_surface", "regression_score"]]
     found = zip(variation.names, *columns.values(), sizes.tolist(), scores.tolist(), strict=True)
     return rows + [[*row] for row in found]

@@ -1,9 +1,9 @@
-"""Left and right of individuals, and repeated measurements, against R, dense sums and what is known."""
+"""Left and right of individuals, against R, dense sums and what is known."""
 
 import numpy as np
 import pytest
 
-from collalign.analysis.paired_sides import measurement_error, paired_sides
+from collalign.analysis.paired_sides import paired_sides
 from data_tools.errors import InputError
 from data_tools.rotations import random_rotation
 from tests.r_expected import check_expected, landmark_shapes
@@ -242,57 +242,3 @@ def test_what_are_no_two_sides_is_refused():
         paired_sides(shapes, individuals, sides[:5])
     with pytest.raises(InputError, match="samples"):
         paired_sides(np.where(shapes == shapes[0, 0, 0], np.nan, shapes), individuals, sides)
-
-
-def test_repeatability_is_that_of_r():
-    points, individuals, sides = landmark_shapes()
-    right = [at for at in range(32) if sides[at] == "R"]
-    for name, chosen in (
-        ("repeats", right),
-        ("unequal-repeats", [one for at, one in enumerate(right) if at not in (0, 3)]),
-    ):
-        found = measurement_error(points[chosen], [individuals[at] for at in chosen])
-        values = {"repeatability": found.repeatability, "r2": found.r2, "f": found.anova[0].f}
-        check_expected({f"{name}-{what}": value for what, value in values.items()})
-
-
-def repeated(rng, *, num=40, repeats=3, individual=0.05, error=0.05):
-    """Return shapes of equal variance among and within individuals, but for what superimposition takes up."""
-    base = rng.standard_normal((10, 3))
-    own = base + individual * rng.standard_normal((num, 10, 3))
-    shapes = np.repeat(own, repeats, axis=0)
-    shapes = shapes + error * rng.standard_normal(shapes.shape)
-    return shapes, [f"i{at}" for at in np.repeat(np.arange(num), repeats).tolist()]
-
-
-def test_repeatability_is_the_share_of_variance_among_individuals():
-    rng = np.random.default_rng(8)
-    for individual, share in ((0.05, 0.5), (0.1, 0.8), (0.0, 0.0)):
-        found = measurement_error(*repeated(rng, individual=individual), permutations=99)
-        assert abs(found.repeatability - share) < 0.06
-        assert (found.anova[0].p == 0.01) == (share > 0)
-    exact = measurement_error(*repeated(rng, error=0.0), permutations=99)
-    np.testing.assert_allclose([exact.repeatability, exact.r2], 1.0)
-    assert exact.spreads.max() < 1e-12
-
-
-def test_the_worst_measured_individual_has_the_largest_spread():
-    rng = np.random.default_rng(9)
-    shapes, individuals = repeated(rng, num=8, error=0.01)
-    shapes[4] += 0.2 * rng.standard_normal((10, 3))
-    found = measurement_error(shapes[:-2], individuals[:-2], permutations=99)
-    assert found.individuals[int(np.nanargmax(found.spreads))] == "i1"
-    assert found.counts.tolist() == [3] * 7 + [1]
-    assert np.isnan(found.spreads[-1])
-    within = found.anova[1]
-    squares = np.nansum(found.spreads**2 * (found.counts - 1))
-    np.testing.assert_allclose(squares, within.sum_of_squares)
-
-
-def test_repeats_that_tell_nothing_are_refused():
-    shapes, individuals = repeated(np.random.default_rng(10), num=3)
-    for wrong in (["a"] * 9, [f"{at}" for at in range(9)], [""] * 9):
-        with pytest.raises(InputError, match="measured twice"):
-            measurement_error(shapes, wrong)
-    with pytest.raises(InputError, match="individuals: 8 labels"):
-        measurement_error(shapes, individuals[:8])

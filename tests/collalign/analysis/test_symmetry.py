@@ -113,6 +113,45 @@ def test_replicates_tell_fluctuating_asymmetry_from_measurement_error():
     assert object_symmetry(again, PARTNER, individuals=scrambled).anova[2].f < 5
 
 
+def test_shapes_of_unknown_individuals_are_not_taken_for_one():
+    shapes = family(np.random.default_rng(14), num=10, directional=0.02)
+    owners = ["a", "a", "b", "b", "c", "c", "d", "d"]
+    found = object_symmetry(shapes, PARTNER, individuals=[*owners, "", ""])
+    rows = {one.effect: one for one in found.anova}
+    assert rows["individual"].plain_df == 3
+    assert rows["residual"].plain_df == 2 * (8 - 4)
+    assert len(found.asymmetry) == 10
+    # the sums are of those eight alone, as they lie
+    whole = (found.symmetric + found.asymmetric)[:8]
+    both = np.concatenate([whole, mirror_image(whole, PARTNER)])
+    total = ((both - both.mean(axis=0)) ** 2).sum()
+    np.testing.assert_allclose(rows["total"].sum_of_squares, total)
+    with pytest.raises(InputError, match="nobody is named"):
+        object_symmetry(shapes, PARTNER, individuals=[""] * 10)
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_neither_names_nor_order_decide_about_sides(repeats):
+    shapes = family(np.random.default_rng(15), num=12, directional=0.002)
+    owners = [f"s{at // repeats}" for at in range(12)]
+    rng = np.random.default_rng(16)
+    names = dict(zip(dict.fromkeys(owners), rng.permutation(len({*owners})), strict=True))
+    order = rng.permutation(12)
+    first = object_symmetry(shapes, PARTNER, individuals=owners, permutations=199)
+    for again in (
+        object_symmetry(
+            shapes, PARTNER, individuals=[f"x{names[one]:03d}" for one in owners], permutations=199
+        ),
+        object_symmetry(
+            shapes[order], PARTNER, individuals=[owners[at] for at in order], permutations=199
+        ),
+    ):
+        for one, other in zip(first.anova, again.anova, strict=True):
+            np.testing.assert_allclose([one.p, one.z], [other.p, other.z], rtol=1e-6)
+    side = next(one for one in first.anova if one.effect == "side")
+    assert 0.01 < side.p < 1.0, "else all draws would agree"
+
+
 def test_a_mirrored_specimen_has_the_opposite_asymmetry():
     shapes = family(np.random.default_rng(6))
     shapes[1] = mirror_image(shapes[0], PARTNER)

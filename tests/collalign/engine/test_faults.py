@@ -91,6 +91,8 @@ def test_shapes_that_are_added_survive_kills_and_move_nothing(tmp_path):
     assert log.kills
     for one, now in zip(before, after, strict=False):
         # Points are numbered anew, so the sum over them may differ in its last bit.
-        assert now.pop("centroid_size") == pytest.approx(one.pop("centroid_size"), rel=1e-12)
+        assert now.pop("centroid_size_points") == pytest.approx(
+            one.pop("centroid_size_points"), rel=1e-12
+        )
         assert now == one | {"evidence": now["evidence"]}
     assert [one["name"] for one in after[3:]] == ["chair4", "chair5"]

@@ -3,12 +3,16 @@
 import dataclasses
 import json
 import os
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from collalign.options import AlignOptions
-from collalign.output.provenance import methods_paragraph, option_words
+from collalign.output.methods.paragraph import methods_paragraph
+from collalign.output.methods.references import MARON, SOFTWARE
+from collalign.output.provenance import option_words
 from collalign.tools.export.run import export
 from tests.commands import read_json, run_command
 from tests.view_problems import view_of, write_result
@@ -42,23 +46,105 @@ def test_tools_of_the_folder_are_cited_and_every_export_has_a_record(tmp_path, c
     assert record["command"].startswith("collalign export ")
     assert record["options"]["space"] == "unscaled"
     assert {"version", "date"} <= record.keys()
-    tests = {"model": "size + sex", "sums_of_squares": "II", "permutations": 9999, "seed": 4}
-    options = {
-        "variation": {"tests": tests, "num_shapes": 5, "num_vertices": 800},
-        "transfer": {"templates": ["s1"], "num_landmarks": 7},
-    }
-    for tool, given in options.items():
-        (tmp_path / tool).mkdir()
-        record = {"tool": tool, "options": given}
-        (tmp_path / tool / f"run-{tool}.json").write_text(json.dumps(record))
+    for tool, given in OPTIONS.items():
+        write_record(tmp_path / tool, tool, given)
     capsys.readouterr()
     run_command("status", tmp_path, "--cite")
     said = capsys.readouterr().out
     assert "5 surfaces were brought into dense correspondence (800 vertices)" in said
-    assert "(type II) and 9999 random permutations" in said
+    assert "(type II) and permuted residuals" in said
+    assert "9999 random permutations (seed 4)" in said
     assert "shape ~ size + sex" in said
     assert "RRPP" in said
-    assert "7 landmarks were carried to all specimens from 1 template (s1)." in said
+    assert "7 landmarks were carried to all specimens from 1 template (s1)" in said
+
+
+TESTS = {
+    "model": "size + sex",
+    "sums_of_squares": "II",
+    "permutations": 9999,
+    "seed": 4,
+    "blocks": [],
+}
+OPTIONS = {
+    "transfer": {
+        "result": "..",
+        "templates": ["s1"],
+        "num_landmarks": 7,
+        "semilandmarks": [],
+        "slide": None,
+        "num_carried": 33,
+        "num_lacking": 2,
+        "num_contradicted": 0,
+        "left_out_error": None,
+        "left_out_median": None,
+        "median_radius": 0.25,
+    },
+    "variation": {
+        "result": "..",
+        "tests": TESTS,
+        "num_shapes": 5,
+        "num_vertices": 800,
+        "labels": ["sex"],
+        "left_out": [["shape_001", "doubtful"]],
+        "include_doubtful": False,
+        "without_posture": False,
+        "symmetry": None,
+        "individuals": None,
+        "sides": None,
+        "repeats": [],
+    },
+}
+
+
+def write_record(folder, tool, options):
+    """Write the record of a tool as the tool does."""
+    folder.mkdir(exist_ok=True)
+    record = {"tool": tool, "options": options}
+    (folder / f"run-{tool}.json").write_text(json.dumps(record))
+
+
+def test_the_folder_of_a_tool_tells_the_whole_chain_wherever_both_are(tmp_path):
+    home, moved = tmp_path / "a" / "out", tmp_path / "b"
+    write_result(view_of(6), home)
+    write_record(tmp_path / "a" / "marks", "transfer", OPTIONS["transfer"] | {"result": "../out"})
+    said = run_command("status", tmp_path / "a" / "marks", "--cite").out
+    assert said.startswith("We aligned 6 surfaces")
+    assert "from 1 template (s1)" in said
+    assert "33 landmarks were carried" in said
+    assert "has a median of 0.25" in said
+    assert "dense correspondence" not in said
+    shutil.move(tmp_path / "a", moved)
+    assert run_command("status", moved / "marks", "--cite").out == said
+    shutil.rmtree(moved / "out")
+    assert (
+        "(../out) is not there any more"
+        in run_command("status", moved / "marks", "--cite", ends=2).err
+    )
+    nothing = run_command("status", tmp_path, "--cite", ends=2).err
+    assert "there is no result" in nothing
+
+
+def test_who_was_left_out_is_said_and_by_whom():
+    view = view_of(6)
+    asked = dataclasses.replace(view.run, left_out=("old", "young"))
+    said = methods_paragraph(dataclasses.replace(view, run=asked))
+    assert "We left out 2 specimens (old, young) beforehand." in said
+    assert "The program left out 1 file or pair that it could not use: folder/broken.ply." in said
+    assert "left out" not in methods_paragraph(dataclasses.replace(view, excluded=()))
+
+
+def test_collalign_itself_is_cited_as_its_file_of_citation_says():
+    lines = (Path(__file__).parents[3] / "CITATION.cff").read_text().splitlines()
+    values = dict(line.split(": ", 1) for line in lines if ": " in line)
+    cited = SOFTWARE.format(version=values["version"])
+    assert cited.startswith(
+        f"{values['  - name']}. {values['title']}. Version {values['version']}."
+    )
+    assert values["license"] in cited
+    assert values["    doi"] in MARON
+    listed = methods_paragraph(view_of(6)).split("References")[1]
+    assert listed.split("\n")[1].strip() == SOFTWARE.format(version="0.1.0")
 
 
 def test_a_call_from_python_has_no_command(tmp_path):

@@ -107,7 +107,7 @@ def test_formats_for_statistics_are_reflected_keep_size_and_say_so(view, tmp_pat
     assert [row["coordinates"] for row in table] == [
         line.removeprefix("COMMENT=") for line in comments
     ]
-    assert [float(row["centroid_size"]) for row in table] == view.centroid_sizes.tolist()
+    assert [float(row["centroid_size_landmarks"]) for row in table] == view.centroid_sizes.tolist()
     noted = (tmp_path / "tps" / "notes-tps.txt").read_text()
     assert (
         f"{int(view.reflected.sum())} of 6 specimens are reflected; centroid sizes are kept"
@@ -366,7 +366,7 @@ def test_doubtful_and_incomplete_shapes_have_rows_but_move_nothing_that_is_compu
 def test_shapes_have_their_sizes(view, tmp_path):
     export(view, "csv", tmp_path)
     shapes = rows(tmp_path / "shapes.csv")
-    assert [float(row["centroid_size"]) for row in shapes] == centroid_sizes(
+    assert [float(row["centroid_size_landmarks"]) for row in shapes] == centroid_sizes(
         view.landmarks
     ).tolist()
     assert [float(row["scale"]) for row in shapes] == view.scales.tolist()

@@ -161,11 +161,9 @@ export class Corrections {
       decision: [CONFIRMED, BEFORE].includes(this.poseOf(index)) ? "confirmed" : "pose",
       ...this.record(this.chosen.get(index)),
     }));
-    // What is placed is placed among whole poses; without such shapes rotations say all.
-    const pose = (index) => (incomplete.length ? this.record(shapes[index]) : shapes[index].R);
-    const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, pose(index)]));
-    const known = incomplete.length ? { version: 2, decisions, frame, incomplete } : { version: 1, decisions, frame };
-    return JSON.stringify({ format: "collalign-corrections", ...known }, null, 1);
+    // Whole poses: a shape that stays keeps its place and size as well.
+    const frame = Object.fromEntries(anchors.map((index) => [shapes[index].name, this.record(shapes[index])]));
+    return JSON.stringify({ format: "collalign-corrections", version: 2, decisions, frame, incomplete }, null, 1);
   }
 
   download() {
