@@ -164,17 +164,20 @@ def _found_incomplete(
 ) -> tuple[dict[int, str], dict[int, str]]:
     """Return which of the posed shapes turn out to be incomplete, and why others seem to be, both by position.
 
-    The latter is among the posed. They only seem so where too few would be left, or most are. Images that each show
-    one side, and could not be joined as scans, may show different ones. Shapes that bend so much that maps were asked
-    tell nothing.
+    The latter is among the posed. They only seem so where too few would be left, or most are. Images of one side each
+    that match badly, and could not be joined as scans, may show different sides. Shapes that bend so much that maps
+    were asked tell nothing.
     """
     decided, matched, posed = answer
-    if not _looks_at_shapes(run.session.options) or are_weighed(matched.pairs):
+    if not _looks_at_shapes(run.session.options):
         return {}, {}
     kept = _complete(run, missing)
+    are_views = were_seen(decided.shapes) and match_badly(decided.shapes, matched.pairs)
+    views = dict.fromkeys(range(len(kept)), ONE_VIEW) if are_views else {}
+    if are_weighed(matched.pairs):
+        return {}, views
     with run.stage("incomplete shapes"):
         found = find_incomplete(run.session, decided.shapes, posed.pairs, posed.transforms)
-    views = dict.fromkeys(range(len(kept)), ONE_VIEW) if were_seen(decided.shapes) else {}
     if are_too_many(len(found), len(kept)):
         return {}, views | found
     fixed = run.constraints.fixed

@@ -255,7 +255,8 @@ def reconsider_doubtful(run: Run, matched: Matched, posed: Posed) -> Posed:
         )
     if all(pair is before for pair, before in zip(pairs, matched.pairs, strict=True)):
         return posed
-    return state_trust(run, pose(run, replace(matched, pairs=pairs, solution=None)))
+    again = pose(run, replace(matched, pairs=pairs, solution=None))
+    return state_trust(run, replace(again, seem_incomplete=posed.seem_incomplete))
 
 
 def with_vertices(run: Run, posed: Posed) -> Posed:
