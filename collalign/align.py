@@ -232,6 +232,11 @@ def align_listing(
             given = own_points(own, files, asked.cleaning)
             own_session = with_own_samples(task.session, given)
             shapes = prepare_shapes(own_session, listing, given)
+            decided = decided_reading(own_session, shapes)
+            if decided is not own_session:  # walls in some files make no other kind of them
+                own_session, shapes = decided, prepare_shapes(decided, listing, given)
+                options = replace(asked, cleaning=decided.options.cleaning)
+                task = replace(task, session=replace(session, options=options))
             if whole := assembled_shapes(own_session, shapes):  # large boxes look alike
                 shapes = prepare_shapes(
                     own_session, listing, given, pieces=dict.fromkeys(whole, "all")
