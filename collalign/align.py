@@ -253,6 +253,7 @@ def align_listing(
     return replace(
         found,
         excluded=(*excluded, *found.excluded),
+        notes=(*found.notes, *notes_beside(listing)),
         run=replace(
             found.run,
             times_s=times_s,
@@ -478,7 +479,6 @@ def _collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing)
             *posed.notes,
             *_unknown_confidence(solution.confidence, wanted.synchronization),
             *(one.note for one in copies),
-            *notes_beside(listing),
         ),
         copies=copies,
         incomplete=posed.incomplete,

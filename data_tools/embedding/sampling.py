@@ -32,7 +32,7 @@ def farthest_points(
     num : int
         How many.
     metric : {"geodesic", "euclidean"}
-        Length of paths along the edges of the surface, or distance through space.
+        Distance along the surface, or through space.
     seeds : array_like of int, optional
         The first vertices, in order; by default the vertex farthest from the centroid.
     solver : GeodesicSolver, optional
@@ -55,9 +55,9 @@ def farthest_points(
         raise InputError(
             f"{shape.file or shape.name}: {len(shape.vertices)} {what}, {num} samples were asked for"
         )
-    distance_from: Callable[[int, float], FloatArray]
+    distance_from: Callable[[int], FloatArray]
     if metric == "geodesic":
-        distance_from = (solver or GeodesicSolver(shape)).along_edges
+        distance_from = (solver or GeodesicSolver(shape)).from_vertex
     elif metric == "euclidean":
         distance_from = _euclidean(shape.vertices)
     else:
@@ -87,12 +87,12 @@ def central_extreme(points: FloatArray) -> int:
     return int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))
 
 
-def _euclidean(points: FloatArray) -> Callable[[int, float], FloatArray]:
+def _euclidean(points: FloatArray) -> Callable[[int], FloatArray]:
     coordinates = np.ascontiguousarray(
         points.T
     )  # sums over long rows are several times as fast as over short ones
 
-    def distance_from(index: int, limit: float) -> FloatArray:
+    def distance_from(index: int) -> FloatArray:
         gaps = coordinates - coordinates[:, index, None]
         return np.sqrt(np.square(gaps, out=gaps).sum(axis=0))
 
@@ -100,20 +100,18 @@ def _euclidean(points: FloatArray) -> Callable[[int, float], FloatArray]:
 
 
 def _choose(
-    distance_from: Callable[[int, float], FloatArray], seeds: IntArray, num: int, shape: Shape
+    distance_from: Callable[[int], FloatArray], seeds: IntArray, num: int, shape: Shape
 ) -> IntArray:
-    """Choose vertices; distances beyond that of the vertex farthest from those chosen need not be known."""
     chosen = np.empty(num, dtype=np.int64)
     nearest = np.full(len(shape.vertices), np.inf)
     for step in range(num):
-        farthest = int(np.argmax(nearest))
-        index = int(seeds[step]) if step < len(seeds) else farthest
+        index = int(seeds[step]) if step < len(seeds) else int(np.argmax(nearest))
         if nearest[index] <= 0:
             raise InputError(
                 f"{shape.file or shape.name}: only {step} distinct points, {num} samples were asked for"
             )
         chosen[step] = index
-        np.minimum(nearest, distance_from(index, float(nearest[farthest])), out=nearest)
+        np.minimum(nearest, distance_from(index), out=nearest)
         nearest[index] = 0.0
     return chosen
 

@@ -410,7 +410,7 @@ def test_a_template_in_doubt_is_not_carried_where_another_is_sure(
     marks = {planted.shapes[0].name: shifted, planted.shapes[1].name: read_landmarks(templates[1])}
 
     def carried(given):
-        return collalign.transfer_landmarks(doubted, given, run=run, progress=False)
+        return collalign.landmarks.transfer_landmarks(doubted, given, run=run, progress=False)
 
     found, alone = carried(marks), carried({planted.shapes[1].name: marks[planted.shapes[1].name]})
     np.testing.assert_array_equal(found.points[2:], alone.points[2:])

@@ -24,7 +24,7 @@ COMMAND = re.compile(r"(?:`|/bin/|^\$ |^(?=\w+ \w+ .*--))collalign ([a-z]+)\b", 
 #: Of the program itself, of `python -m experiments`, of the scripts below tests, and of Dask, pip, ruff and Docker.
 OTHERS = {
     *("--config", "--verbose", "--quiet", "--json", "--log", "--help", "--help-all", "--version"),
-    *("--data", "--quick"),
+    *("--data", "--quick", "--hypothesis-seed"),
     *(
         "--only",
         "--random",

@@ -386,7 +386,8 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
         page.locator("#lost", has_text="3 of 3 files are not where they were").wait_for()
         assert page.locator("#again").is_disabled()
         frame("align").locator(".tile").first.wait_for()
-        page.locator("#where").fill(str(tmp_path))
+        (nothing := tmp_path / "nothing").mkdir()
+        page.locator("#where").fill(str(nothing))
         page.get_by_role("button", name="They are here").click()
         page.locator("#said", has_text="holds none of the files").wait_for()
         assert ["400" in problem for problem in opened.problems] == [
