@@ -39,10 +39,7 @@ def result(request, made, folder):
 
 def test_options_may_be_keywords_which_win_and_tables(result):
     sampling = SamplingOptions(num_points=16, num_dense_points=0)
-    cleaning = collalign.options.CleaningOptions(components="largest")
-    assert result.options == collalign.AlignOptions(
-        seed=1, maps="never", sampling=sampling, cleaning=cleaning
-    )
+    assert result.options == collalign.AlignOptions(seed=1, maps="never", sampling=sampling)
 
 
 def test_shapes_are_found_by_name_and_position(result, made):

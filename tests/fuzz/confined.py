@@ -9,20 +9,25 @@ import re
 import signal
 import traceback
 
+import psutil
+
 from data_tools.errors import CollalignError
 
 MEMORY_BYTES, TIME_S = 2 * 2**30, 30
 
 
 def confined(target, payload, *, time_s=TIME_S):
-    """Return how a target ends with a payload, (file name, content), in a process of 2 GiB and so many seconds."""
+    """Return how a target ends with a payload, (file name, content), in so many seconds and 2 GiB more."""
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
         import resource  # which Windows has not
 
         os.close(reader)
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        most = (
+            psutil.Process().memory_info().vms + MEMORY_BYTES
+        )  # beside what tests before have mapped
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(time_s)
         os.write(writer, _ending(target, payload).encode("utf-8", "backslashreplace")[:4000])
