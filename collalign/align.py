@@ -55,7 +55,7 @@ from collalign.stages.pieces import Pieces, assembled_shapes, pieces_that_match
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import pose_all
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
-from collalign.stages.steps import Matched, Posed, Run, with_group
+from collalign.stages.steps import Matched, Posed, Run, with_decided_group, with_group
 from collalign.stages.trust.assess import confidence_by_evidence
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.checks import as_options, suggested_option
@@ -330,7 +330,7 @@ def _align_kinds(task: _Task, plan: KindPlan, *, are_given: bool) -> Collection:
     of_reference = next(k for k, one in enumerate(found) if reference in one.names)
     with steps.timed(task.session, {}, "kinds"):
         frames = kind_frames(
-            replace(task.session, options=replace(task.session.options, group="SO")),
+            with_decided_group(task.session, "SO"),
             plan.shapes,
             members,
             rotations,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from collalign.stages.kinds.grouping import (
 )
 from collalign.stages.kinds.pose_free import kind_descriptors
 from collalign.stages.match_pairs import match_pairs
+from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import CollectionError, OptionsError
 
@@ -96,9 +97,8 @@ def find_kinds(
     log_odds = np.minimum(free, 0.0)
     near = np.argsort(-_without_own(free), axis=1, kind="stable")[:, :NUM_NEAR]
     near_pairs = [(i, j) for i, own in enumerate(near.tolist()) for j in own]
-    first_group = "O" if session.options.group == "O" else "SO"
     evidence = _Evidence(distances=distances, log_odds=log_odds)
-    evidence.add(_least_mismatches(session, shapes, near_pairs, first_group))
+    evidence.add(_least_mismatches(session, shapes, near_pairs, session.options.group))
     looked_at = set[tuple[int, int]]()
     for _ in range(MAX_ROUNDS):
         found = (
@@ -165,11 +165,9 @@ def _least_mismatches(
     session: AlignSession, shapes: Shapes, edges: Sequence[tuple[int, int]], group: str
 ) -> dict[tuple[int, int], float]:
     """Return the least mismatch of pairs, by the positions of their shapes; of those that could be matched."""
-    options = replace(session.options, group="O" if group == "O" else "SO")
+    decided = with_decided_group(session, group)
     try:
-        pairs, _ = match_pairs(
-            replace(session, options=options), shapes, normalised(np.array(edges))
-        )
+        pairs, _ = match_pairs(decided, shapes, normalised(np.array(edges)))
     except CollectionError:  # not one could be matched: nothing is known of them
         return {}
     least = {
