@@ -2,6 +2,7 @@
 
 * ``posing``, ``steps``: the order of the steps; what each consists of
 * ``shape_stage``: files to samples, and the chirality of each surface
+* ``self_symmetry``: turns and mirror images after which a shape looks like itself
 * ``own_knowledge``: descriptors, samples and poses that a caller gives
 * ``pieces``: which pieces of a shape are matched, its largest one or all, as its pairs would have it
 * ``choose_pairs``, ``match_pairs``: which pairs; their candidates
@@ -27,7 +28,8 @@ The way of a pair. ``collalign/align.py`` is the driver. One object goes through
   ``align_scans`` poses them in place of the others if they were seen from one direction each, like depth images
   (``were_seen``), or if their pairs match badly as whole shapes (``match_badly``). ``overlap_pairs`` finds what
   every two share, and ``join_scans`` poses all by the pairs that overlap. ``find_incomplete`` looks for incomplete
-  shapes at the poses. The others are posed again without them, and ``with_incomplete`` poses these on the others.
+  shapes at the poses. Doubtful shapes with open borders are incomplete as well if they are posed more surely as parts
+  (``chances_as_parts``). The others are posed again without them, and ``with_incomplete`` poses these on the others.
   The same happens without material that only single shapes have, such as a stand (``extra_points``).
 * **Pairs.** ``choose_pairs``, ``decide_group`` and ``match_pairs`` run in this order. A worker matches two shapes
   (``match_pair``). It assesses each candidate by energy and mismatch (``local_evidence``, ``candidate_costs``). If

@@ -20,6 +20,7 @@ from collalign.confidence.side_model import (
     MIN_SHAPES,
     Sides,
     SurfaceSides,
+    are_bilateral,
     are_mixed,
     are_one_kind,
     find_sides,
@@ -33,7 +34,9 @@ from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import all_pairs
+from collalign.stages.local_evidence import surface_gap, surface_points
 from collalign.stages.match_pairs import match_pairs
+from collalign.stages.self_symmetry import mirrored_costs
 from collalign.stages.shape_stage import MOST_FOR_SIDES, measure_surfaces
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import chirality_scores, place_shares
@@ -123,10 +126,13 @@ def group_of_shapes(
         return _choice_of_surfaces(alone, shapes.names, in_one_place)
     both_kinds = replace(session, options=replace(session.options, group="O"))
 
+    pilot: list[Pair] = []
+
     def energies_of(
         nearest: IntArray, num_poses: int, max_steps: int
     ) -> tuple[list[tuple[int, int]], FloatArray]:
         pairs, _ = match_pairs(both_kinds, shapes, nearest)
+        pilot[:] = pairs
         tasks = {
             (pair.target, pair.source): {
                 "pair": pair,
@@ -145,13 +151,62 @@ def group_of_shapes(
         sides, compared, energies = staged_sides(edges, descriptors, energies_of)
     surfaces = surface_sides(scores, sides.mirrored)
     if are_mixed(sides, surfaces):
-        undecided = np.flatnonzero(sides.unsure).tolist()
-        return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
+        few = np.flatnonzero(sides.mirrored | sides.unsure)
+        bilateral = _bilateral(session, shapes, few, pilot)
+        if not bilateral[sides.mirrored[few]].all():
+            undecided = np.flatnonzero(sides.unsure).tolist()
+            return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
     one_kind = are_one_kind(alone.mirrored, compared, energies)
     doubted = undecided_sides(sides, surfaces, alone, one_kind=one_kind)
+    suspects = np.flatnonzero(doubted)
+    doubted[suspects[_bilateral(session, shapes, suspects, pilot)]] = False
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     note = _note_of_none(sides, surfaces, doubted, num_better, shapes.names)
     return "SO", (note,), dict.fromkeys(np.flatnonzero(doubted).tolist(), ONE_OF_TWO)
+
+
+def _bilateral(
+    session: AlignSession, shapes: Shapes, chosen: IntArray, pairs: Sequence[Pair]
+) -> BoolArray:
+    """Return which of some shapes (n,) are nearly their own mirror images, by the pairs that they are in."""
+    of_shapes = {i: [pair for pair in pairs if i in (pair.target, pair.source)] for i in chosen}
+    needed = sorted({i for own in of_shapes.values() for p in own for i in (p.target, p.source)})
+    shared = {i: Shared(key=str(at), reader=Samples) for at, i in enumerate(needed)}
+    with table_of_values([shapes.samples[i] for i in needed]) as table:
+        mirrored = session.map_parallel(
+            "mirror images",
+            mirrored_costs,
+            {i: {"samples": shared[i]} for i, own in of_shapes.items() if own},
+            shared=table,
+        )
+        others = session.map_parallel(
+            "mirror images",
+            pair_costs,
+            {
+                (p.target, p.source): {
+                    "pair": p,
+                    "target": shared[p.target],
+                    "source": shared[p.source],
+                }
+                for own in of_shapes.values()
+                for p in own
+            },
+            shared=table,
+        )
+    found = np.zeros(len(chosen), dtype=np.bool_)
+    for at, own in enumerate(of_shapes.values()):
+        if own:
+            costs = np.array([others[p.target, p.source] for p in own]).mean(axis=0)
+            found[at] = are_bilateral(np.array([mirrored[chosen[at]]]), costs[None])[0]
+    return found
+
+
+def pair_costs(pair: Pair, target: Samples, source: Samples) -> tuple[float, float]:
+    """Return the least gap and the least mismatch of a pair's poses; runs inside a worker."""
+    gaps = surface_gap(
+        surface_points(target, first=1), surface_points(source, first=0), pair.rotations[:, :3, :3]
+    )
+    return float(gaps.min()), float(pair.mismatches.min()) if len(pair.mismatches) else np.nan
 
 
 def staged_sides(

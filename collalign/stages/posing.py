@@ -20,14 +20,16 @@ from collalign.stages.extra_material import (
     extra_material,
     with_extra_material,
 )
-from collalign.stages.incomplete.add import with_incomplete
-from collalign.stages.incomplete.detect import are_too_many, find_incomplete
+from collalign.stages.incomplete.add import chances_as_parts, with_incomplete
+from collalign.stages.incomplete.detect import LIKELIER, are_too_many, find_incomplete
 from collalign.stages.incomplete.scans import align_scans, match_badly, were_seen
 from collalign.stages.steps import Matched, Posed, Run, with_group
 from data_tools.errors import CollectionError, InputError
 
 #: Why a confidence is limited: the shape is an image of one side.
 ONE_VIEW = "one-view"
+#: A shape below is likelier to be wrong than right.
+AS_LIKELY = 0.5
 #: Times that shapes are posed at most.
 MOST_POSINGS = 3
 #: A run, its shapes' pairs and their poses.
@@ -103,10 +105,13 @@ def _pose_in_rounds(
     for rounds_left in reversed(range(MOST_POSINGS)):
         answer, known = _pose_complete(run, missing, known), None
         fresh, seem_incomplete = _found_incomplete(run, missing, answer)
-        if fresh and rounds_left:
+        if not fresh or not rounds_left:
+            answer = _with_confidences(answer, seem_incomplete)
+            fresh = _likelier_as_parts(run, missing, answer) if rounds_left else {}
+        if fresh:
             missing = {**missing, **fresh}
             continue
-        answer = _with_confidences(run, missing, answer, seem_incomplete)
+        answer = _finished(run, missing, answer)
         first = first or answer
         found = extra_material(answer, whole.shapes, extra) if _looks_for_extra(run) else extra
         if found.lacks_some_of(extra):
@@ -184,12 +189,35 @@ def _found_incomplete(
     return {kept[n]: reason for n, reason in found.items() if kept[n] not in fixed}, views
 
 
-def _with_confidences(
-    run: Run, missing: Mapping[int, str], answer: Answer, seem_incomplete: Mapping[int, str]
-) -> Answer:
-    """State confidences, reconsider doubtful shapes, map all vertices, and place the incomplete shapes."""
+def _with_confidences(answer: Answer, seem_incomplete: Mapping[int, str]) -> Answer:
+    """State confidences of the posed shapes."""
     decided, matched, posed = answer
     posed = steps.state_trust(decided, replace(posed, seem_incomplete=seem_incomplete))
+    return decided, matched, posed
+
+
+def _likelier_as_parts(run: Run, missing: Mapping[int, str], answer: Answer) -> dict[int, str]:
+    """Return which doubtful shapes with open borders are posed more surely as parts of the others, by position."""
+    decided, _, posed = answer
+    if not _looks_for_extra(run) or were_seen(decided.shapes):
+        return {}
+    kept = _complete(run, missing)
+    is_doubtful = posed.solution.confidence < AS_LIKELY
+    doubtful = [
+        n
+        for n, item in enumerate(decided.shapes.samples)
+        if is_doubtful[n] and item.rim != "closed" and kept[n] not in run.constraints.fixed
+    ]
+    if not doubtful or 2 * len(doubtful) >= len(kept):
+        return {}
+    with run.stage("incomplete shapes"):
+        chances = chances_as_parts(decided, posed, doubtful)
+    return {kept[n]: LIKELIER for n in doubtful if chances[n] > posed.solution.confidence[n]}
+
+
+def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:
+    """Reconsider doubtful shapes, map all vertices, and place the incomplete shapes."""
+    decided, matched, posed = answer
     posed = steps.with_vertices(decided, steps.reconsider_doubtful(decided, matched, posed))
     if missing:
         posed = with_incomplete(with_group(run, matched.group), posed, missing)

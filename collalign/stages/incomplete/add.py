@@ -38,7 +38,7 @@ def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Po
     """
     shapes = run.shapes
     at = np.array([i for i in range(len(shapes.names)) if i not in reasons])
-    chosen = _partners(shapes, complete, at)
+    chosen = _partners(shapes.some(at.tolist()), complete, np.arange(len(at)))
     partners = at[chosen]
     with run.stage("incomplete shapes"):
         found = place_on(
@@ -50,6 +50,26 @@ def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Po
             run.constraints,
         )
     return _merged(run, complete, at, found, reasons, partners)
+
+
+def chances_as_parts(run: Run, posed: Posed, doubtful: Sequence[int]) -> dict[int, float]:
+    """Return what would be stated of some posed shapes if they were posed on the others as parts, by position."""
+    others = np.setdiff1d(np.arange(len(run.shapes.names)), doubtful)
+    partners = _partners(run.shapes, posed, others)
+    found = place_on(
+        run.session, run.shapes, doubtful, partners, posed.transforms[partners], run.constraints
+    )
+    most = _mean_confidence(posed.solution.confidence, partners)
+    return {
+        i: min((0.5 if _lies_elsewhere(record) else 1.0) * pose_chance(record), most)
+        for i, record in found.items()
+    }
+
+
+def _lies_elsewhere(record: Record) -> bool:
+    """Return whether nothing tells that a piece is a part of the shapes that it was posed on."""
+    excess = float(np.asarray(record["evidence"])[1, 0])
+    return is_unlike(float(record["mismatch"]), float(record["likeness"]), excess)
 
 
 def place_on(
@@ -77,19 +97,19 @@ def place_on(
     return session.map_parallel("incomplete shapes", place_shape, tasks)
 
 
-def _partners(shapes: Shapes, complete: Posed, at: IntArray) -> IntArray:
-    """Return the complete shapes, by position among them, that others are posed on: sure ones, by content."""
-    part, confidence = max(complete.solution.parts, key=len), complete.solution.confidence
+def _partners(shapes: Shapes, posed: Posed, others: IntArray) -> IntArray:
+    """Return those of some shapes (m,), by position, that further ones are posed on: sure ones, by content."""
+    part, confidence = max(posed.solution.parts, key=len), posed.solution.confidence
     order = sorted(
-        part.tolist(), key=lambda c: (not confidence[c] >= UNCERTAIN, shapes.keys[at[c]])
+        np.intersect1d(part, others).tolist(),
+        key=lambda i: (not confidence[i] >= UNCERTAIN, shapes.keys[i]),
     )
     return np.array(sorted(order[:MAX_PARTNERS]), dtype=np.int64)
 
 
-def _mean_confidence(confidence: FloatArray, partners: IntArray, shape: int) -> float:
+def _mean_confidence(confidence: FloatArray, partners: IntArray) -> float:
     """Return how sure the shapes are that one lies on: its pose is no surer. One other shape alone sets the frame."""
-    others = confidence[partners[partners != shape]]
-    return float(others.mean()) if len(others) > 1 else 1.0
+    return float(confidence[partners].mean()) if len(partners) > 1 else 1.0
 
 
 def _merged(
@@ -120,10 +140,9 @@ def _merged(
     for i, record in found.items():
         rotations[i] = record["rotations"][0]
         transforms[i] = run.constraints.fixed_transforms.get(i, record["transforms"][0])
-        excess = float(np.asarray(record["evidence"])[1, 0])
-        is_elsewhere = is_unlike(mismatches[i], float(record["likeness"]), excess)
-        may_be_stranger = i in strange or is_elsewhere
-        chance, most = pose_chance(record), _mean_confidence(confidence, partners, i)
+        may_be_stranger = i in strange or _lies_elsewhere(record)
+        chance = pose_chance(record)
+        most = _mean_confidence(confidence, partners[partners != i])
         confidence[i] = min(0.5 * chance if may_be_stranger else chance, most)
         if may_be_stranger:
             limited_by[i] = "no-relative"

@@ -20,8 +20,9 @@ from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.partial_match import refine, scales_allowed
 from pairwise.partial_surface import PartialSurface
 
-#: Codes of reasons: a person named the shape, an earlier run found it, or similar shapes go on beyond its rim.
-NAMED, FOUND, CUT_OFF = "named", "found-before", "cut-off"
+#: Codes of reasons: a person named the shape, an earlier run found it, similar shapes go on beyond its rim, or its
+#: pose is surer as that of a part of them.
+NAMED, FOUND, CUT_OFF, LIKELIER = "named", "found-before", "cut-off", "likelier-as-part"
 #: Shapes that each is compared with: those of least energy.
 NUM_PARTNERS = 6
 #: Only where so much of the least share that is missing lies beyond the rim at the common pose is that refined. Of 93

@@ -36,13 +36,13 @@ from collalign.products.trust import (
     VOTES,
     Trust,
 )
+from collalign.stages.self_symmetry import near_symmetries
 from collalign.stages.trust.blocks import block_margins
 from collalign.stages.trust.rival_poses import (
     MAX_PARTNERS,
     Partner,
     are_copies,
     leads_over,
-    near_symmetries,
     pose_costs,
     rival_poses,
 )

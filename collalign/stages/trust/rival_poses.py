@@ -8,24 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from collalign.stages.local_evidence import (
     all_points,
     local_evidence,
-    point_gaps,
     surface_gap,
     surface_points,
 )
+from collalign.stages.self_symmetry import SAME_AXIS, TWELFTHS
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.copies import is_copy
 from data_tools.embedding.embedding import Samples
-from data_tools.poses import APART_DEG, keep_apart
-from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
-from pairwise.rotation_sets import quaternions_to_rotations, super_fibonacci
+from data_tools.poses import APART_DEG
+from data_tools.rotations import rotation_angle_deg
 
 #: Rivals that are tried, the most supported ones.
 MAX_RIVALS = 7
@@ -40,15 +37,6 @@ LEAST_LOG_ODDS = -8.0
 #: Squared distance, in squared radii, at which all points of a cloud lie exactly on those of another one: a surface
 #: may look alike in several poses, but points that coincide are the same points.
 EXACT = 1e-6
-#: Rotations onto itself that are looked at, at so many points, and the best that are refined, in so many steps.
-NUM_ROTATIONS, NUM_SCREEN_POINTS, NUM_REFINED, NUM_STEPS = 600, 100, 40, 8
-#: Turns that are kept, the best ones (the cube has 23); so many about one axis are taken for any angle about it.
-MAX_TURNS, MANY_TURNS = 12, 5
-TWELFTHS = np.arange(30.0, 360.0, 30.0)
-#: Cosine of the angle within which axes are told as one.
-SAME_AXIS = np.cos(np.deg2rad(10.0))
-#: Points (n, 3) of a surface and their normals.
-_Surface: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,49 +170,6 @@ def pose_costs(
                 costs[0, :, p] = whole
         costs[1, :, p] = local_evidence(partner, shape, relative, num_points=NUM_COMPARED)[0]
     return costs
-
-
-def near_symmetries(samples: Samples) -> FloatArray:
-    """Return the rotations that bring a shape's surface nearest to itself, the best first, shape (m, 3, 3).
-
-    Every second dense point is compared with the others, so that no point finds itself. An axis about which many are
-    found may be one of rotation: then all rotations about it by twelfths are returned instead.
-    """
-    fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
-    rotations = quaternions_to_rotations(super_fibonacci(NUM_ROTATIONS))
-    rotations = rotations[rotation_angle_deg(rotations) > APART_DEG]
-    few = tuple(
-        (points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS])
-        for points, normals in (fixed, moving)
-    )
-    gaps = surface_gap(few[0], few[1], rotations)
-    best = [
-        _refined(fixed, moving, rotation)
-        for rotation in rotations[np.argsort(gaps, kind="stable")[:NUM_REFINED]]
-    ]
-    exact = surface_gap(fixed, moving, np.stack(best))
-    ranked = np.stack([np.eye(3), *(best[n] for n in np.argsort(exact, kind="stable"))])
-    found = ranked[keep_apart(ranked, APART_DEG, num=MAX_TURNS + 1)][1:]
-    axes = Rotation.from_matrix(found).as_rotvec()
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    about = np.abs(axes @ axes.T) > SAME_AXIS
-    most = about[int(np.argmax(about.sum(axis=1)))]
-    if most.sum() < MANY_TURNS:
-        return found
-    axis = np.linalg.eigh(axes[most].T @ axes[most])[1][:, -1]
-    return np.concatenate(
-        [Rotation.from_rotvec(np.outer(TWELFTHS, axis), degrees=True).as_matrix(), found[~most]]
-    )
-
-
-def _refined(fixed: _Surface, moving: _Surface, rotation: FloatArray) -> FloatArray:
-    """Return the rotation after some steps of closest points, both ways, and Procrustes."""
-    for _ in range(NUM_STEPS):
-        gaps = next(point_gaps(fixed, moving, rotation[None]))
-        there, back = gaps.argmin(axis=0), gaps.argmin(axis=1)
-        cross = fixed[0][there].T @ moving[0] + fixed[0].T @ moving[0][back]
-        rotation = nearest_orthogonal(cross, determinant=1.0)
-    return rotation
 
 
 def describe_rotations(rotations: FloatArray) -> str:

@@ -9,6 +9,7 @@ from collalign.confidence.side_model import (
     MIN_SHAPES,
     Sides,
     SurfaceSides,
+    are_bilateral,
     are_mixed,
     are_one_kind,
     are_open,
@@ -254,3 +255,12 @@ def test_given_sides_are_judged_and_unknown_surfaces_left_out(rng):
     assert not nothing.are_known
     assert not nothing.are_clear
     assert np.isnan(nothing.agreement)
+
+
+def test_a_shape_is_bilateral_where_it_is_more_like_its_mirror_image_than_like_others():
+    others = np.array([[0.1, 0.4]])
+    assert are_bilateral(np.array([[0.03, 0.1]]), others)[0]
+    assert not are_bilateral(np.array([[0.1, 0.4]]), others)[0]
+    assert not are_bilateral(np.array([[0.04, 0.4]]), others)[0], "neighbourhoods differ"
+    assert are_bilateral(np.array([[0.02, np.nan]]), others)[0], "nothing is known of them"
+    assert not are_bilateral(np.array([[0.0, 0.0]]), np.zeros((1, 2)))[0], "others are as alike"

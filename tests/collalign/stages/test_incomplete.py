@@ -18,8 +18,11 @@ from collalign.confidence.incomplete_model import (
 from collalign.engine.session import Session
 from collalign.products.shapes import Constraints, Shapes
 from collalign.products.trust import DOUBT
+from collalign.stages import steps
 from collalign.stages.evidence.weigh import by_energy
+from collalign.stages.incomplete.add import chances_as_parts
 from collalign.stages.incomplete.detect import (
+    LIKELIER,
     find_incomplete,
     named_incomplete,
     share_beyond,
@@ -32,7 +35,7 @@ from collalign.stages.incomplete.place import (
 )
 from collalign.stages.incomplete.posed_points import posed_points
 from collalign.stages.incomplete.scans import common_points
-from collalign.stages.posing import _found_incomplete, _may_be_scans
+from collalign.stages.posing import _found_incomplete, _likelier_as_parts, _may_be_scans
 from collalign.stages.shape_stage import prepare_shapes
 from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
@@ -407,16 +410,34 @@ def test_closed_surfaces_and_shapes_that_bend_lack_nothing(tmp_path, monkeypatch
         every[0] = 2
         assert not find_incomplete(session, shapes, pairs, poses), "a rim is no half of a shape"
         every[0] = 4
-        run = Run(
-            session=session,
-            shapes=shapes,
-            read_without=lambda _: shapes,
-            constraints=Constraints(),
-            former=None,
-            times_s={},
-        )
+        run = run_of(session, shapes)
         bent = Matched(group="SO", pairs=[by_energy(pairs[0])], failed=[], solution=None, notes=())
         assert _found_incomplete(run, {}, (run, bent, None)) == ({}, {})  # type: ignore[arg-type]
+
+
+def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepare_shapes(session, list_shapes(planted[0]))
+        run = run_of(session, shapes)
+        decided, matched = steps.match(run)
+        posed = steps.state_trust(decided, steps.pose(decided, matched))
+        broken = shapes.names.index(BROKEN[0])
+
+        def likelier(stated, shapes=shapes):
+            confidence = np.full(len(shapes.names), 0.95)
+            confidence[broken] = stated
+            solution = replace(posed.solution, confidence=confidence)
+            answer = replace(decided, shapes=shapes), matched, replace(posed, solution=solution)
+            return _likelier_as_parts(run, {}, answer)
+
+        assert likelier(0.2) == {broken: LIKELIER}
+        assert likelier(0.6) == {}, "it is likelier to be right"
+        closed_samples = tuple(replace(item, rim="closed") for item in shapes.samples)
+        assert likelier(0.2, replace(shapes, samples=closed_samples)) == {}
+        posed = replace(posed, solution=replace(posed.solution, confidence=np.full(5, 0.1)))
+        assert chances_as_parts(decided, posed, [broken])[broken] <= 0.1 + 1e-9, (
+            "no surer than those that it lies on"
+        )
 
 
 @pytest.mark.parametrize(
@@ -442,6 +463,18 @@ def test_assembled_objects_are_tried_as_scans_where_they_were_seen_from_one_side
     run = unmatched_run(AlignOptions(), SimpleNamespace(rim="open", notes=(), local=local))
     run.shapes.are_assembled = True
     assert _may_be_scans(run) == seen
+
+
+def run_of(session, shapes):
+    """Return a run of shapes about which nothing is known."""
+    return Run(
+        session=session,
+        shapes=shapes,
+        read_without=lambda _: shapes,
+        constraints=Constraints(),
+        former=None,
+        times_s={},
+    )
 
 
 def unmatched_run(options, sample):

@@ -26,11 +26,9 @@ from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
 from collalign.stages.local_evidence import local_evidence, surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.rival_poses import (
-    TWELFTHS,
     Partner,
     describe_rotations,
     leads_over,
-    near_symmetries,
     rival_poses,
 )
 from collalign.stages.trust.trust_notes import trust_notes
@@ -39,7 +37,6 @@ from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from tests.notes import codes, only
@@ -462,19 +459,6 @@ def brick(sides, num_dense_points=400):
     return samples_of(
         [Shape.from_arrays((directions * extent[:, None]) @ turn.T, faces)], num_dense_points
     )[0]
-
-
-@pytest.mark.parametrize(("sides", "num"), [((1.0, 0.8, 0.6), 3), ((1.0, 1.0, 0.6), 7)])
-def test_the_turns_of_a_box_come_first(sides, num):
-    found = near_symmetries(brick(np.array(sides)))
-    turn = random_rotation(np.random.default_rng(3))
-    aligned = turn.T @ found[:num] @ turn
-    axes = np.abs(np.round(aligned, 1))
-    assert ((axes == 0.0) | (axes == 1.0)).mean() > 0.9
-    angles = rotation_angle_deg(found[:num])
-    assert (np.minimum(np.abs(angles - 180.0), np.abs(angles - 90.0)) < 8.0).all()
-    about_an_axis = Rotation.from_rotvec(np.outer(TWELFTHS, [0, 0, 1]), degrees=True).as_matrix()
-    assert (rotation_angle_deg(about_an_axis) > APART_DEG).all()  # whatever the last bits say
 
 
 @pytest.mark.parametrize("num_dense_points", [0, 400])
