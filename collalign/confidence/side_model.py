@@ -62,11 +62,11 @@ LEAST_ALONE, LARGEST_PLACE = 1e-3, 0.51
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8
 #: Least sum of a shape's preferences by that of their sizes at which its side is sure, where sides are not clear.
 LEAST_OWN = 0.6
-#: A shape whose own mirror image costs less on it than the shapes that it is most like has no side that matters: its
-#: mirror image is the same pose. Mean of the logarithms of both ratios, of gaps and of mismatches. In the median
-#: chairs, fish, turtle crania, seats and guns have -.7, -.7, -.9, -1.8 and -1.9, skulls -.14, bumpy crowns -.4,
-#: molars, feet and crowns of both sides -.01 to .2, one shape of these -.6. Chosen on these.
-BILATERAL, LEAST_MISMATCH = -0.65, 0.05
+#: Shapes whose own mirror images cost less on them than the shapes that they are most like have no side that matters:
+#: a mirror image is the same pose. Mean of the logarithms of both ratios, of gaps and mismatches, and of shapes the
+#: median. Chairs, fish, turtle crania, seats and guns have -.7, -.7, -.9, -1.8 and -1.9, skulls -.14, bumpy crowns
+#: -.4, molars, feet and crowns of both sides -.01 to .2. Chosen on these.
+BILATERAL, LEAST_MISMATCH = -0.5, 0.05
 #: So many pairs settle the matter at once if both medians are that large.
 MANY_PAIRS, LEAST_OBVIOUS = 100, 0.2
 
@@ -287,8 +287,8 @@ def undecided_sides(
     return ((fits.mirrored | fits.unsure) & is_open) | (alone.mirrored & is_seen & one_kind)
 
 
-def are_bilateral(mirrored: FloatArray, others: FloatArray) -> BoolArray:
-    """Return which shapes are nearly their own mirror images, compared with how they differ from others, shape (n,).
+def are_bilateral(mirrored: FloatArray, others: FloatArray) -> bool:
+    """Whether most of some shapes are nearly their own mirror images, compared with how they differ from others.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def are_bilateral(mirrored: FloatArray, others: FloatArray) -> BoolArray:
         np.maximum(others + added, np.finfo(float).tiny)
     )
     ratios[:, 1] = np.where(np.isnan(ratios[:, 1]), ratios[:, 0], ratios[:, 1])
-    return np.asarray(ratios.mean(axis=1) < BILATERAL)
+    return bool(np.median(ratios.mean(axis=1)) < BILATERAL)
 
 
 def find_sides(edges: ArrayLike, energies: ArrayLike, num_shapes: int) -> Sides:

@@ -150,33 +150,37 @@ def group_of_shapes(
     with table_of_values(shapes.samples) as table:
         sides, compared, energies = staged_sides(edges, descriptors, energies_of)
     surfaces = surface_sides(scores, sides.mirrored)
-    if are_mixed(sides, surfaces):
-        few = np.flatnonzero(sides.mirrored | sides.unsure)
-        bilateral = _bilateral(session, shapes, few, pilot)
-        if not bilateral[sides.mirrored[few]].all():
-            undecided = np.flatnonzero(sides.unsure).tolist()
-            return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
+    if are_mixed(sides, surfaces) and not _are_bilateral(
+        session, shapes, np.flatnonzero(sides.mirrored), pilot
+    ):
+        undecided = np.flatnonzero(sides.unsure).tolist()
+        return "O", _notes_of_both(sides, shapes.names), dict.fromkeys(undecided, ONE_OF_TWO)
     one_kind = are_one_kind(alone.mirrored, compared, energies)
     doubted = undecided_sides(sides, surfaces, alone, one_kind=one_kind)
-    suspects = np.flatnonzero(doubted)
-    doubted[suspects[_bilateral(session, shapes, suspects, pilot)]] = False
+    doubted &= not _are_bilateral(session, shapes, np.flatnonzero(doubted), pilot)
     num_better = int((energies[:, 1] < energies[:, 0]).sum())
     note = _note_of_none(sides, surfaces, doubted, num_better, shapes.names)
     return "SO", (note,), dict.fromkeys(np.flatnonzero(doubted).tolist(), ONE_OF_TWO)
 
 
-def _bilateral(
+def _are_bilateral(
     session: AlignSession, shapes: Shapes, chosen: IntArray, pairs: Sequence[Pair]
-) -> BoolArray:
-    """Return which of some shapes (n,) are nearly their own mirror images, by the pairs that they are in."""
-    of_shapes = {i: [pair for pair in pairs if i in (pair.target, pair.source)] for i in chosen}
+) -> bool:
+    """Return whether most of some shapes (n,) are nearly their own mirror images, by the pairs that they are in."""
+    of_shapes = {
+        i: own
+        for i in chosen.tolist()
+        if (own := [pair for pair in pairs if i in (pair.target, pair.source)])
+    }
+    if not of_shapes:
+        return False
     needed = sorted({i for own in of_shapes.values() for p in own for i in (p.target, p.source)})
     shared = {i: Shared(key=str(at), reader=Samples) for at, i in enumerate(needed)}
     with table_of_values([shapes.samples[i] for i in needed]) as table:
         mirrored = session.map_parallel(
             "mirror images",
             mirrored_costs,
-            {i: {"samples": shared[i]} for i, own in of_shapes.items() if own},
+            {i: {"samples": shared[i]} for i in of_shapes},
             shared=table,
         )
         others = session.map_parallel(
@@ -193,12 +197,10 @@ def _bilateral(
             },
             shared=table,
         )
-    found = np.zeros(len(chosen), dtype=np.bool_)
-    for at, own in enumerate(of_shapes.values()):
-        if own:
-            costs = np.array([others[p.target, p.source] for p in own]).mean(axis=0)
-            found[at] = are_bilateral(np.array([mirrored[chosen[at]]]), costs[None])[0]
-    return found
+    costs = [
+        np.mean([others[p.target, p.source] for p in own], axis=0) for own in of_shapes.values()
+    ]
+    return are_bilateral(np.array([mirrored[i] for i in of_shapes]), np.array(costs))
 
 
 def pair_costs(pair: Pair, target: Samples, source: Samples) -> tuple[float, float]:

@@ -77,11 +77,11 @@ def _nearest_to_itself(
 ) -> tuple[FloatArray, FloatArray]:
     """Return so many of the rotations (m, 3, 3) that bring a surface nearest to itself, refined, and their gaps."""
     fixed, moving = surface_points(samples, first=0), surface_points(samples, first=1)
-    few = (
+    to, of = (
         (points[:NUM_SCREEN_POINTS], normals[:NUM_SCREEN_POINTS])
         for points, normals in (fixed, moving)
     )
-    screened = np.argsort(surface_gap(*few, rotations), kind="stable")[:num]
+    screened = np.argsort(surface_gap(to, of, rotations), kind="stable")[:num]
     refined = np.stack([_settled(fixed, moving, rotation) for rotation in rotations[screened]])
     gaps = surface_gap(fixed, moving, refined)
     order = np.argsort(gaps, kind="stable")

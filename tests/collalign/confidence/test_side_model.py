@@ -257,10 +257,13 @@ def test_given_sides_are_judged_and_unknown_surfaces_left_out(rng):
     assert np.isnan(nothing.agreement)
 
 
-def test_a_shape_is_bilateral_where_it_is_more_like_its_mirror_image_than_like_others():
+def test_shapes_are_bilateral_where_they_are_more_like_their_mirror_images_than_like_others():
     others = np.array([[0.1, 0.4]])
-    assert are_bilateral(np.array([[0.03, 0.1]]), others)[0]
-    assert not are_bilateral(np.array([[0.1, 0.4]]), others)[0]
-    assert not are_bilateral(np.array([[0.04, 0.4]]), others)[0], "neighbourhoods differ"
-    assert are_bilateral(np.array([[0.02, np.nan]]), others)[0], "nothing is known of them"
-    assert not are_bilateral(np.array([[0.0, 0.0]]), np.zeros((1, 2)))[0], "others are as alike"
+    assert are_bilateral(np.array([[0.03, 0.1]]), others)
+    assert not are_bilateral(np.array([[0.1, 0.4]]), others)
+    assert not are_bilateral(np.array([[0.04, 0.4]]), others), "neighbourhoods differ"
+    assert are_bilateral(np.array([[0.02, np.nan]]), others), "nothing is known of them"
+    assert not are_bilateral(np.array([[0.0, 0.0]]), np.zeros((1, 2))), "others are as alike"
+    several = np.array([[0.03, 0.1], [0.03, 0.1], [0.1, 0.4]])
+    assert are_bilateral(several, np.tile(others, (3, 1)))
+    assert not are_bilateral(several[[0, 2, 2]], np.tile(others, (3, 1)))
