@@ -1,14 +1,11 @@
 """The bare machine shows nothing of this one, and notices a command that fails or complains there."""
 
 import sys
-from pathlib import Path
 
 import pytest
 
-from tests.bare_machine import STAND_INS, BareMachine, asking_tests, refuse_complaints
+from tests.bare_machine import STAND_INS, BareMachine, refuse_complaints
 from tests.optional import optional_program
-
-TESTS = Path(__file__).parent
 
 
 @pytest.fixture
@@ -58,10 +55,3 @@ def test_a_complaint_of_a_command_that_succeeds_is_noticed(machine, code):
     refuse_complaints(python(machine, "print('Note: all is well')"))
     with pytest.raises(SystemExit, match="complains"):
         refuse_complaints(python(machine, code))
-
-
-def test_tests_that_ask_for_something_are_found():
-    found = {str(path.relative_to(TESTS)) for path in asking_tests(TESTS)}
-    asking = {"data_tools/io/test_objects.py", "integrations/test_r.py", "test_packaging.py"}
-    assert asking <= found
-    assert not found & {"pairwise/test_matching.py", "collalign/test_options.py"}

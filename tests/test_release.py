@@ -86,12 +86,6 @@ def test_one_version_everywhere():
     }
 
 
-def test_the_extension_carries_the_licence_of_the_project():
-    extension = ROOT / "integrations" / "slicer"
-    assert (extension / "LICENSE.txt").read_bytes() == (ROOT / "LICENSE").read_bytes()
-    assert not re.search(r"project\(Slicer", (extension / "CMakeLists.txt").read_text("utf-8"))
-
-
 def test_the_image_copies_what_there_is_and_what_is_not_ignored():
     kept = {
         line[1:]
@@ -106,29 +100,6 @@ def test_the_image_copies_what_there_is_and_what_is_not_ignored():
     names = {name for line in copied for name in line.split()}
     assert names == kept
     assert all((ROOT / name).exists() for name in names)
-
-
-#: Sections that the Journal of Open Source Software asks for, in its order, and how many words it allows.
-SECTIONS = (
-    *("Summary", "Statement of need", "State of the field", "Software design"),
-    *("Research impact statement", "AI usage disclosure", "Acknowledgements", "References"),
-)
-WORDS = (750, 1750)
-
-
-def paper_faults(text):
-    """Return what the journal would refuse: other sections, or too few or too many words."""
-    body = text.split("---", 2)[2]
-    faults = [] if tuple(re.findall(r"^# (.+)$", body, re.MULTILINE)) == SECTIONS else ["sections"]
-    return faults + ([] if WORDS[0] <= len(body.split()) <= WORDS[1] else ["length"])
-
-
-def test_the_paper_has_the_sections_and_the_length_that_the_journal_asks_for():
-    text = (ROOT / "paper" / "paper.md").read_text("utf-8")
-    assert paper_faults(text) == []
-    assert paper_faults(text.replace("# Software design", "# Design")) == ["sections"]
-    assert paper_faults(text + " word" * 1000) == ["length"]
-    assert paper_faults("---\n---\n# Summary\nwords\n") == ["sections", "length"]
 
 
 def missing_fields():
@@ -176,25 +147,3 @@ def test_what_awaits_a_release_is_listed_in_one_place():
     text = (ROOT / "packaging" / "README.md").read_text("utf-8")
     assert listed_fields(text) == missing_fields()
     assert listed_fields(text.replace(", `doi`", "")) != missing_fields()
-
-
-def test_the_paper_cites_what_is_listed_and_lists_what_it_cites():
-    text = (ROOT / "paper" / "paper.md").read_text("utf-8")
-    listed = re.findall(
-        r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text("utf-8"), re.MULTILINE
-    )
-    assert sorted(set(re.findall(r"@([a-z]+\d{4})", text))) == sorted(listed)
-    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
-        assert (ROOT / "paper" / picture).exists()
-
-
-def test_claims_of_the_paper_name_experiments_that_were_measured():
-    text, results = ((ROOT / name).read_text("utf-8") for name in ("paper/paper.md", "RESULTS.md"))
-    named = set(
-        re.findall(
-            r"`(?:python -m experiments )?([a-z_]+)`",
-            text.partition("# Research impact statement")[2],
-        )
-    )
-    assert len(named) > 6
-    assert {name for name in named if f"`python -m experiments {name}`" not in results} == set()
