@@ -1,6 +1,5 @@
 """A folder of several kinds: each is aligned by itself, by default, by folders or by labels, and shapes are added."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -162,25 +161,6 @@ def test_added_shapes_come_to_their_kind_and_nothing_moves(found, planted, tmp_p
     assert grown.kind_names[8:] == ("kind 1", "kind 2")
     assert [kind.frame for kind in grown.kinds] == [kind.frame for kind in found.kinds]
     assert worst_within_deg(grown, planted) < 15
-
-
-def test_up_is_that_of_the_kind_of_the_reference(folder):
-    options = replace(OPTIONS, reference="figures/1", up="z", front="x")
-    found = align_collection(folder, recursive=True, options=options, run=ALONE, progress=False)
-    np.testing.assert_allclose(
-        found["figures/1"].transform[:3, :3], found.scales[5] * np.eye(3), atol=1e-9
-    )
-    assert [kind.frame == 1.0 for kind in found.kinds] == [False, True]
-
-
-def test_the_summary_names_kinds(folder, tmp_path):
-    said = run_command(
-        *("align", folder, "--recursive", "--out", tmp_path / "out", "--jobs", "1", "--no-report"),
-        *("--group", "SO", "--maps", "never", "--sampling.num-points", "32", "--json"),
-    )
-    notes = {note["code"]: note for note in json.loads(said.out)["notes"]}
-    assert "kinds-found" in notes
-    assert "aligned by itself" in notes["kinds-found"]["text"]
 
 
 def test_a_written_collection_is_what_the_helper_measures(planted, tmp_path):

@@ -120,13 +120,6 @@ def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted, plain):
     np.testing.assert_allclose(align(planted, fixed=poses).transforms, plain.transforms, atol=1e-9)
 
 
-def test_own_samples_may_be_others_than_asked_for(planted, plain):
-    own = {name: row[::-1][:12] for name, row in zip(plain.names, plain.samples, strict=True)}
-    found = align(planted, samples=own, maps="never")
-    np.testing.assert_array_equal(found.samples, plain.samples[:, ::-1][:, :12])
-    assert found.options.sampling.num_points == 12
-
-
 def heights(shape):
     """What a rotation does not change: how far each vertex is from the centroid."""
     return np.linalg.norm(shape.vertices - shape.vertices.mean(axis=0), axis=1)[:, None]

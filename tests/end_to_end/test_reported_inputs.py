@@ -162,18 +162,6 @@ def bumpy(number, subdivisions, own=0.05):
     return sphere.vertices * radii[:, None] * [1.6, 1.0, 0.75], np.array(sphere.faces)
 
 
-def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
-    rng = np.random.default_rng(1)
-    turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
-    given = []
-    for number, turn in enumerate(turns):
-        points, faces = bumpy(number, 3)
-        given.append(((5.0 * points @ turn.T + PLACE).astype(np.float32), faces))
-    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    assert angles_deg(found.rotations @ turns).max() < 5.0
-    assert "coarse-coordinates" in codes(found.notes)
-
-
 def test_left_and_right_are_told_and_lie_within_few_degrees():
     rng = np.random.default_rng(2)
     is_left = np.isin(np.arange(8), (1, 4, 6))
