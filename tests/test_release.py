@@ -71,35 +71,12 @@ def test_the_recipe_asks_for_what_the_wheel_asks_for():
     assert len(expected) == len(PROJECT["dependencies"])
 
 
-def test_the_tests_install_what_the_features_of_users_need():
-    """The extras that the documentation tells users to install; ``peers`` are for measurements."""
-    extras = PROJECT["optional-dependencies"]
-    wanted = {text for name in ("app", "cvxpy", "dask", "parquet") for text in extras[name]}
-    assert wanted <= {*extras["test"]}
-
-
 def test_one_version_everywhere():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     package = yaml.safe_load((ROOT / "integrations" / "r" / "DESCRIPTION").read_text("utf-8"))
     assert {RECIPE["context"]["version"], citation["version"], package["Version"]} == {
         PROJECT["version"]
     }
-
-
-def test_the_image_copies_what_there_is_and_what_is_not_ignored():
-    kept = {
-        line[1:]
-        for line in (ROOT / ".dockerignore").read_text("utf-8").splitlines()
-        if line.startswith("!")
-    }
-    copied = re.findall(
-        r"^COPY (?!--from)(.+) \S+$",
-        (ROOT / "packaging" / "Dockerfile").read_text("utf-8"),
-        re.MULTILINE,
-    )
-    names = {name for line in copied for name in line.split()}
-    assert names == kept
-    assert all((ROOT / name).exists() for name in names)
 
 
 def missing_fields():

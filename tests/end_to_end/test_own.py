@@ -260,15 +260,3 @@ def test_what_cannot_be_meant_is_refused_by_its_name(given, words):
     points = np.random.default_rng(0).random((40, 3))
     with pytest.raises((InputError, OptionsError), match=words):
         align_collection({"a": points, "b": points[::-1]}, run={"jobs": 1}, progress=False, **given)
-
-
-def test_the_order_in_which_things_are_given_changes_nothing(planted, store):
-    given = {
-        names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j))
-        for i, j in ((0, 1), (2, 1), (3, 0))
-    }
-    found = align(planted, store=store, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
-    turned = {pair[::-1]: given[pair].T for pair in reversed(given)}
-    again = align(planted, store=store, candidates=turned, pair_weights=dict.fromkeys(turned, 0.5))
-    np.testing.assert_array_equal(found.transforms, again.transforms)
-    assert found.notes == again.notes
