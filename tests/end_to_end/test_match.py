@@ -116,7 +116,7 @@ def test_the_preset_of_the_paper_relaxes_the_pair_with_any_solver(files, tmp_pat
     vertices = rough.vertices + 0.1 * rng.standard_normal(rough.vertices.shape)
     source = write_mesh(tmp_path / "c.ply", Shape.from_arrays(vertices, rough.faces))
     bounds = {}
-    for solver in ("built-in", "scs"):
+    for solver in ("built-in", "clarabel"):
         flags = ["--preset", "paper", "--matching.solver", solver]
         flags += ["--sampling.num-points", "8", "--embedding.kind", "xyz"]
         run_command("match", target, source, "--out", tmp_path / solver, *flags)
@@ -124,8 +124,8 @@ def test_the_preset_of_the_paper_relaxes_the_pair_with_any_solver(files, tmp_pat
         assert 0.0 < record["lower_bound"] <= record["energy"]
         assert all(one["refined"] is None for one in record["candidates"])
         bounds[solver] = record["lower_bound"]
-    assert bounds["scs"] == pytest.approx(bounds["built-in"], rel=1e-2)
-    assert bounds["scs"] != bounds["built-in"]
+    assert bounds["clarabel"] == pytest.approx(bounds["built-in"], rel=1e-2)
+    assert bounds["clarabel"] != bounds["built-in"]
     partial = run_command("match", target, source, "--partial", "--preset", "paper", ends=2)
     assert "--preset are for samples" in partial.err
 

@@ -136,16 +136,6 @@ def test_mirror_images_have_no_asymmetry():
     assert unturned.asymmetry.min() > 0.1
 
 
-def test_either_side_may_be_mirrored():
-    shapes, individuals, sides = family(np.random.default_rng(2), directional=0.05)
-    one, other = (paired_sides(shapes, individuals, sides, mirrored=side) for side in "LR")
-    np.testing.assert_allclose(one.asymmetry, other.asymmetry, rtol=1e-6)
-    np.testing.assert_allclose(one.fluctuating, other.fluctuating, rtol=1e-6)
-    for row, same in zip(one.anova, other.anova, strict=True):
-        np.testing.assert_allclose(row.sum_of_squares, same.sum_of_squares, rtol=1e-6)
-        np.testing.assert_allclose(row.p, same.p)
-
-
 def test_neither_order_nor_names_decide():
     rng = np.random.default_rng(3)
     shapes, individuals, sides = family(rng, directional=0.03, repeats=2, error=0.03)
