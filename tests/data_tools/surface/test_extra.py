@@ -39,3 +39,9 @@ def test_clouds_and_parts_lose_points():
     extra = ExtraSurface(points=pair.vertices, is_extra=np.concatenate([spike, 0 * spike > 0]))
     assert without_extra(pair, extra).parts[0][1] == (~spike).sum()
     assert without_extra(pair, extra).parts[1][1] == 600
+
+
+def test_its_digest_follows_from_what_is_extra():
+    shape, spike = spiked()
+    one = extra_of(shape, spike)
+    assert one.digest == extra_of(shape, spike).digest != extra_of(shape, ~spike).digest
