@@ -28,12 +28,6 @@ def test_superimposition_undoes_similarities(rng):
     assert np.linalg.norm(found[0]) == pytest.approx(1)
 
 
-def test_superimposition_never_mirrors(rng):
-    shape = rng.standard_normal((12, 3))
-    found = generalized_procrustes(np.stack([shape, -shape, shape, shape]))
-    assert np.linalg.norm(found[1] - found[0]) > 0.5
-
-
 def test_components_of_a_planted_family(rng):
     base, axis = rng.standard_normal((2, 10, 3))
     axis /= np.linalg.norm(axis)
