@@ -21,3 +21,9 @@ def test_the_locator_sees_what_all_triangles_together_see(stretch):
     places = SurfaceLocator(both, triangles).closest(points)
     found = np.linalg.norm(places.on(both) - points, axis=1)
     np.testing.assert_allclose(found, all_triangles(points, both, triangles), atol=1e-12)
+
+
+def test_the_closest_place_of_a_cloud_is_a_point():
+    cloud = np.random.default_rng(2).random((30, 3))
+    places = SurfaceLocator(cloud, np.empty((0, 3), dtype=np.int64)).closest(cloud[::-1] + 1e-6)
+    np.testing.assert_array_equal(places.on(cloud), cloud[::-1])
