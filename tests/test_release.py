@@ -5,46 +5,13 @@ import re
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 RECIPE = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text("utf-8"))
-WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 #: Packages that conda-forge calls otherwise; without their optional parts.
 CONDA_NAMES = {"matplotlib": "matplotlib-base", "msgpack": "msgpack-python"}
-
-
-def faults(workflow):
-    """Return the jobs that a forge would refuse: no machine or steps, unknown needs, workflows that are not there."""
-    jobs = workflow["jobs"]
-    steps = [(name, step) for name, job in jobs.items() for step in job.get("steps", [])]
-    said = [
-        name
-        for name, job in jobs.items()
-        if "uses" not in job and not ("runs-on" in job and job.get("steps"))
-    ]
-    said += [
-        name for name, job in jobs.items() if {*np.atleast_1d(job.get("needs", []))} - jobs.keys()
-    ]
-    said += [name for name, step in steps if ("uses" in step) == ("run" in step)]
-    return said + [
-        name for name, job in jobs.items() if "uses" in job and not (ROOT / job["uses"]).exists()
-    ]
-
-
-def test_workflows_are_whole():
-    for path in WORKFLOWS:
-        workflow = yaml.safe_load(path.read_text("utf-8"))
-        assert workflow[True], "YAML reads ``on``, what starts it, as true"
-        assert faults(workflow) == [], path
-    broken = {
-        "a": {"needs": "b", "runs-on": "x", "steps": [{"name": "nothing"}]},
-        "c": {},
-        "d": {"uses": "./no.yml"},
-    }
-    assert faults({"jobs": broken}) == ["c", "a", "a", "d"]
 
 
 def test_every_python_that_is_declared_is_tried():
