@@ -151,6 +151,17 @@ def test_candidates_are_chosen_by_consistency_and_energy():
     assert (found.edge_choice != np.argmin(problem.energies, axis=1)).mean() > 0.2
 
 
+def test_absent_candidates_do_not_count():
+    edges = regular_edges(20, 6, 0)
+    problem = flipped_pairs(np.random.default_rng(10), edges, 20, wrong=0.1, num_candidates=4)
+    padded = np.concatenate([problem.rotations, np.full((len(edges), 1, 3, 3), np.nan)], axis=1)
+    costs = np.concatenate([problem.energies, np.full((len(edges), 1), np.inf)], axis=1)
+    found = synchronize(edges, padded, energies=costs)
+    plain = synchronize(edges, problem.rotations, energies=problem.energies)
+    assert np.allclose(found.rotations, plain.rotations, atol=1e-6)
+    assert found.edge_choice.max() < 4
+
+
 def test_fixed_shapes_come_out_exactly_and_turn_the_others_with_them():
     edges = regular_edges(24, 6, 0)
     problem = flipped_pairs(np.random.default_rng(11), edges, 24, wrong=0.1, num_candidates=4)

@@ -11,6 +11,7 @@ from collalign.synchronization import PairGraph, principal_axes_gauge, synchroni
 from collalign.synchronization.clusters import pair_affinity, spectral_clusters
 from collalign.synchronization.frames import fix_gauge, relative, transposed
 from collalign.synchronization.hypotheses import (
+    FORBIDDEN,
     Hypotheses,
     _add_own_hypotheses,
     _directed_flips,
@@ -18,6 +19,7 @@ from collalign.synchronization.hypotheses import (
     _modes,
     _rotated_distances,
     aligned_candidates,
+    hypothesis_costs,
 )
 from collalign.synchronization.model import (
     PRIORS,
@@ -32,7 +34,7 @@ from collalign.synchronization.model import (
     squared_distances,
 )
 from collalign.synchronization.robust import connectivity_warnings, evidence, restricted
-from collalign.synchronization.search import State
+from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
 from data_tools.rotations import rotation_angle_deg
@@ -240,6 +242,33 @@ def test_flips_go_both_ways_unless_they_are_their_own_inverse():
     assert _directed_flips(turn_set(THIRD, rate=1e-6)) == []
 
 
+@pytest.mark.parametrize("noises_rad", [(0.05, 0.35), (0.35, 0.05)])
+def test_states_are_compared_at_one_noise_whatever_each_has_fitted(noises_rad):
+    rng = np.random.default_rng(5)
+    edges, truth = complete_edges(12), random_rotations(rng, 12)
+    pairs = exact_pairs(truth, edges) @ small_rotations(rng, (len(edges),), 5.0)
+    pairs[::2] = random_rotations(rng, len(pairs[::2]))
+    graph = PairGraph.from_user(edges, pairs)
+    states = [
+        State(
+            model=EdgeModel(graph=graph, noise_rad=noise),
+            frames=frames,
+            beliefs=np.ones((12, 1)),
+            alternatives=own,
+        )
+        for noise, frames in zip(
+            noises_rad, (transposed(truth), random_rotations(rng, 12)), strict=True
+        )
+        for own in [turn_set(THIRD, num=12)]
+    ]
+    costs = common_costs(states)
+    assert costs[1] > costs[0] + 10.0
+    assert np.allclose(
+        costs,
+        common_costs([replace(s, model=EdgeModel(graph=graph, noise_rad=0.05)) for s in states]),
+    )
+
+
 @pytest.mark.parametrize("shared", [True, False])
 def test_rotated_distances_are_those_of_their_definition(shared):
     rng = np.random.default_rng(4)
@@ -265,6 +294,20 @@ def test_pairs_are_wrong_by_a_common_rotation_as_far_as_they_are_not_right():
     is_turned = (model.graph.edges == 2).any(axis=1)
     found = _flipped_pairs(model, aligned, THIRD[None], np.full(len(is_turned), 0.25))
     np.testing.assert_allclose(found[:, 0], 0.75 * is_turned)
+
+
+def test_turns_that_are_not_offered_cost_too_much():
+    graph, truth = noisy_graph(3, 5.0)
+    aligned = aligned_candidates(graph, transposed(truth))
+    alternatives = turn_set(THIRD)
+    offered = alternatives.offered.copy()
+    offered[1, 1] = False
+    costs = hypothesis_costs(
+        EdgeModel(graph=graph), aligned, replace(alternatives, offered=offered)
+    )
+    for e, (i, j) in enumerate(graph.edges):
+        for a, b in itertools.product(range(2), repeat=2):
+            assert (costs[e, a, b] == FORBIDDEN) == (not offered[i, a] or not offered[j, b])
 
 
 def test_affinity_is_the_closure_rate_times_a_trust_that_never_exceeds_one():
