@@ -81,6 +81,15 @@ def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape, rng):
         assert of_agd == pytest.approx(0.4 * share)
 
 
+def test_dense_invariants_are_those_of_as_many_samples(shape):
+    dense = sample_shape(shape, FEW, ALL)
+    centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
+    assert dense.dense_invariants.shape == (60, dense.invariants.shape[1])
+    assert (dense.dense_invariants[:, :4] ** 2).sum() == pytest.approx(0.2 * (centred**2).sum())
+    without = sample_shape(shape, SamplingOptions(num_points=24, num_dense_points=0), ALL)
+    assert without.dense_invariants.shape == (0, dense.invariants.shape[1])
+
+
 def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     rotation = random_rotation(rng)
     moved = Shape.from_arrays(3.0 * shape.vertices @ rotation.T + [5, 6, 7], shape.faces)
@@ -109,6 +118,20 @@ def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     opened = crown(num_vertices=600)
     assert indices(shape, "auto") == indices(shape, "geodesic") != indices(shape, "euclidean")
     assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
+
+
+def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
+    shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
+    options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
+    samples = sample_shape(shape, options, ALL)
+    assert (samples.notes[-1].code, samples.notes[-1].values["before"]) == ("decimated", 5996)
+    full = sample_shape(shape, FEW, ALL)
+    np.testing.assert_allclose(samples.scale, full.scale, rtol=0.03)
+    np.testing.assert_allclose(
+        samples.positions * samples.scale + samples.offset,
+        shape.vertices[samples.vertex_indices],
+        atol=1e-12,
+    )
 
 
 def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import blob
+from data_tools.datasets.synthetic import bent
+from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.embedding.sampling import central_extreme, farthest_points
 from data_tools.errors import InputError, OptionsError
 from data_tools.surface.geodesics import GeodesicSolver
@@ -34,6 +35,16 @@ def test_a_prefix_is_a_smaller_sample_and_calls_repeat(rng):
     np.testing.assert_array_equal(farthest_points(shape, 15), many[:15])
     np.testing.assert_array_equal(farthest_points(shape, 40, solver=GeodesicSolver(shape)), many)
     assert not many.flags.writeable
+
+
+def test_geodesic_samples_survive_bending_better(rng):
+    shape = figure()
+    posed = bent(shape, rng, angle=1.0)
+    common = {}
+    for metric in ("geodesic", "euclidean"):
+        a, b = (shape.vertices[farthest_points(s, 12, metric=metric)] for s in (shape, posed))
+        common[metric] = np.linalg.norm(a[:, None] - b, axis=2).min(axis=1).mean()
+    assert common["geodesic"] < common["euclidean"]
 
 
 def test_seeds_come_first(rng):

@@ -5,12 +5,14 @@ import pytest
 from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
+from data_tools.embedding.embedding import CELL, sample_shape
 from data_tools.embedding.surface_points import (
     centre_and_radius,
     spread_over_triangles,
     spread_points,
     surface_cells,
 )
+from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
 
@@ -64,6 +66,22 @@ def test_normals_of_a_mesh_point_outwards_where_it_is_hollow_and_when_it_is_insi
     for faces in (mesh.faces, mesh.faces[:, ::-1]):
         found = surface_cells(Shape.from_arrays(mesh.vertices, faces, name="torus"), 0.12)
         assert (np.einsum("la,la->l", outward_on_torus(found.points), found.normals) > 0.9).all()
+
+
+@pytest.mark.parametrize("depth", [-0.05, 0.0, 0.05])
+def test_an_open_mesh_that_is_nearly_flat_keeps_the_side_of_its_file(depth):
+    x, y = (line.ravel() for line in np.meshgrid(*[np.linspace(-1.0, 1.0, 12)] * 2))
+    corner = (12 * np.arange(11)[:, None] + np.arange(11)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + 13], 1),
+            np.stack([corner, corner + 13, corner + 12], 1),
+        ]
+    )
+    vertices = np.column_stack([x, y, depth * (x * x + y * y)])
+    assert (spread_over_triangles(Shape.from_arrays(vertices, faces), 0.1)[1][:, 2] > 0.9).all()
+    turned = Shape.from_arrays(vertices, faces[:, ::-1])
+    assert (spread_over_triangles(turned, 0.1)[1][:, 2] < -0.9).all()
 
 
 def test_an_open_mesh_that_is_clearly_inside_out_is_turned():
@@ -145,6 +163,20 @@ def test_centre_and_radius_are_those_of_points_spread_by_area(num):
         np.concatenate([points, np.repeat(points[points[:, 0] > 30.0], 7, axis=0)]), name="u"
     )
     np.testing.assert_allclose(centre_and_radius(uneven)[0], centre_and_radius(cloud)[0], atol=0.03)
+
+
+def test_samples_keep_the_surface_about_its_centroid_in_its_radii():
+    shape = blob(np.random.default_rng(4), num_vertices=600)
+    options = SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions()
+    local, large = (
+        sample_shape(
+            Shape.from_arrays(size * shape.vertices + 9.0, shape.faces, name="s"), *options
+        ).local
+        for size in (1.0, 50.0)
+    )
+    assert local.cell == large.cell == CELL
+    assert np.sqrt((local.points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_allclose(large.points, local.points, atol=1e-6)
 
 
 def test_only_open_surfaces_have_points_on_a_rim():

@@ -410,6 +410,19 @@ def test_only_a_complete_run_removes_what_it_wrote_before(tmp_path):
     assert contents(tmp_path) == {"summary": "1", "report": "1", "other": "2"}
 
 
+def test_a_link_in_place_of_a_file_of_ours_is_somebody_elses(tmp_path):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    write(out, {"summary": "1", "report": "1"})
+    elsewhere.write_text("1")
+    (out / "report").unlink()
+    (out / "report").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="Move it away"):
+        write(out, {"summary": "2", "report": "2"})
+    write(out, {"summary": "2"})
+    assert (out / "report").is_symlink()
+    assert elsewhere.read_text() == "1"
+
+
 def test_a_file_where_a_folder_of_results_belongs_is_refused_before_the_work(tmp_path):
     (tmp_path / "meshes").write_text("mine")
     with (

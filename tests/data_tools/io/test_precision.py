@@ -36,6 +36,18 @@ def test_meshes_on_a_map_are_written_without_loss(tmp_path, suffix):
     assert coarse_note(back.vertices) == ()
 
 
+def test_binary_files_are_in_single_precision_where_that_is_enough(tmp_path):
+    for suffix in (".ply", ".stl"):
+        near, far = (
+            write_mesh(tmp_path / f"a{suffix}", shape).read_bytes() for shape in (BLOB, on_map(1.5))
+        )
+        assert len(near) < len(far)
+    tiny = Shape.from_arrays(1e-9 * BLOB.vertices, BLOB.faces)
+    np.testing.assert_allclose(
+        read_shape(write_mesh(tmp_path / "a.obj", tiny)).vertices, tiny.vertices, rtol=1e-12
+    )
+
+
 def test_what_fits_single_precision():
     assert fits_single(BLOB.vertices)
     assert fits_single(BLOB.vertices + 5)

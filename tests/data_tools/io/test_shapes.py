@@ -229,6 +229,20 @@ def test_obj_keeps_vertex_order_through_groups_textures_and_negative_indices(tmp
     np.testing.assert_array_equal(shape.faces, [[3, 1, 2], [0, 2, 1], [0, 1, 3], [0, 3, 2]])
 
 
+def test_header_variants_of_off(tmp_path):
+    path = tmp_path / "a.off"
+    for head in (
+        "OFF\n# a comment\n3 1 0\n",
+        "OFF 3 1 0\n",
+        "OFF\n\n3 1 0 # counts\n",
+        "OFF3 1 0\n",
+        "3 1 0\n",
+        "off\r\n3 1\r\n",
+    ):
+        path.write_text(head + TRIANGLE + "3 0 1 2\n")
+        assert read_shape(path).area == pytest.approx(0.5)
+
+
 def test_clouds_come_without_faces(tmp_path, rng):
     cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="cloud")
     for suffix in (".ply", ".obj"):
@@ -249,6 +263,19 @@ def test_folder_is_listed_in_natural_order_with_distinct_names(tmp_path):
     assert [f.name for f in listing.files] == ["A.obj", "a.off", "b2.ply", "b10.ply"]
     assert listing.names == ("A", "a", "b2", "b10")
     assert [f.name for f in listing.skipped] == ["folder.ply", "notes.md"]
+
+
+@pytest.mark.parametrize(
+    "text", ["specimen,sex,age,mass\nA1,F,3,40.2\n", "id;age;sex\n17;4,5;F\n", "id\tsize\nA1\t3\n"]
+)
+def test_a_table_of_specimens_beside_the_shapes_is_no_shape(tmp_path, text):
+    (tmp_path / "A1.csv").write_text("x,y,z\n0,0,0\n1,0,0\n0,1,0\n0,0,1\n")
+    (tmp_path / "cloud.csv").write_text("label,x,y,z\np,0,0,0\nq,1,0,0\n")
+    (tmp_path / "unclear.csv").write_text("a,b,c,d\n1,2,3,4\n")
+    (tmp_path / "specimens.csv").write_text(text)
+    listing = read_folder(tmp_path)
+    assert listing.names == ("A1", "cloud", "unclear")
+    assert listing.skipped_names == ("specimens.csv",)
 
 
 def test_landmarks_in_pts_files_beside_the_shapes_are_no_shapes(tmp_path):
@@ -404,6 +431,17 @@ def test_a_few_vertices_that_are_not_finite_are_dropped_with_their_triangles(tmp
     np.testing.assert_array_equal(shape.source_indices, np.setdiff1d(np.arange(200), [0, 17, 199]))
     np.testing.assert_allclose(shape.vertices, whole.vertices[shape.source_indices], atol=1e-5)
     np.testing.assert_array_equal(shape.source_indices[shape.faces], whole.faces[~touched])
+
+
+def test_indices_stay_those_of_the_file_when_cleaning_drops_more(tmp_path):
+    path, _ = with_gaps(tmp_path, ".npz", [5])
+    with np.load(path) as arrays:
+        vertices = np.vstack([arrays["vertices"][:1], arrays["vertices"]])
+        np.savez(path, vertices=vertices, faces=arrays["faces"] + 1)
+    shape = read_shape(path)
+    assert len(shape.notes) >= 2
+    assert shape.source_indices is not None
+    np.testing.assert_array_equal(shape.vertices, vertices[shape.source_indices])
 
 
 def test_many_vertices_that_are_not_finite_are_damage(tmp_path):

@@ -175,6 +175,13 @@ def test_plain_pieces_alone_or_below_the_object_change_nothing(rng):
         assert "plain-pieces" not in codes(cleaned.notes)
 
 
+def test_a_box_among_coarse_parts_is_an_object():
+    sofa = boxes(((4, 2, 1), (0, 0, 0)))
+    cushion, faces = sphere_mesh(20)
+    cleaned = clean(together((sofa.vertices, sofa.faces), (0.8 * cushion + [0, 0, 3], faces)))
+    assert cleaned.area == pytest.approx(sofa.area)
+
+
 def bar_beside(body):
     """Return the body with a larger, bent bar beside it."""
     ball, faces = sphere_mesh(500)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic_shapes import figure, sphere_mesh
+from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
 from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.geodesics import GeodesicSolver, agd_maxima, average_geodesic_distance
@@ -62,6 +62,13 @@ def test_fins_and_flipped_triangles_do_no_harm(sphere):
 def test_average_distance_on_the_sphere_is_known(sphere):
     # The mean angle over the sphere is pi / 2; sqrt(area) is sqrt(4 pi).
     np.testing.assert_allclose(agd_of(sphere), np.pi / 2 / np.sqrt(4 * np.pi), rtol=0.04)
+
+
+def test_average_distance_does_not_depend_on_scale_or_meshing(rng):
+    coarse, fine = (blob(np.random.default_rng(5), num_vertices=n) for n in (800, 2000))
+    big = Shape.from_arrays(50 * fine.vertices, fine.faces)
+    np.testing.assert_allclose(agd_of(big), agd_of(fine), rtol=1e-6)
+    assert agd_of(coarse).mean() == pytest.approx(agd_of(fine).mean(), rel=0.05)
 
 
 def test_maxima_are_the_tips_of_the_limbs():

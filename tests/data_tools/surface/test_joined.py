@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.joined import NUM_CELLS, _points_on, joined_surface
 from data_tools.surface.shape import Shape, orientation_defects
@@ -74,3 +75,13 @@ def test_a_crack_does_not_let_the_outside_in():
     faces[2:4] += 4  # the lid has corners of its own, a crack away
     cracked = Shape.from_arrays(cracked.vertices, faces)
     assert volume(joined_surface(cracked)) > 0.95 * volume(joined_surface(whole))
+
+
+def test_points_on_triangles_are_a_step_apart(rng):
+    ball, faces = sphere_mesh(40)
+    corners = (ball * [1.0, 0.02, 3.0])[faces]
+    points = _points_on(corners, 0.05)
+    weights = rng.dirichlet([1.0, 1.0, 1.0], size=(len(corners), 20))
+    inside = np.einsum("fnc,fcd->fnd", weights, corners).reshape(-1, 3)
+    assert cKDTree(points).query(inside)[0].max() <= 0.05
+    assert cKDTree(inside).query(points)[0].max() < 1.0

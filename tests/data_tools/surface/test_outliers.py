@@ -146,6 +146,14 @@ def test_another_unit_is_named_though_sizes_differ_threefold(factor, place):
     assert list(odd_ratios(sizes)) == [f"s{place}"]
 
 
+def test_sizes_that_differ_by_nature_are_in_one_unit(rng):
+    drawn = [3.0 ** rng.random(num) for num in 40 * [6, 12, 50]]
+    drawn += [np.exp(0.3 * rng.standard_normal(num)) for num in 40 * [6, 12, 50]]
+    juveniles_and_adults = np.concatenate([np.linspace(1.0, 2.0, 8), np.linspace(6.0, 7.0, 4)])
+    for sizes in [*drawn, juveniles_and_adults, [1.0, 1.1, 1.2, 7.0]]:
+        assert not odd_ratios(dict(zip(map(str, range(len(sizes))), sizes, strict=True)))
+
+
 def named(sizes):
     return dict(zip((f"s{at}" for at in range(len(sizes))), sizes, strict=True))
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from data_tools.local_surface import NUM_BINS
+from data_tools.rotations import random_rotation
 from data_tools.surface.point_features import fast_point_features
 from tests.neighbourhoods import bumpy
 
@@ -46,3 +47,14 @@ def test_a_point_without_neighbours_has_an_empty_histogram():
     found = fast_point_features(points, normals, 0.9, NUM_BINS)
     assert not found[0].any()
     assert np.isfinite(found).all()
+
+
+def test_poses_leave_histograms_and_units_of_length_too():
+    points, normals = bumpy()
+    turn = random_rotation(np.random.default_rng(5))
+    found = fast_point_features(points, normals, 0.7, NUM_BINS)
+    moved = fast_point_features(
+        7.0 * points @ turn.T + [1.0, 2.0, 3.0], normals @ turn.T, 4.9, NUM_BINS
+    )
+    np.testing.assert_allclose(moved, found, atol=1e-9)
+    assert np.abs(fast_point_features(points, -normals, 0.7, NUM_BINS) - found).max() > 0.01

@@ -5,7 +5,7 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import sphere_mesh
 from data_tools.errors import InputError
-from data_tools.surface.shape import Shape, outward_normals
+from data_tools.surface.shape import Shape, orientation_defects, outward_normals
 
 
 def test_measures_of_the_sphere():
@@ -58,3 +58,23 @@ def test_normals_of_a_sphere_are_its_radii_even_inside_out():
     for faces in (shape.faces, shape.faces[:, ::-1]):
         normals = outward_normals(Shape.from_arrays(shape.vertices, faces))
         assert (normals * radii).sum(axis=1).min() > 0.98
+
+
+def test_normals_of_some_vertices_are_those_of_all_to_the_bit():
+    shape = sphere()
+    some = np.array([17, 3, 250])
+    for faces in (shape.faces, shape.faces[:, ::-1]):
+        either = Shape.from_arrays(shape.vertices, faces)
+        np.testing.assert_array_equal(
+            outward_normals(either, at=some), outward_normals(either)[some]
+        )
+
+
+def test_one_turned_triangle_and_clouds_have_no_normals():
+    shape = sphere()
+    faces = shape.faces.copy()
+    faces[0] = faces[0, ::-1]
+    assert orientation_defects(shape) == 0
+    assert orientation_defects(Shape.from_arrays(shape.vertices, faces)) > 0
+    assert outward_normals(Shape.from_arrays(shape.vertices, faces)).shape == (0, 3)
+    assert outward_normals(Shape.from_arrays(shape.vertices)).shape == (0, 3)

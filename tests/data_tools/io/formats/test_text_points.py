@@ -1,3 +1,4 @@
+import time
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +233,30 @@ def test_columns_are_what_the_user_says(tmp_path):
             CleaningOptions(columns=wrong)
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "7",
+        "0.25",
+        "255 0 9",
+        "0 0.6 -0.8",
+        "-900 1 2 3",
+        "1 2 3 0.5",
+        "1 2 3 0 .6 .8",
+        "0 0 1 1 2 3",
+    ],
+)
+def test_documented_formats_have_coordinates_first(rng, more):
+    """Intensity, colour and normal after x, y and z; the same columns before them are refused, but never misread."""
+    points = np.round(100 * rng.standard_normal((30, 3)), 3)
+    rows = [" ".join(map(str, point)) for point in points]
+    after = read_points_table("".join(f"{row} {more}\n" for row in rows), "a")
+    np.testing.assert_array_equal(after.vertices, points)
+    assert not_kept(["further columns"])[0] in after.notes
+    with pytest.raises(InputError, match="can be read as"):
+        read_points_table("".join(f"{more} {row}\n" for row in rows), "a")
+
+
 def test_a_count_that_is_one_too_low_is_noted(tmp_path):
     (tmp_path / "a.pts").write_text("2\n0 0 0 9\n1 2 3 9\n4 5 7 9\n1\n9 9 9 9\n")
     shape = read_shape(tmp_path / "a.pts")
@@ -244,6 +269,19 @@ def test_missing_numbers_are_nan_wherever_they_are():
         text = f"x{sign}y{sign}z\n{sign}2{sign}3\n1{sign}{sign}3\n1{sign}2{sign}\n"
         found = read_points_table(text, "a.csv").vertices
         np.testing.assert_array_equal(np.isnan(found), np.eye(3, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    "heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"]
+)
+def test_a_heading_of_brackets_takes_no_time(heading):
+    started = time.process_time()
+    with pytest.raises(InputError, match="heading"):
+        read_points_table(f"{heading} x\n1 2 3 4\n", "table.txt")
+    assert time.process_time() - started < 5.0, "minutes where the time grows with the square"
+    np.testing.assert_array_equal(
+        read_points_table("x (mm) y [mm] z{mm}\n1 2 3\n", "table.txt").vertices, [[1, 2, 3]]
+    )
 
 
 def written_anyhow(rng):
