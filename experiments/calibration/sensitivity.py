@@ -20,7 +20,6 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,12 +30,12 @@ from experiments.collections.posed import GROSS_DEG
 from experiments.collections.scoreboard import SURE, USABLE, measure_set
 from experiments.experiment import Bench, Cell
 from experiments.provenance import PRODUCT, ROOT, code_digest
-from experiments.tables import Column, Table
+from experiments.tables import Column, Row, Table, Value
 
 #: Rooms whose numbers decide poses and confidences.
 ROOMS = ("collalign.confidence", "collalign.stages", "collalign.synchronization")
 #: Functions in whose arguments numbers count.
-CALLS = ("array", "deg2rad", "cos", "sin", "log", "sqrt", "range")
+CALLS = ("array", "deg2rad", "cos", "sin", "log", "sqrt")
 #: The scoreboard in small: sets and their members that take some seconds each, one draw of each.
 SMALL = (
     ("generated families", "crowns, mirrored"),
@@ -122,14 +121,14 @@ def _numbers_of(file: Path, root: Path) -> Iterator[Number]:
     relative = file.relative_to(root)
     module = ".".join(relative.with_suffix("").parts).removesuffix(".__init__")
     for name, value in _constants(ast.parse(content)):
-        literals = [one for one in _literals(value) if one.value]
-        for at, one in enumerate(literals):
+        literals = [(one, number) for one, number in _literals(value) if number]
+        for at, (one, number) in enumerate(literals):
             yield Number(
                 name=f"{module}.{name}" + (f"[{at}]" if len(literals) > 1 else ""),
                 file=relative.as_posix(),
                 start=int(starts[one.lineno - 1]) + one.col_offset,
                 end=int(starts[(one.end_lineno or 0) - 1]) + (one.end_col_offset or 0),
-                value=one.value,
+                value=number,
             )
 
 
@@ -142,21 +141,20 @@ def _constants(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
                     yield f"{node.name}.{ast.unparse(one.target)}", one.value
         elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
             target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-            several = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
-            pairs = (
-                zip(target.elts, node.value.elts, strict=True)
-                if several
-                else [(target, node.value)]
-            )
-            for one, value in pairs:
-                name = ast.unparse(one)
+            pairs = [(target, node.value)]
+            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = list(zip(target.elts, node.value.elts, strict=True))
+            for name, value in ((ast.unparse(one), own) for one, own in pairs):
                 if name.isupper() and "VERSION" not in name:
                     yield name, value
 
 
-def _literals(value: ast.expr) -> Iterator[ast.Constant]:
-    if isinstance(value, ast.Constant) and type(value.value) in (int, float):
-        yield value
+def _literals(value: ast.expr) -> Iterator[tuple[ast.Constant, float]]:
+    """Yield the numbers of an expression that count, each with its place."""
+    if isinstance(value, ast.Constant):
+        number = value.value
+        if isinstance(number, int | float) and not isinstance(number, bool):
+            yield value, number
     elif isinstance(value, ast.Call):
         if ast.unparse(value.func).rpartition(".")[2] in CALLS:
             for one in value.args:
@@ -252,16 +250,17 @@ def sensitivity(bench: Bench, places: Sequence[str] = ROOMS) -> Table:
         for label, settings in sets.items()
     }
     found = bench.measure(measure_changed, cells)
-    before, rows = _joined(plain.values()), list[dict[str, Any]]()
+    before, rows = _joined(plain.values()), list[tuple[float, Row]]()
     for number in numbers:
-        row: dict[str, Any] = {"number": number.name, "value": f"{number.value:.6g}", "moves": 0.0}
+        row: dict[str, Value] = {"number": number.name, "value": f"{number.value:.6g}"}
+        most = 0.0
         for how in FACTORS:
             if (number.name, how) in changes:
                 after = _joined(found[f"{number.name} {how}, {label}"] for label in sets)
                 moved = moves(before, after)
                 row |= {f"{how} {key}": value for key, value in moved.items()}
-                row["moves"] = max(row["moves"], *map(abs, moved.values()))
-        rows.append(row)
+                most = max(most, *map(abs, moved.values()))
+        rows.append((most, {**row, "moves": most}))
     of_factors = (
         Column(key=f"{how} {key}", title=f"{how}: {title}", format="+.1f")
         for how in FACTORS
@@ -275,7 +274,7 @@ def sensitivity(bench: Bench, places: Sequence[str] = ROOMS) -> Table:
             *of_factors,
             Column(key="moves", title="largest", format=".1f"),
         ),
-        rows=tuple(sorted(rows, key=lambda row: -row["moves"])),
+        rows=tuple(row for _, row in sorted(rows, key=lambda one: -one[0])),
     )
 
 
