@@ -477,3 +477,17 @@ def test_a_shape_is_called_by_the_readable_name_of_its_file(tmp_path):
         tmp_path / "a\u202eylp.x.ply", blob(np.random.default_rng(0), num_vertices=60)
     )
     assert read_shape(path).name == r"a\u202eylp.x" == read_folder(tmp_path).names[0]
+
+
+@pytest.mark.parametrize("word", ["-nan(ind)", "1.#QNAN", "-1.#IND", "1.#INF"])
+def test_numbers_that_programs_on_windows_could_not_write_are_not_finite(tmp_path, word):
+    shape = blob(np.random.default_rng(3), num_vertices=200)
+    rows = [*shape.vertices.tolist(), [word] * 3]
+    lines = [
+        *(" ".join(map(str, row)) for row in rows),
+        *("3 {} {} {}".format(*face) for face in shape.faces),
+    ]
+    (tmp_path / "a.off").write_text(f"OFF\n201 {len(shape.faces)} 0\n" + "\n".join(lines) + "\n")
+    found = read_shape(tmp_path / "a.off")
+    assert found.area == pytest.approx(shape.area)
+    assert found.notes[0].code == "non-finite-dropped"

@@ -416,3 +416,14 @@ def test_instances_cannot_ask_for_any_memory():
         scene.node(mesh=mesh)
     with pytest.raises(InputError, match="fewer copies of its meshes"):
         scene.read()
+
+
+def test_draco_with_plain_numbers_beside_it_is_read():
+    scene = Scene()
+    primitive = scene.plain()
+    scene.node(
+        mesh=scene.mesh(
+            primitive | {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
+        )
+    )
+    np.testing.assert_array_equal(scene.read().faces, MESH.faces)

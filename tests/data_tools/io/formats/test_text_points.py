@@ -338,3 +338,10 @@ def test_no_way_to_write_a_table_is_misread(seed):
                     raise
             else:
                 np.testing.assert_array_equal(found.vertices, points, err_msg=repr(content))
+
+
+def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
+    (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
+    np.testing.assert_array_equal(
+        read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
+    )
