@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection, load
-from collalign.engine.local_pool import lasting_workers
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError
@@ -162,25 +161,6 @@ def test_only_run_json_differs_between_two_runs(folder, finished, tmp_path):
     (second / "run.json").write_text('{"date": 5}')
     with pytest.raises(InputError, match=r"run\.json: damaged"):
         load(second)
-
-
-@pytest.mark.usefixtures("two_cores")
-def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
-    shapes = tmp_path / "shapes"
-    write_collection(shapes, replace(planted, shapes=planted.shapes[:3]))
-    with lasting_workers():
-        alone, found = (
-            align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=jobs)) for jobs in (1, 2)
-        )
-        for jobs in (1, 2):
-            found.save(tmp_path / str(jobs), run=RunOptions(jobs=jobs))
-        (shapes / "chair1.ply").unlink()
-        for jobs in (1, 2):
-            with pytest.raises(InputError, match=r"chair1\.ply"):
-                found.save(tmp_path / "again", run=RunOptions(jobs=jobs))
-    assert not (tmp_path / "again" / "alignment.json").exists()
-    assert found.transforms.tobytes() == alone.transforms.tobytes()
-    assert contents(tmp_path / "1") == contents(tmp_path / "2")
 
 
 def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path):

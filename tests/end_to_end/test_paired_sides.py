@@ -14,7 +14,6 @@ from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
 from data_tools.rotations import random_rotation
 from tests.commands import read_json, run_command
-from tests.notes import codes, only
 
 NUM = 5
 #: How often each individual was measured on each side; one has no right side.
@@ -92,23 +91,6 @@ def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
     assert "Left and right of each individual were compared" in cited
     assert "By our choice, poses of a confidence below 95 % counted as well." in cited
     assert "99 random permutations" in cited
-
-
-def test_repeats_alone_are_the_error_of_measurement(result, tmp_path):
-    collection = load(result)
-    units = [f"{who}{way}" for who, way in zip(*collection.labels.values(), strict=True)]
-    found = write_surface_variation(
-        collection,
-        tmp_path / "out",
-        individuals=units,
-        include_doubtful=True,
-        tests={"permutations": 99},
-    )
-    said = only(found.notes, "measured-again").values
-    assert (said["num"], said["measurements"]) == (9, 12)
-    assert said["repeatability"] > 0.9
-    assert "sides-compared" not in codes(found.notes)
-    assert not (tmp_path / "out" / "statistics" / "sides.csv").exists()
 
 
 def test_what_cannot_be_compared_is_refused_before_anything_is_registered(result, tmp_path):

@@ -37,18 +37,6 @@ def errors_deg(found, turns):
     return np.median(angles_deg(np.array(rights)), axis=1)
 
 
-def test_tables_of_few_points_lower_nobody(rng):
-    shapes, turns = posed_bumpy(5, rng)
-    tables = {f"{name}_table": points[::35][:18] for name, (points, _) in shapes.items()}
-    found = align(shapes | tables)
-    few = only(found.notes, "few-points")
-    assert {*few.shapes} == {*tables}
-    assert few.values["counts"] == (18,) * 5
-    assert errors_deg(found, turns).max() < 2.0
-    of_meshes = [found.confidence[found.names.index(name)] for name in turns]
-    assert min(of_meshes) >= DOUBT
-
-
 def test_exact_copies_of_few_points_are_sure():
     for num in (18, 40, 100):
         rng = np.random.default_rng(num)

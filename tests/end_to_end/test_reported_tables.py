@@ -12,7 +12,6 @@ from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.commands import run_command
 from tests.end_to_end.test_reported_inputs import bumpy
 from tests.finished_runs import angles_deg
-from tests.notes import codes
 
 RUN = RunOptions(jobs=1)
 FLAGS = ("--jobs", "1", "--no-report", "--sampling.num-points", "24")
@@ -22,22 +21,6 @@ def written(path, rows, form="%.6f", sep=" ", head=""):
     """Write rows of numbers below a heading and return the path."""
     path.write_text(head + "".join(sep.join(form % x for x in row) + "\n" for row in rows))
     return path
-
-
-def test_tables_of_landmarks_beside_meshes_are_named_and_change_no_pose(tmp_path):
-    rng = np.random.default_rng(0)
-    turns = [random_rotation(rng) for _ in range(8)]
-    for number, turn in enumerate(turns):
-        points, faces = bumpy(number, 3, own=0.15)
-        points = 10.0 * points @ turn.T
-        trimesh.Trimesh(points, faces, process=False).export(tmp_path / f"s{number}.ply")
-        written(tmp_path / f"s{number}_landmarks.csv", points[:18], sep=",", head="x,y,z\n")
-    found = align_collection(tmp_path, run=RUN, progress=False, group="SO")
-    assert found.names == tuple(f"s{number}" for number in range(8))
-    assert angles_deg(found.rotations @ turns).max() < 1.0
-    beside = next(note for note in found.notes if note.code == "landmarks-beside")
-    assert beside.values["files"] == tuple(f"s{number}_landmarks.csv" for number in range(8))
-    assert "fewer-points" not in codes(found.notes)
 
 
 @pytest.fixture(scope="module")
