@@ -13,6 +13,7 @@ from data_tools.errors import CollalignError, InputError
 from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment
 from experiments.calibration import calibrate
+from experiments.calibration.sensitivity import ROOMS, sensitivity
 from experiments.experiment import Bench
 from experiments.write import RESULTS, write_experiment, write_page
 
@@ -38,6 +39,37 @@ def run_calibration(
         The smallest sizes only, to see that everything works.
     """
     print(calibrate(name, data, collections, quick=quick).to_markdown())
+    return 0
+
+
+@app.command(name="sensitivity")
+@one_blas_thread()
+def run_sensitivity(
+    *places: str,
+    data: Path = Path("../shared/data"),
+    store: Path = Path(".cache/experiments.sqlite"),
+    jobs: int = 1,
+    quick: bool = False,
+) -> int:
+    """Measure by how much a small scoreboard moves when each tuned number is halved and doubled.
+
+    Parameters
+    ----------
+    places
+        Rooms, modules or constants by their dotted names; all that decides poses and confidences if none is named.
+    data
+        Folder of the public collections.
+    store
+        SQLite file of finished measurements, so that an interrupted one goes on.
+    jobs
+        Processes that measure side by side.
+    quick
+        One generated family only, to see that everything works.
+    """
+    store.parent.mkdir(parents=True, exist_ok=True)
+    with Store.open(store) as opened:
+        bench = Bench(data=data, store=opened, num_workers=jobs, quick=quick)
+        print(sensitivity(bench, places or ROOMS).to_markdown())
     return 0
 
 

@@ -3,11 +3,9 @@
 import ast
 import re
 import tomllib
-from types import SimpleNamespace
 
 import pytest
 
-from tests import conftest
 from tests.test_layers import ROOT, sources
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
@@ -133,24 +131,3 @@ def test_the_checks_can_fail():
     with pytest.raises(AssertionError):
         section("No such heading")
     assert described("A room.\n\n* ``a``, ``b``: two\n* **a**: a word\n") == ["a", "b"]
-
-
-def test_two_workers_share_the_files_and_one_has_those_that_kill(monkeypatch):
-    monkeypatch.setattr("xdist.scheduler.LoadFileScheduling.__init__", lambda *_: None)
-    scheduler = conftest.pytest_xdist_make_scheduler(None, None)
-    names = ("tests/test_a.py", "tests/test_b.py", *(f"tests/{name}" for name in conftest.KILLING))
-    scopes = [scheduler._split_scope(f"{name}::test_it[a/b.py]") for name in names]
-    assert scopes == [*names[:2], *["killing"] * len(conftest.KILLING)]
-
-
-def test_files_that_kill_come_first_and_quick_ones_last():
-    names = (
-        "collalign/test_a.py",
-        "data_tools/test_b.py",
-        "test_c.py",
-        "test_packaging.py",
-        "pairwise/x/test_d.py",
-    )
-    items = [SimpleNamespace(path=ROOT / "tests" / name, name=name) for name in names]
-    conftest.pytest_collection_modifyitems(items)
-    assert [item.name for item in items] == [names[at] for at in (3, 0, 2, 1, 4)]

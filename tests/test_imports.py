@@ -1,11 +1,8 @@
 """Heavy packages are imported when they are needed, and one that is missing is named with the way to get it."""
 
-import inspect
-import pkgutil
 import subprocess
 import sys
 from types import ModuleType
-from typing import Any, get_args, get_type_hints, is_typeddict
 
 import numpy as np
 import pytest
@@ -14,10 +11,7 @@ import collalign
 import pairwise
 from collalign.engine.run_options import RunOptions
 from data_tools import errors
-from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.errors import CollalignError
-from tests.test_docs import reference_names
-from tests.test_layers import PACKAGES
 
 
 def vars_of(face):
@@ -77,75 +71,6 @@ def test_every_error_is_in_the_module_of_errors():
 
 #: The modules whose names are public.
 FACES = (collalign, *(one for one in vars_of(collalign) if isinstance(one, ModuleType)), pairwise)
-
-
-def shown():
-    """Return all that is public or shown in the reference, of modules all classes that are theirs."""
-    things = [one for face in FACES for one in vars_of(face)]
-    things += map(pkgutil.resolve_name, reference_names())
-    modules = {one.__name__: one for one in things if isinstance(one, ModuleType)}
-    inner = [one for module in modules.values() for one in vars(module).values()]
-    return {id(one) for one in things} | {
-        id(one) for one in inner if getattr(one, "__module__", None) in modules
-    }
-
-
-SHOWN = shown()
-
-
-class Known(dict[str, Any]):
-    """The classes of the toolkit by name, and those of libraries that are imported when needed."""
-
-    def __missing__(self, name):
-        if name == "Figure":
-            return object
-        loaded = [m for key, m in sorted(sys.modules.items()) if key.partition(".")[0] in PACKAGES]
-        found = {vars(one)[name] for one in loaded if isinstance(vars(one).get(name), type)}
-        if len(found) != 1:
-            raise KeyError(name)
-        return found.pop()
-
-
-def named_types(hint):
-    """Yield the classes of this project that a type hint names, but dictionaries of keywords."""
-    own = isinstance(hint, type) and hint.__module__.partition(".")[0] in PACKAGES
-    if own and not is_typeddict(hint):
-        yield hint
-    for part in get_args(hint):
-        yield from named_types(part)
-
-
-def signature_types(thing):
-    """Return the classes that the signature of a function names, or the public attributes and methods of a class."""
-    members = [thing]
-    if isinstance(thing, type):
-        public = [member for name, member in inspect.getmembers(thing) if not name.startswith("_")]
-        members += [getattr(member, "fget", getattr(member, "func", member)) for member in public]
-    hints = [
-        get_type_hints(one, localns=Known())
-        for one in members
-        if isinstance(one, type) or inspect.isroutine(one)
-    ]
-    return {found for one in hints for hint in one.values() for found in named_types(hint)}
-
-
-def not_shown(things):
-    """Return the classes that signatures of functions and classes name, and that are neither public nor shown."""
-    found = {one for thing in things for one in signature_types(thing)}
-    return {one.__qualname__ for one in found if id(one) not in SHOWN}
-
-
-def test_every_type_that_a_public_signature_names_is_public_or_in_the_reference():
-    things = [one for face in FACES for one in vars_of(face) if callable(one)]
-    assert len(things) > 100
-    assert not_shown(things) == set()
-
-
-def test_a_type_that_is_not_shown_is_noticed():
-    def stray(shape: WorkingSurface): ...
-
-    assert not_shown([stray]) == {"WorkingSurface"}
-    assert not_shown([collalign.align_collection]) == set()
 
 
 def test_no_dictionary_of_keywords_is_public():

@@ -26,7 +26,7 @@ from data_tools.errors import CollalignError, InputError, OptionsError
 from data_tools.html_pages import html_page
 
 #: Largest file that the page may send, in bytes: it is read as a whole later.
-MOST_BYTES = 64 * 2**20
+MOST_UPLOADED_BYTES = 64 * 2**20
 _MOST_REQUEST_BYTES = 2**20
 #: Connections that are open at a time, and for how long one may say nothing.
 _MOST_CONNECTIONS, _SILENT_S = 32, 20.0
@@ -318,7 +318,7 @@ def served(workspace: Served, private: Path) -> Server:
             yield file
 
     def put(name: str) -> Any:
-        with received(MOST_BYTES) as file:
+        with received(MOST_UPLOADED_BYTES) as file:
             return workspace.put(name, file)
 
     def start(task: str) -> None:
@@ -326,7 +326,7 @@ def served(workspace: Served, private: Path) -> Server:
             workspace.start(task, json.load(file))
 
     own = resources.files("collalign.cli").joinpath("open_page.html")
-    more = {"results": f"result/{doors.results}/", "mostBytes": MOST_BYTES}
+    more = {"results": f"result/{doors.results}/", "mostBytes": MOST_UPLOADED_BYTES}
     app.add_hook("before_request", guard)
     app.install(plain)
     app.get(base, callback=lambda: page(own, _PAGE_POLICY))

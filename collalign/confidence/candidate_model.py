@@ -24,10 +24,8 @@ EVIDENCE = (
     "roughness",
     "orientation",  # times the determinant of the pose, so that 1 is right for mirrored poses too
 )
-#: Log-odds lost per unit of the logarithm of each disagreement, up to :data:`MOST_EXCESS`: a conditional logit of
-#: which pose of a pair is within 25 deg of the landmarks', over the 190 pairs each of eight classes of SHREC07, equal
-#: weight a class, rounded. Orientation adds nothing to the others there. ``python -m experiments calibrate evidence``
-#: fits them again, as well as without each class.
+#: Log-odds lost per unit of the logarithm of each disagreement, up to :data:`MOST_EXCESS`. Fitted by ``python -m
+#: experiments calibrate evidence``.
 WEIGHTS = {
     "energy": 9.7,
     "surface": 4.7,
@@ -37,26 +35,15 @@ WEIGHTS = {
     "roughness": 7.2,
 }
 #: A kind of evidence says no more against a pose than that it is this much (in logarithms) worse than the pair's
-#: best: beyond, only the kind itself may not hold for these shapes. Normals of matched points of planes differ by .9
-#: between poses, three times as much as elsewhere, and as often for the wrong pose as for the right one. Share of the
-#: pairs whose likeliest pose is right, each class by weights fitted without it, without a limit, with this and
-#: without normals: planes .62, .76, .76; humans .74, .76, .70; glasses .86, .92, .84; ants .86, .86, .87; armadillos,
-#: birds, fish and teddy bears alike within .02. Shapes of 20 planes that are right after synchronization: 13, 20, 20.
-#: Limits from .15 to .25 are alike; chosen on these classes.
+#: best: beyond, only the kind itself may not hold for these shapes.
 MOST_EXCESS = 0.2
-#: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit of
-#: which candidate is right gives 5.15 and 15.5 to the logarithms of both (16 classes of SHREC07, CAPOD, SCAPE and
-#: molars, 40 pairs each, equal weight a class); the powers are these over 12, what it gave to the costs used before.
-#: With both, the right candidate is first in .841 of the pairs, with energies alone in .798, no class less. All 16
-#: classes were in the fit. The mean squared distance of closest dense points, used before, gets no weight beside.
+#: Powers of energy and mismatch in the costs of candidates, and what is added to the mismatch. A conditional logit
+#: of which candidate is right.
 ENERGY_POWER, MISMATCH_POWER, LEAST_MISMATCH = 0.43, 1.29, 0.05
 #: Costs count as no smaller than this in logarithms.
 LEAST_COST = float(np.finfo(float).tiny)
 #: How many times as telling as the logarithms of costs the odds of candidates are, and the log-odds that none is
-#: right against the best: fitted on 10 920 pairs of 151 runs over 22 collections, those right that are within 25 deg
-#: of the final poses of two shapes that are within 20 of the truth. With each collection left out, stated and right
-#: differ by .10 on average, and of the likeliest candidates at .9 or more 98 % are right. Log-odds of maps are taken
-#: as they are: on the pairs of :data:`WEIGHTS`, each class left out, the best factor is 1.01 to 1.11.
+#: right against the best. Fitted; log-odds of maps are taken as they are.
 COST_TRUST, NONE_RIGHT = 24.0, -2.35
 
 

@@ -12,10 +12,7 @@ from data_tools.arrays import FloatArray
 
 #: Log-odds that two shapes are of one kind: a constant, and the weights of the least mismatch of their
 #: neighbourhoods at any of their poses, and of the logarithms of two distances that no pose changes
-#: (:func:`collalign.stages.kinds.pose_free.kind_descriptors`). A logistic model of 2357 pairs of 133 shapes: nine
-#: classes of SHREC07, seven of CAPOD, molars, mouse skulls, feet, guns and seats of game packs, each class of equal
-#: weight; rounded. Dolphins, guns and vases of CAPOD, and fish and humans of SHREC07, were held out of the fit. With
-#: all classes the weights are 6.8, -12.7, -1.6 and -0.7.
+#: (:func:`collalign.stages.kinds.pose_free.kind_descriptors`). A logistic model.
 CONSTANT, MISMATCH, SHELLS, DESCRIPTOR = 6.9, -11.6, -1.3, -0.6
 #: The same before two shapes are matched: by the two distances alone.
 FREE_CONSTANT, FREE_SHELLS, FREE_DESCRIPTOR = -6.4, -2.5, -1.8
@@ -24,9 +21,7 @@ LEAST_DISTANCE = 0.02
 #: Two groups are of different kinds only if the log-odds of their nearest members are below this on average, ...
 MOST_ALIKE = 1.0
 #: ... and the mean log-odds of the nearest kin within each are above those by this, and by :data:`FEW` over the
-#: members of the smaller group: single shapes may be odd. Random draws of one class of the shapes above have at most
-#: 2.6; those of two classes that a person tells apart at a glance 3.0 to 12, birds and planes .4. All classes were
-#: looked at when this was chosen.
+#: members of the smaller group: single shapes may be odd.
 LEAST_GAP, FEW = 2.6, 2.0
 #: The same before pairs are matched, where a second look follows.
 LEAST_FREE_GAP = 1.0

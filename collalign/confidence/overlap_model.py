@@ -8,20 +8,13 @@ from data_tools.arrays import FloatArray
 from pairwise.features.depth_images import conflict
 from pairwise.features.overlap import LocalPoses
 
-#: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line of
-#: sight is not known. Explained is 1 / (share of the smaller surface without a partner + 0.1): all of a
-#: part lies on its whole. Fitted on depth images, without their lines of sight, of an armadillo, a teddy bear, a bird
-#: and a chair, and on pieces of 20 to 80 % cut off chairs and horses, against their wholes and against another kind
-#: of shape. Held back were teeth and generated blobs: mean log loss .44 of 90 pairs of depth images, .15 of 52 pieces
-#: (with the overlap of both surfaces .44 and .89) and .18 of 16 pieces on another kind; 67 at .95 or more, none
-#: wrong.
+#: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line
+#: of sight is not known. Explained is 1 / (share of the smaller surface without a partner + 0.1): all of a part
+#: lies on its whole. Fitted on depth images and cut shapes.
 WEIGHTS = (2.8, 1.2, -0.6)
 UNEXPLAINED = 0.1
 #: Log-odds per logarithm of consensus plus the last number, against a pose per unit of conflict with lines of
-#: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on all pairs of
-#: 15 depth images each of a person, a bird, a chair, a teddy bear, an ant and two generated blobs. Each left out in
-#: turn: mean log loss .19 to .32, of blobs 1.1 and 2.2: smooth round things are another kind. Overlap tells no
-#: more.
+#: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on depth images.
 SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01

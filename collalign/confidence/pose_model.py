@@ -30,60 +30,29 @@ from data_tools.arrays import BoolArray, FloatArray
 
 #: Limits of agreement, margin, local margin and lead: beyond them nothing was seen when the weights were fitted.
 LIMITS = np.array([(0.0, 1.0), (-0.3, 0.8), (-0.3, 0.8), (-2.0, 4.0)])
-#: Their weights, and the constant: fitted on 1643 shapes of 151 runs over eleven real and nine generated collections,
-#: those whose mirror image was asked for left out. Runs had up to 40 shapes, and votes one vote added on either side;
-#: ``python -m experiments calibrate confidence`` fits them again on runs of up to 12, and with half a vote. Judged by
-#: weights fitted without each collection, 97 % of the shapes at .95 or more were right (crowns of both sides 84,
-#: strongly deformed ones 72 %), the calibration error was .03. Neither votes of the strongest rival, nor
-#: probabilities instead of votes, nor the number of shapes, nor whether maps were asked for, nor margins of inner and
-#: outer points help, nor what points and maps ask for by themselves. Fitted anew with planes and birds they are no
-#: better, nor on 440 shapes in twos to sixes of 30 generated families, each left out in turn: log-loss .426 against
-#: .424, as many wrong at .95 or more (7), half as many right ones at .9.
-#:
-#: That fit knew no neighbourhoods, and gave the margin 3. Local margin and margin share these 3: a logistic model of
-#: which of two poses is right, truth or rival, gives a margin alone 19.1, and both 10.0 and 8.8 (shapes in fours: 33
-#: draws of 13 generated families and of SHREC07, CAPOD, teeth, skulls and SCAPE; equal weight a draw). With each draw
-#: left out in turn the log-loss is .018 with both, .031 with dense points, .031 with neighbourhoods alone.
+#: Their weights, and the constant. Fitted by ``python -m experiments calibrate confidence``; local margin and
+#: margin share the weight of the margin as in a logistic model of which of two poses is right.
 AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT, CONSTANT = 10.0, 1.6, 1.4, 0.6, -5.85
 WEIGHTS = np.array([AGREEMENT_WEIGHT, MARGIN_WEIGHT, LOCAL_WEIGHT, LEAD_WEIGHT])
 #: No more is stated than a logistic model of two things allows, or half of what is above :data:`UNCERTAIN`: of
 #: :func:`cycle_log_odds`, and of the block margin. Its constant and weights. Few shapes may all agree on a wrong
-#: pose, and so do many of which a block is rotated: their pairs err together, so that log-odds above the last number
-#: count as that. Chosen on 342 draws of 38 generated families, on 230 of 48 others (chains, bodies that bend either
-#: way, features on either side), and on 90 of real collections and of those of ``experiments confidence``. With the
-#: local margin in place of the block margin, and no bound, 28 of 1795 shapes at .95 or more were wrong, now 6 of
-#: 1684. Weights chosen on a random half of the families leave 1.0 % wrong on the other half. Two families are
-#: not counted of which nothing shows the truth: 17 of their shapes are wrong at .95 or more, as many as before.
-#: Tried on 514 of these draws: distinctness that counts only as far as places of the surface contradict the pose.
-#: With weights chosen on the 48 families it has 660 in place of 594 right on the others, but 9 in place of 5 wrong.
-#: Nor do monotone boosted trees of all evidence rank better, families left out in turn.
-#:
-#: Where cycles tell nothing, as among three shapes, more than :data:`UNCERTAIN` is stated only if the local margin is
-#: at least the last number. It was chosen on the 38 families in threes: 141 shapes were stated at .95 or more. The
-#: five wrong ones are below it, as are 18 right ones. On three other seeds of these families none of 130 is wrong. Of
-#: 660 right shapes of ``experiments confidence`` 34 are below.
+#: pose, and so do many of which a block is rotated: their pairs err together, so that log-odds above the second
+#: number count as that. Where cycles tell nothing, as among three shapes, more than :data:`UNCERTAIN` is stated
+#: only if the local margin is at least the last number.
 LIMIT_WEIGHTS, MOST_CYCLES, LEAST_LOCAL = np.array([2.8, 0.3, 3.0]), 5.0, 0.26
 #: A rival whose excess is below this, and over which the lead is below that, is as good as the reported pose: half
 #: turns of boxes, cylinders and spheres, over which no pair leads at all. Of other shapes that dense points leave
 #: undecided, those whose pairs lead by more are right in 97 %.
 TIED, TIED_LEAD = 0.02, 1.0
 #: Turns after which the shapes of a part cost so little more, on average over them, and over which their pairs lead
-#: by less than :data:`TIED_LEAD`, leave the part as it is. Of poses that are alike the answer takes the better ones,
-#: by up to .03 on generated tables, square boxes and cups, each with its own mesh and bumps; human figures front to
-#: back cost .09 more, planes upside down .12, cups with a handle .08 (20 and 8 shapes; some sixes of figures .02).
+#: by less than :data:`TIED_LEAD`, leave the part as it is.
 ALIKE = 0.04
 #: The mismatch of a shape's neighbourhoods with its own after such a turn: up to .40 for boxes, cubes, cylinders and
 #: stars of 1200 vertices, .43 for the eight legs of spiders, whose thin limbs dense points miss.
 ALIKE_MISMATCH = 0.41
-#: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds the first, after
-#: a share of its misfit was added: that is the log of the mismatch over the median shape's, which exceeds the third.
-#: Intruders among four figures, skulls, chairs, teeth or bumped ellipsoids reach 1.01 to 1.26 and misfits of .65 or
-#: more, at the best of the poses that were tried; of 160 shapes of 41 draws at their true poses a piano of another
-#: build has .96, others less, clouds of uneven density 1.0 with no misfit. No intruder stands out among armadillos,
-#: which mismatch each other by .85.
-#: There is nothing that such a shape could be aligned with. Nor is a shape right of which dense points and
-#: neighbourhoods both prefer another pose: 7 of 10 that were stated at .5 or more were wrong, in twos to sixes of 37
-#: generated families and 9 classes.
+#: A shape resembles no other where the mismatch with its most similar partner (1 is chance) exceeds the first,
+#: after a share of its misfit was added: that is the log of the mismatch over the median shape's, which exceeds the
+#: third.
 STRANGE, MISFIT_SHARE, LEAST_MISFIT = 1.0, 0.15, 0.4
 #: Chances of a pair to be right, evenly spaced, over which the odds of :func:`cycle_log_odds` are averaged.
 NUM_CHANCES = 500

@@ -12,38 +12,27 @@ from data_tools.arrays import BoolArray, FloatArray
 
 #: Share of landmarks that lie within their radius.
 COVERAGE = 0.9
-#: How much the spread of the templates counts against the landmark's error on other templates, and the powers of what
-#: else foretells errors. Chosen on 44 molars and 22 mouse skulls with seven templates, by the rank correlation of
-#: radius and error: .559 and .522; without these three .506 and .521. ``python -m experiments calibrate radii`` tries
-#: others on 16 of each.
+#: How much the spread of the templates counts against the landmark's error on other templates, and the powers of
+#: what else foretells errors (``python -m experiments calibrate radii``).
 _SPREAD_WEIGHT, _DISTANCE_POWER, _RESIDUAL_POWER = 1.5, 0.3, 0.1
 #: Distances and residuals below these parts of the radius say no more.
 _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
-#: Residuals beyond the largest on templates are out of the calibrated range, though never those below this, in radii.
-#: With seven templates, .8 % of 480 landmarks of 30 molars are out of it, which err by .71 radii where all err by
-#: .15, and .3 % of 1530 landmarks of 30 mouse skulls, which err as all do.
-#: Variations below it are below those that radii of few templates were fitted to: errors are the hand's.
+#: Residuals beyond the largest on templates are out of the calibrated range, though never those below this, in
+#: radii. Variations below it are below those that radii of few templates were fitted to: errors are the hand's.
 LEAST_RANGE = 0.05
 #: What radii of few templates follow says no more below these: hold, which has its own least, and slip, misfit and
 #: spread in parts of the variation. That of slip was chosen without the long bones, where a smooth shaft lets nothing
 #: slip.
 LEAST_SHOWN = (0.0, 0.25, 0.01, 0.01)
-#: Of one, two and three templates: a factor, and powers of hold, slip, misfit and spread. ``python -m experiments
-#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, fish, planes and birds; factors are
-#: rounded up. Held out in turn, these have rank correlations of radius and error of .40, .40, .40, .72, .51, .61 and
-#: .42 with one template, and .57, .51, .47, .71, .55, .60 and .58 with three. On average 89 to 90 % of the errors of
-#: a class that is held out are within its radii: 73 % (teddies) to 99 % (mouse skulls) with one template, 85 to 98 %
-#: with three.
+#: Of one, two and three templates: a factor, and powers of hold, slip, misfit and spread. Fitted by ``python -m
+#: experiments calibrate few_radii``; factors are rounded up.
 OF_FEW = (
     (2.5, -0.26, 0.57, 0.34, 0.0),
     (2.1, -0.26, 0.57, 0.34, 0.095),
     (1.9, -0.26, 0.57, 0.34, 0.17),
 )
-#: Ellipsoids of one, two and three templates are so many times the held slip. Chosen on 14 molars, 14 mouse skulls
-#: and 14 long bones, so that they hold nine of ten errors of each: 90 % (molars) to 99 % (bones) with one template,
-#: 92 to 98 % with two, 90 to 95 % with three. Of ten planes and ten birds, which were held back, they hold 94 to 98 %
-#: and 84 to 94 %. Of teddies, whose limbs differ, they hold 74, 83 and 84 %; twice the size for one template holds
-#: 90 %, and doubles those of all others. ``python -m experiments calibrate ellipsoids`` measures them again.
+#: Ellipsoids of one, two and three templates are so many times the held slip, so that they hold nine of ten errors
+#: (``python -m experiments calibrate ellipsoids``).
 ELLIPSOIDS_OF_FEW = (3.75, 2.35, 1.75)
 #: Held slips below this part of the radius say no more.
 _LEAST_HELD = 2e-3

@@ -33,32 +33,19 @@ from data_tools.errors import InputError
 #: Fewer shapes than this are mirrored by their surfaces alone, not by fits: any few pairs agree with some two sides.
 MIN_SHAPES = 6
 #: Sides that fits find are real where their median preference over all pairs, times their agreement by surfaces, is
-#: at least this, and at most this share of the preferences contradicts them. Of sets of 8 whose sides were likely,
-#: bilateral shapes that bend had up to 7.7e-5 (fish, lizards, plates; tubes, birds and humans, held out, 1.6e-5),
-#: molars of both sides or with one mirrored at least 15.6e-5 (16 of 17 sets, nine of them held out) and once 6.8e-5.
-#: Mixed hands, nearly symmetric front to back, had 13e-5 for wrong sides that 9 % contradicted.
+#: at least this, and at most this share of the preferences contradicts them.
 LEAST_CONFIRMED, MOST_CONTRADICTED = 1.1e-4, 0.04
-#: Sides that are not confirmed stay open where fits suspect them and surfaces agree with them at least by the first:
-#: molars and rough crowns of both sides that were not mirrored had 1.9e-4 or more. Of 38 sets of 8 of one side in
-#: which fits suspect two, hands and three of flat plates had up to 4.5e-4, all others, bent or not, 1.8e-4 at most.
-#: They stay open as well where the sides that surfaces support best agree at least by the second: sets of one side
-#: had 4.8e-4 at most, but for ellipsoids with one big bump each, which are mirror images but for that.
+#: Sides that are not confirmed stay open where fits suspect them and surfaces agree with them at least by the
+#: first, or where the sides that surfaces support best agree at least by the second.
 LEAST_OPEN, LEAST_OPEN_ALONE = 1.85e-4, 6e-4
 #: Two sides of one kind fit each other, one of them mirrored or not, up to so many times as badly as each side fits
 #: itself. Nine sets of crowns, bent figures and quadrupeds had .8 to 1.2; blobs and figures in one folder had 30.
 MOST_BETWEEN = 2.0
-#: Surfaces name the sides alone where the support of every shape is at least the first. In sets without a mix, those
-#: above and mugs, starfish and six classes of SHREC07, the best sides had 3.1e-4 or less in their weakest shape;
-#: generated blobs with one mirrored had 1.6e-3 or more, bones with some mirrored, held out, 2.0e-3.
-#: Sides that surfaces name alone are in doubt where one place of 15 % of the area tells the second share of them, in
-#: the median shape. Ellipsoids with one big bump each, anywhere, had .53 to .60 in sets of 6 and 8, and .50 to .63 in
-#: sets of 3 (seven draws; four held out). Blobs, bones and ellipsoids of one kind, some of them mirrored, had .24 to
-#: .44. Of 150 subsets of 3 to 24 molars sides are clear in eight, which had .42 to .49, and one of five molars .53.
+#: Surfaces name the sides alone where the support of every shape is at least the first. They are in doubt where one
+#: place of 15 % of the area tells the second share of them, in the median shape.
 LEAST_ALONE, LARGEST_PLACE = 1e-3, 0.51
 #: Sides that fits find likely: least median preference between them, most contradicted, least balance; half of the
-#: first, over few pairs, makes it worth to match more. Of generated
-#: crowns these were there in 8 of 9 draws of both sides and in 6 of 12 with one mirrored crown, and in no subset of
-#: chairs, fish, ants, skulls or crowns of one side; bodies in asymmetric poses pass.
+#: first, over few pairs, makes it worth to match more.
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8
 #: Least sum of a shape's preferences by that of their sizes at which its side is sure, where sides are not clear.
 LEAST_OWN = 0.6

@@ -19,7 +19,7 @@ from data_tools.poses import AGREE_DEG, keep_apart, pose_angle_deg
 from data_tools.rotations import rotation_angles
 
 #: Cycles of three pairs looked at, spread evenly over all of them.
-MOST_CYCLES = 20_000
+MOST_CYCLES_SEEN = 20_000
 #: Poses kept per pair.
 MOST_PAIR_POSES = 4
 #: In place of the labels of a pair that uses the collection's own correspondence.
@@ -48,7 +48,7 @@ def by_label(positions: FloatArray, labels: IntArray) -> FloatArray:
 def cycle_errors_deg(pairs: Sequence[Pair], num_shapes: int) -> FloatArray:
     """Return angles (c,) left by R_ij R_jk R_ki, each pair giving its own likeliest pose; 180 where a cycle mirrors.
 
-    At most :data:`MOST_CYCLES` cycles are looked at, evenly spaced in a fixed order.
+    At most :data:`MOST_CYCLES_SEEN` cycles are looked at, evenly spaced in a fixed order.
     """
     found = {
         (pair.target, pair.source): pair.rotations[np.argmin(pair.doubts), :3, :3] for pair in pairs
@@ -72,7 +72,9 @@ def _some_triangles(
     common = [np.intersect1d(later[i], later[j], assume_unique=True) for i, j in edges]
     ends = np.cumsum([len(shapes) for shapes in common])
     total = int(ends[-1]) if len(ends) else 0
-    wanted = np.unique(np.linspace(0, max(total - 1, 0), min(total, MOST_CYCLES)).astype(np.int64))
+    wanted = np.unique(
+        np.linspace(0, max(total - 1, 0), min(total, MOST_CYCLES_SEEN)).astype(np.int64)
+    )
     triangles = []
     for number in wanted:
         at = int(np.searchsorted(ends, number, side="right"))

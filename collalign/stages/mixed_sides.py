@@ -44,10 +44,8 @@ from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
 from pairwise.dense import DensePoints, refine_pose
 
-#: Of the pilot's looks, the first one and that where it leaves a suspicion: nearest partners of each shape, poses of
-#: either kind of their pairs that are refined on dense samples, and by how many steps at most. In the
-#: median of 18 generated collections of crowns of both sides one pose and four steps have .037 of the preferences
-#: wrong, by size, three and fifteen .005.
+#: Of the pilot's looks, the first one and that where it leaves a suspicion: nearest partners of each shape, poses
+#: of either kind of their pairs that are refined on dense samples, and by how many steps at most.
 LOOKS = ((2, 1, 4), (6, 3, 15))
 #: Of several poses of a kind, the one that fits best after so many steps is refined to the end.
 FIRST_STEPS = 4

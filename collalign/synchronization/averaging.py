@@ -147,7 +147,7 @@ def _conjugate_gradients(
 
 
 #: No pair weighs less than this share of the heaviest: the equations keep full rank.
-LEAST_SHARE = 1e-9
+NEGLIGIBLE_SHARE = 1e-9
 
 #: Steps of the likelihood at most; they end with a step shorter than this, radians.
 MAX_LIKELIHOOD_STEPS, LIKELIHOOD_STEP = 30, 1e-4
@@ -220,7 +220,7 @@ def average_frames(
     heaviest = float(weights.max(initial=0.0))
     if not heaviest > 0:
         return frames
-    floor = LEAST_SHARE * heaviest
+    floor = NEGLIGIBLE_SHARE * heaviest
     for _ in range(MAX_REWEIGHTINGS):
         residuals = np.maximum(residuals_deg(frames, edges, measured), SMALLEST_RESIDUAL_DEG)
         current = weights * SMALLEST_RESIDUAL_DEG / residuals

@@ -54,7 +54,7 @@ class SynchronizationResult:
 
 
 #: No confidence is stated beyond this: the model itself may be wrong.
-MOST_CONFIDENT = 0.999
+MOST_BELIEVED = 0.999
 
 
 def assess(
@@ -77,7 +77,7 @@ def assess(
     alternatives : list of tuple of Alternative
         Per shape.
     """
-    beliefs = np.minimum(state.beliefs[:, 0], MOST_CONFIDENT)
+    beliefs = np.minimum(state.beliefs[:, 0], MOST_BELIEVED)
     confidence = beliefs * (0.5 + 0.5 * np.minimum(1.0, evidence(state)))
     confidence[~free] = 1.0
     return confidence, pose_alternatives(state, frames)

@@ -86,7 +86,7 @@ DENSE_SHARE = 0.2
 #: Lanczos vectors kept, at least and per eigenvector, and restarts at most.
 LEAST_LANCZOS, LANCZOS_FACTOR, MAX_RESTARTS = 20, 4, 300
 #: How far above the largest eigenvalue the factored matrix is shifted.
-SHIFT = 1e-6
+EIGENVALUE_SHIFT = 1e-6
 #: Alternations of assignments and rotations, at most; they end when the energy falls by less than this share of it.
 MAX_ALTERNATIONS, ALTERNATION_TOL = 100, 1e-6
 
@@ -152,7 +152,9 @@ def leading_eigenvectors(matrix: LinearOperator, count: int) -> tuple[FloatArray
             operator, k=count, which="LA", v0=start, ncv=size, maxiter=MAX_RESTARTS
         )
     except ArpackNoConvergence:
-        values, vectors = eigsh(matrix.tocsc(), k=count, sigma=1.0 + SHIFT, which="LM", v0=start)
+        values, vectors = eigsh(
+            matrix.tocsc(), k=count, sigma=1.0 + EIGENVALUE_SHIFT, which="LM", v0=start
+        )
     order = np.argsort(values, kind="stable")
     return values[order], vectors[:, order]
 

@@ -158,9 +158,9 @@ def template_maps(
 
 #: Registrations of the collection: from its medoid, and then from the mean of those. A third changes the error of
 #: landmarks carried over by less than .5 % (eight mouse skulls).
-NUM_ROUNDS = 2
+NUM_MEAN_ROUNDS = 2
 #: Larger meshes are decimated to so many triangles before they are registered.
-MAX_FACES = 25_000
+MAX_MEAN_FACES = 25_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,7 +198,7 @@ def correspond(
     starts: Mapping[str, BothWays] = {}
     if maps is not None:
         starts = template_maps(maps, stored_shape(files[reference]), source, file_vertices)
-    for _ in range(NUM_ROUNDS):
+    for _ in range(NUM_MEAN_ROUNDS):
         registered = _register_all(session, files, source, starts)
         found, failed = dict(registered), registered.failures
         if len(found) < 2:
@@ -325,7 +325,7 @@ def posed_shape(file: PosedFile) -> tuple[Shape, IntArray]:
         The file's vertex at, or nearest to, each of its vertices.
     """
     shape = file.read()
-    working = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES))
+    working = WorkingSurface(shape, SamplingOptions(max_faces=MAX_MEAN_FACES))
     return working.shape.transformed(file.transform), shape.file_indices[working.to_original]
 
 
@@ -410,7 +410,7 @@ def choose_template(files: Sequence[PosedFile]) -> int:
             shape = files[at].read()
         except InputError:
             continue  # its registration fails as well, and says why
-        every = -(-len(shape.vertices) // MAX_FACES)
+        every = -(-len(shape.vertices) // MAX_MEAN_FACES)
         clouds[at] = _of_unit_size(moved_by(files[at].transform, shape.vertices[::every]))
         if len(shape.faces) and not len(
             boundary_edges(shape.faces)

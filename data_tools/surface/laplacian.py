@@ -21,11 +21,11 @@ from data_tools.surface.topology import counted_edges, face_areas
 from data_tools.threads import one_blas_thread
 
 #: Neighbours of a point in clouds.
-NUM_NEIGHBOURS = 16
+NUM_CLOUD_NEIGHBOURS = 16
 #: Cotangent weights beyond this mean needle triangles: the tufted Laplacian is used.
 MAX_COTANGENT = 1e4
 #: Shift of the shift-invert iteration, for surfaces of unit area (whose first eigenvalues are about 10).
-SHIFT = -0.01
+SPECTRUM_SHIFT = -0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def surface_operators(shape: Shape) -> SurfaceOperators:
     InputError
         If a point cloud has too few points, or the operator is not finite.
     """
-    if not shape.is_mesh and len(shape.vertices) <= NUM_NEIGHBOURS:
+    if not shape.is_mesh and len(shape.vertices) <= NUM_CLOUD_NEIGHBOURS:
         raise InputError(
             f"{shape.name}: {len(shape.vertices)} points are too few for a surface. If they are landmarks, move "
             "their file out of the folder; if they are all there is, use --embedding.kind xyz"
@@ -125,7 +125,7 @@ def vertex_areas(shape: Shape) -> FloatArray:
     """
     if shape.is_mesh:
         return _lumped_areas(shape.vertices, shape.faces)
-    num = min(NUM_NEIGHBOURS, len(shape.vertices) - 1)
+    num = min(NUM_CLOUD_NEIGHBOURS, len(shape.vertices) - 1)
     distances, _ = cKDTree(shape.vertices).query(shape.vertices, k=num + 1)
     return np.pi * distances[:, -1] ** 2 / num
 
@@ -153,7 +153,12 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
     matrix = csc_array(scaling @ operators.stiffness @ scaling)
     try:
         values, functions = eigsh(
-            matrix, k=num + 1, sigma=SHIFT, v0=start, tol=1e-9, OPinv=_shifted_inverse(matrix)
+            matrix,
+            k=num + 1,
+            sigma=SPECTRUM_SHIFT,
+            v0=start,
+            tol=1e-9,
+            OPinv=_shifted_inverse(matrix),
         )
     except (ArpackError, RuntimeError) as error:
         raise InputError(
@@ -172,7 +177,7 @@ def spectrum(operators: SurfaceOperators, num: int, *, name: str = "shape") -> S
 
 def _shifted_inverse(matrix: csc_array) -> LinearOperator:
     """Return the inverse of a positive semidefinite matrix minus the shift."""
-    shifted = csc_array(matrix - SHIFT * diags_array(np.ones(matrix.shape[0])))
+    shifted = csc_array(matrix - SPECTRUM_SHIFT * diags_array(np.ones(matrix.shape[0])))
     return LinearOperator(matrix.shape, matvec=factor_symmetric(shifted).solve, dtype=np.float64)
 
 
@@ -211,7 +216,7 @@ def _tufted_operators(shape: Shape) -> SurfaceOperators:
                 axis=0
             )  # its triangles depend on where the origin is
             stiffness, mass = robust_laplacian.point_cloud_laplacian(
-                centred, n_neighbors=NUM_NEIGHBOURS
+                centred, n_neighbors=NUM_CLOUD_NEIGHBOURS
             )
     except RuntimeError:  # its message names lines of C++, not what is wrong with the shape
         raise InputError(

@@ -14,15 +14,8 @@ from collalign import load
 from collalign.batch import estimate_job, read_batch, run_batch
 from collalign.engine.run_options import RunOptions
 from collalign.engine.store import Store
-from collalign.options import AlignOptions
-from collalign.stages.forecast import forecast, try_shapes
 from data_tools.datasets.synthetic import write_collection
-from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.objects import list_shapes
-from data_tools.io.shapes import write_mesh
-from data_tools.options import SamplingOptions
-from data_tools.surface.shape import Shape
 from tests.commands import run_command
 from tests.finished_runs import chairs
 
@@ -182,18 +175,6 @@ def test_one_bad_folder_does_not_stop_the_others(folder):
     assert estimate.stages_s["poses"] > 0  # of which no store keeps anything
 
 
-@pytest.mark.parametrize(
-    ("incomplete", "num_shapes", "looked_for"),
-    [("auto", 40, True), ("auto", 2, False), ("none", 40, False)],
-)
-def test_incomplete_shapes_cost_where_they_are_looked_for(incomplete, num_shapes, looked_for):
-    costs = 1.0
-    kinds = dict.fromkeys(("shapes", "pairs", "surfaces", "evidence"), costs)
-    estimate = forecast(kinds, (num_shapes, 0), (10, 10), AlignOptions(incomplete=incomplete), 1)
-    assert ("incomplete shapes" in estimate.stages_s) == looked_for
-    assert estimate.stages_s["maps"] == num_shapes + 10.0 + 4.0 * num_shapes
-
-
 @pytest.mark.parametrize("flags", [[], ["--dry-run"]])
 def test_an_unreadable_folder_does_not_stop_the_others(flags, folder, monkeypatch):
     refuse_to_list(folder / "secret", monkeypatch)
@@ -214,31 +195,6 @@ def refuse_to_list(folder, monkeypatch):
         return listing(path)
 
     monkeypatch.setattr(Path, "iterdir", iterdir)
-
-
-def test_matching_by_other_pieces_is_part_of_the_estimate():
-    costs = {"shapes": 1.0, "pairs": 0.5, "surfaces": math.nan, "evidence": math.nan}
-    once, twice = (
-        forecast(costs, (6, 6), (15, 15), AlignOptions(), 1, is_assembled=second)
-        for second in (False, True)
-    )
-    assert "pieces" not in once.stages_s
-    assert twice.stages_s["pieces"] == pytest.approx(6 * 1.0 + 15 * 0.5)
-    assert twice.seconds == pytest.approx(once.seconds + twice.stages_s["pieces"])
-    assert twice.tasks["pieces"] == 21
-
-
-def test_a_trial_says_whether_shapes_are_assembled_of_components(folder):
-    rng = np.random.default_rng(0)
-    for at in range(2):
-        pieces = [blob(rng, num_vertices=200) for _ in range(2)]
-        vertices = np.concatenate([pieces[0].vertices, pieces[1].vertices + 5.0])
-        faces = np.concatenate([pieces[0].faces, pieces[1].faces + len(pieces[0].vertices)])
-        write_mesh(folder / "assembled" / f"{at}.ply", Shape.from_arrays(vertices, faces))
-    options = AlignOptions(group="SO", sampling=SamplingOptions(num_points=16, num_dense_points=0))
-    run = RunOptions(jobs=1)
-    assert try_shapes(list_shapes(folder / "assembled"), options, run).is_assembled
-    assert not try_shapes(list_shapes(folder / "chairs"), options, run).is_assembled
 
 
 def test_python_runs_a_batch_and_says_what_failed(folder):

@@ -171,16 +171,6 @@ def test_a_log_is_not_waited_for(tmp_path):
     assert "is not a regular file" in said.err
 
 
-def test_a_log_is_appended_to_through_an_empty_file_and_later_runs(tmp_path):
-    path = tmp_path / "log"
-    path.touch()
-    for times in (1, 2):
-        run_command("status", tmp_path, "--log", path, ends=2)
-        lines = path.read_text().splitlines()
-        assert lines[0] == "# log of collalign"
-        assert len([line for line in lines if line.endswith("exit code 2")]) == times
-
-
 def test_control_characters_in_names_reach_no_output(tmp_path):
     shapes, out, red = tmp_path / "in", tmp_path / "out", "\x1b[31m"
     shapes.mkdir()

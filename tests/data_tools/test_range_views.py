@@ -54,14 +54,6 @@ def test_points_of_a_view_lie_on_the_mesh_and_nothing_hides_them():
     assert cKDTree(points).query(hidden)[0] > 0.3 * radius
 
 
-def test_noise_moves_along_the_line_of_sight_and_is_that_of_the_generator():
-    shape = Shape.from_arrays(*sphere_mesh(1000), name="sphere")
-    plain, noisy, again = (seen(shape, [0.0, 0.0, 1.0], noise=share) for share in (0.0, 0.1, 0.1))
-    assert np.std((noisy - plain)[:, 2]) == pytest.approx(0.1, rel=0.1)
-    np.testing.assert_allclose(noisy[:, :2], plain[:, :2], atol=1e-12)
-    np.testing.assert_array_equal(noisy, again)
-
-
 def test_finer_pixels_see_more_and_clouds_are_refused():
     shape = Shape.from_arrays(*sphere_mesh(1000), name="sphere")
     assert len(seen(shape, [1.0, 0.0, 0.0], pixels=60)) > 3 * len(

@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
 from data_tools.surface.geodesics import GeodesicSolver
 from data_tools.surface.topology import mesh_edges
-from experiments.ground_truth import landmark_rotation
 
 
 def test_bumps_have_the_stated_size_and_keep_the_mesh(rng):
@@ -72,17 +70,6 @@ def test_collection_truth_undoes_the_poses(rng, group):
         assert np.linalg.det(shape.vertices[shape.faces] - shape.vertices.mean(axis=0)).sum() > 0
     if group == "SO":
         assert not any(collection.reflected)
-
-
-def test_relative_rotation_is_what_corresponding_vertices_say(rng):
-    base = chair()
-    collection = planted_collection((base, replace(base, name="other")), rng, group="O")
-    points = [
-        s.vertices[np.argsort(o)]
-        for s, o in zip(collection.shapes, collection.origins, strict=True)
-    ]
-    found = landmark_rotation(points[0], points[1], group="O")
-    np.testing.assert_allclose(found, collection.relative_rotation(0, 1), atol=1e-9)
 
 
 def test_repeated_names_are_refused(rng):

@@ -8,11 +8,8 @@ from data_tools.datasets.synthetic_shapes import (
     chair,
     crown,
     figure,
-    smooth_field,
     sphere_mesh,
-    voxel_surface,
 )
-from data_tools.surface.shape import Shape
 from data_tools.surface.topology import (
     boundary_edges,
     is_open_surface,
@@ -79,19 +76,3 @@ def test_crown_is_open_with_one_rim():
 def test_chair_has_one_mirror():
     assert distance_to_itself(chair(), np.diag([-1, 1, 1])) < 1e-9
     assert distance_to_itself(chair(), np.diag([-1, -1, 1])) > 0.5
-
-
-def test_voxel_surface_without_smoothing_is_the_box():
-    vertices, faces = voxel_surface(np.ones((2, 3, 4), dtype=bool), resolution=1, smoothing=0)
-    shape = Shape.from_arrays(vertices, faces)
-    assert volume(shape) == pytest.approx(24)
-    assert shape.area == pytest.approx(2 * (6 + 8 + 12))
-    assert is_closed_manifold(faces)
-
-
-def test_smooth_field_is_smooth(rng):
-    vertices, faces = sphere_mesh(500)
-    field = smooth_field(vertices, rng, num_bumps=6, width=0.5)
-    edges = mesh_edges(faces)
-    assert np.abs(field[edges[:, 0]] - field[edges[:, 1]]).max() < 0.35
-    assert field.std() > 0.1

@@ -1,7 +1,6 @@
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 from types import FunctionType
 
@@ -57,25 +56,6 @@ def test_inside_there_is_one_thread_and_the_caller_gets_his_back():
     assert one_blas_thread()(num_threads)() == {1}
     with pytest.raises(ValueError, match="inside"), one_blas_thread():
         raise ValueError("inside")
-    assert num_threads() == before
-
-
-@pytest.mark.usefixtures("three_threads")
-def test_a_thread_that_leaves_takes_nothing_from_one_that_is_still_inside():
-    before, inside, may_leave = num_threads(), threading.Event(), threading.Event()
-
-    def stay():
-        with one_blas_thread():
-            inside.set()
-            may_leave.wait(600)
-
-    other = threading.Thread(target=stay)
-    with one_blas_thread():
-        other.start()
-        assert inside.wait(600)
-    assert num_threads() == {1}
-    may_leave.set()
-    other.join()
     assert num_threads() == before
 
 

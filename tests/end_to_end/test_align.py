@@ -3,20 +3,17 @@
 import contextlib
 import csv
 import json
-import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from collalign import AlignOptions, RunOptions, add_to_collection, align_collection, load
-from collalign.engine.local_pool import lasting_workers
+from collalign import AlignOptions, RunOptions, align_collection, load
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic import write_collection
-from data_tools.errors import CollectionError, InputError
+from data_tools.errors import InputError
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from tests.commands import read_json, run_command
@@ -110,19 +107,6 @@ def test_a_reference_and_fixed_poses_are_respected_and_rigid_keeps_sizes(folder,
         align_collection(folder, options=OPTIONS, run=run, fixed={"nobody": pose})
 
 
-def test_the_common_frame_can_be_the_principal_axes(folder, aligned, run):
-    posed = align_collection(folder, options=replace(OPTIONS, gauge="axes"), run=run)
-    turn = posed.rotations[0] @ aligned.rotations[0].T
-    assert np.allclose(posed.rotations, turn @ aligned.rotations)
-    assert np.allclose(
-        posed.alternatives[1][0].rotation, turn @ aligned.alternatives[1][0].rotation
-    )
-    # Shapes of one size weigh alike: the axes of all samples together are those of the normalised samples.
-    variances = np.cov(posed.positions.reshape(-1, 3).T)
-    assert np.allclose(variances, np.diag(np.diag(variances)), atol=0.02 * variances[0, 0])
-    assert variances[0, 0] > variances[1, 1] > variances[2, 2]
-
-
 def test_command_line_writes_everything_and_reads_like_the_library(folder, aligned, finished):
     out, printed = finished
     record = read_json(out / "alignment.json")
@@ -154,16 +138,6 @@ def test_command_line_writes_everything_and_reads_like_the_library(folder, align
     assert not list(out.glob(".collalign-*"))
 
 
-def test_second_run_reuses_everything_and_gives_the_same_bytes(folder, out):
-    first = (out / "alignment.json").read_bytes(), (out / "correspondences.npz").read_bytes()
-    run_command("align", folder, "--out", out, *FLAGS)
-    assert (
-        (out / "alignment.json").read_bytes(),
-        (out / "correspondences.npz").read_bytes(),
-    ) == first
-    assert read_json(out / "run.json")["num_reused"] == 15
-
-
 def contents(out):
     """Return what a run wrote and what its manifest says of it, by name; all but run.json."""
     files = read_json(out / ".collalign" / "manifest.json")["files"]
@@ -187,25 +161,6 @@ def test_only_run_json_differs_between_two_runs(folder, finished, tmp_path):
     (second / "run.json").write_text('{"date": 5}')
     with pytest.raises(InputError, match=r"run\.json: damaged"):
         load(second)
-
-
-@pytest.mark.usefixtures("two_cores")
-def test_two_workers_give_and_write_the_bytes_of_one(planted, tmp_path):
-    shapes = tmp_path / "shapes"
-    write_collection(shapes, replace(planted, shapes=planted.shapes[:3]))
-    with lasting_workers():
-        alone, found = (
-            align_collection(shapes, options=OPTIONS, run=RunOptions(jobs=jobs)) for jobs in (1, 2)
-        )
-        for jobs in (1, 2):
-            found.save(tmp_path / str(jobs), run=RunOptions(jobs=jobs))
-        (shapes / "chair1.ply").unlink()
-        for jobs in (1, 2):
-            with pytest.raises(InputError, match=r"chair1\.ply"):
-                found.save(tmp_path / "again", run=RunOptions(jobs=jobs))
-    assert not (tmp_path / "again" / "alignment.json").exists()
-    assert found.transforms.tobytes() == alone.transforms.tobytes()
-    assert contents(tmp_path / "1") == contents(tmp_path / "2")
 
 
 def test_one_bad_file_is_left_out_and_named(folder, planted, tmp_path):
@@ -244,12 +199,6 @@ def test_bad_arguments_exit_with_2_and_name_the_cause(arguments, word, tmp_path,
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.xyz").write_text("0 0 0\n")
     assert word in "".join(run_command(*arguments, ends=2)).lower()
-
-
-def test_fewer_than_two_shapes_is_an_error_that_lists_the_reasons(tmp_path):
-    (tmp_path / "a.ply").write_bytes(b"rubbish")
-    with pytest.raises(CollectionError, match=r"a\.ply"):
-        align_collection(tmp_path, options=OPTIONS, run=RunOptions(jobs=1))
 
 
 def test_status_counts(finished):
@@ -343,46 +292,6 @@ def test_an_inbox_is_added_again_and_again(folder, out, tmp_path):
     assert len({shape["digest"] for shape in shapes}) == len(shapes)
 
 
-def test_files_that_moved_are_recognised_when_shapes_are_added(folder, tmp_path):
-    first, now, out = (tmp_path / name for name in ("first", "now", "out"))
-    shutil.copytree(folder, first)
-    run_command("align", first, "--out", out, *FLAGS)
-    first.rename(now)
-    (now / "chair3.ply").rename(now / "renamed.ply")
-    write_mesh(
-        now / "late.ply",
-        read_shape(now / "chair2.ply").transformed(np.diag([2.0, 2.0, 2.0, 1.0])),
-    )
-    run_command("add", out, now, "--jobs", "1", "--no-report")
-    found = load(out)
-    assert {Path(file).parent.name for file in found.files} == {"now"}
-    assert Path(found["chair3"].file).name == "renamed.ply"
-    assert "late" in found
-
-
-@pytest.mark.parametrize("after", [2, 6])
-def test_adding_that_is_killed_while_it_writes_goes_on(out, tmp_path, monkeypatch, after):
-    moves, original, new = iter(range(100)), os.link, tmp_path / "new"
-    write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
-    before = read_json(out / "alignment.json")["shapes"]
-
-    def link(source, target):
-        if next(moves) >= after:
-            raise KeyboardInterrupt
-        original(source, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            "data_tools.io.output_folder.os", SimpleNamespace(**vars(os) | {"link": link})
-        )
-        run_command("add", out, new, "--jobs", "1", ends=130)
-    assert not (out / "alignment.json").exists()
-    assert "nothing new to add" in run_command("add", out, new, "--jobs", "1").out
-    shapes = read_json(out / "alignment.json")["shapes"]
-    assert [one["name"] for one in shapes[5:]] == ["late"]
-    assert [one["transform"] for one in shapes[:5]] == [one["transform"] for one in before]
-
-
 @pytest.mark.parametrize(
     ("stage", "what"), [("pairs", "has changed"), ("common matches", "has vanished")]
 )
@@ -402,21 +311,6 @@ def test_a_file_that_changes_or_vanishes_during_a_run_is_named(planted, tmp_path
     assert not list((tmp_path / "out").glob("*.json"))
 
 
-def test_a_file_that_changes_while_it_is_added_is_named(out, tmp_path):
-    new = tmp_path / "new"
-    write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair2.ply"))
-
-    def display(description, total, *, done):
-        write_mesh(new / "late.ply", read_shape(out / "meshes" / "chair1.ply"))
-        return contextlib.nullcontext(lambda outcome: None)
-
-    found = add_to_collection(out, new, run={"jobs": 1}, progress=display)
-    assert len(found.names) == 5
-    assert [(one.file, one.reason) for one in found.excluded] == [
-        ("late.ply", "has changed since the run began; run again")
-    ]
-
-
 def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_path):
     old, new, out = (
         Path(shutil.copytree(grown[0] / name, tmp_path / name)) for name in ("old", "new", "out")
@@ -432,20 +326,6 @@ def test_added_shapes_are_not_lost_when_the_first_command_runs_again(grown, tmp_
     assert "late" not in (out / "alignment.json").read_text()
     (old / "chair4.ply").unlink()
     run_command(*command)  # a shape whose file is gone is meant to go
-
-
-def test_rows_of_labels_that_fit_no_shape_are_noted(folder, out, tmp_path):
-    labels = tmp_path / "labels.csv"
-    labels.write_text("name,sex\nchair1,f\nnobody,m\n")
-    run_command("align", folder, "--out", out, *FLAGS, "--no-report", "--labels", labels)
-    notes = read_json(out / "alignment.json")["notes"]
-    assert [note["values"]["rows"] for note in notes if note["code"] == "labels-unknown"] == [
-        ["nobody"]
-    ]
-    run_command("export", out, "--format", "csv", "--to", tmp_path / "csv")
-    assert {note["text"] for note in notes if note["code"] != "doubtful"} <= set(
-        (tmp_path / "csv" / "notes-csv.txt").read_text().splitlines()
-    )
 
 
 def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
@@ -478,50 +358,6 @@ def test_corrections_are_kept_without_matching_again(folder, out, tmp_path):
     found = load(out)
     assert [*found.by_hand] == [third]
     assert found.by_hand[third] == again[2]["confidence_by_evidence"] < 0.5
-
-
-def check_certificates(out, capsys):
-    """The certificates of a result hold, and prove no more than the energies."""
-    capsys.readouterr()
-    run_command("certify", out, "--verify", "--json")
-    found = json.loads(capsys.readouterr().out)
-    with open(out / "pairs.csv", newline="") as table:
-        energies = {
-            (row["target"], row["source"]): float(row["energy"]) for row in csv.DictReader(table)
-        }
-    assert found["holds"]
-    assert found["num_stated"] >= len(found["pairs"]) > 0
-    for pair in found["pairs"]:
-        limit = min(energies[pair["target"], pair["source"]], pair["stated"])
-        assert pair["proven"] <= limit + 1e-9 * abs(limit)
-    assert max(pair["proven"] for pair in found["pairs"]) > 0.0
-
-
-def test_certification_proves_pairs_and_says_so(planted, tmp_path, capsys):
-    folder, out = tmp_path / "in", tmp_path / "out"
-    write_collection(folder, replace(planted, shapes=planted.shapes[:3]))
-    flags = [
-        "--sampling.num-points",
-        "7",
-        "--sampling.num-dense-points",
-        "0",
-        "--jobs",
-        "1",
-        "--certify",
-    ]
-    flags += ["--certify-pair-s", "60", "--certify-budget-s", "240"]
-    run_command("align", folder, "--out", out, *flags)
-    with open(out / "pairs.csv", newline="") as table:
-        rows = list(csv.DictReader(table))
-    for row in rows:
-        assert not float(row["lower_bound"]) > float(row["energy"]) * (1 + 1e-9)
-    proven = sum(row["status"] == "PROVEN_OPTIMAL" for row in rows)
-    notes = read_json(out / "alignment.json")["notes"]
-    assert [one["values"]["num_optimal"] for one in notes if one["code"] == "pairs-proven"] == [
-        proven
-    ]
-    check_certificates(out, capsys)
-    run_command("align", folder, "--out", out, "--certify", "--embedding.kind", "xyz+lb", ends=2)
 
 
 def test_the_published_synchronization_runs_with_eigenfunctions(folder, planted):

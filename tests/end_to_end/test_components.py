@@ -1,7 +1,6 @@
 """Objects that are assembled of components are matched whole; fragments beside shapes are left out."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -9,10 +8,9 @@ import pytest
 import collalign
 from collalign.output.loading import load
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
-from data_tools.io.shapes import read_alike, read_shape, write_mesh
-from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.io.shapes import read_alike, write_mesh
+from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
-from data_tools.surface.joined import joined_surface
 from data_tools.surface.shape import Shape
 from tests.finished_runs import angles_deg
 from tests.notes import codes
@@ -100,21 +98,6 @@ def test_two_chairs_are_matched_by_all_of_their_boxes(chairs):
         rotation = found.transform[:3, :3] / np.cbrt(np.linalg.det(found.transform[:3, :3]))
         assert rotation_angle_deg(rotation @ turns[3] @ turns[1].T) < 10.0
     assert [len(shape.vertices) > 400 for shape in read_alike(files)] == [True, True]
-
-
-def test_boards_and_a_closed_surface_of_one_object_match(chairs, tmp_path, rng):
-    folder, turns = chairs
-    boards = read_shape(folder / "c0.ply", CleaningOptions(components="all"))
-    turn = random_rotation(rng)
-    closed = joined_surface(boards)
-    for at in range(4):
-        shutil.copy(folder / f"c{at}.ply", tmp_path)
-    write_mesh(tmp_path / "closed.ply", Shape.from_arrays(closed.vertices @ turn.T, closed.faces))
-    found = collalign.align_collection(tmp_path, options=OPTIONS, jobs=1, progress=False)
-    assert found.names[-1] == "closed"
-    assert found.assembled == found.names[:-1]
-    truth = np.stack([*turns[:4], turn @ turns[0]])
-    assert angles_deg(found.rotations @ truth)[0].max() < 12.0
 
 
 def test_fragments_beside_one_shape_are_left_out(tmp_path, rng):

@@ -103,19 +103,6 @@ def test_blocks_that_are_none_are_refused_before_anything_is_registered(made, tm
     assert not (tmp_path / "out").exists()
 
 
-def test_landmarks_of_shapes_that_do_not_count_are_no_blocks(made, tmp_path):
-    result, files = made
-    with pytest.raises(InputError, match="no shape that counts has a 0"):
-        collalign.statistics.write_surface_variation(
-            result,
-            tmp_path / "out",
-            landmarks=files[:1],
-            exclude=[files[0].name.split(".")[0]],
-            tests={"blocks": BLOCKS, "permutations": 99},
-            run=collalign.RunOptions(jobs=1, store=result / "store.sqlite"),
-        )
-
-
 #: Standard deviation of the second digitisation, in the unit of the files; of one landmark it is ten times as much.
 HAND, SHAKY = 0.002, 7
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import collalign
-from collalign.output.corrections import FORMAT
 from collalign.output.loading import load
 from collalign.tools.transfer.result import CARRIED, MISSING_PLACE
 from data_tools.datasets.synthetic import deformed_family
@@ -172,43 +170,3 @@ def test_broken_and_doubtful_shapes_are_left_out_unless_asked_for_and_too_few_ha
         CollectionError, match="0 shapes are complete and sure, at least 2 are needed"
     ):
         collalign.statistics.write_surface_variation(result, tmp_path / "out", progress=False)
-
-
-def test_a_decision_on_one_shape_moves_no_certain_one(teeth, tmp_path):
-    before, result = load(teeth.result), tmp_path / "result"
-    decided = "tooth2"
-    record = {
-        "format": FORMAT,
-        "version": 2,
-        "decisions": [
-            {
-                "shape": decided,
-                "decision": "pose",
-                "rotation": (
-                    Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix() @ before.rotations[2]
-                ).tolist(),
-            }
-        ],
-        "frame": {
-            one.name: {
-                "rotation": before.rotations[at].tolist(),
-                "translation": one.transform[:3, 3].tolist(),
-                "scale": float(before.scales[at]),
-            }
-            for at, one in enumerate(before)
-            if one.name != decided
-        },
-        "incomplete": [BROKEN],
-    }
-    (tmp_path / "decisions.json").write_text(json.dumps(record))
-    words = ["--group=SO", f"--incomplete={BROKEN}", "--jobs=1", "--no-report"]
-    words += ["--sampling.num-points=24", "--sampling.num-dense-points=200"]
-    shapes = teeth.result.parent / "shapes"
-    given = ["--corrections", tmp_path / "decisions.json"]
-    run_command("align", shapes, "--out", result, *words, *given)
-    after = load(result)
-    moves = np.abs(after.transforms - before.transforms).max(axis=(1, 2))
-    stays = np.array([name != decided for name in before.names])
-    assert (moves[stays] < 1e-9).all()
-    assert moves[~stays] > 0.05
-    assert [before.names[one.shape] for one in after.incomplete] == [BROKEN]

@@ -11,7 +11,6 @@ from data_tools.datasets.synthetic import write_collection
 from data_tools.io.shapes import write_mesh
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.rotations import rotation_angle_deg
-from experiments.confidence.families import FAMILIES, pose_family
 from tests.commands import read_json, run_command
 from tests.end_to_end.test_align import FLAGS, OPTIONS
 from tests.finished_runs import chairs
@@ -43,16 +42,6 @@ def test_copies_of_one_shape_are_sure_and_copies_of_a_box_fit_in_four_poses(rng)
     boxes = align_collection([corners] * 6, options=options, run=RunOptions(jobs=1))
     assert (boxes.confidence == 0.25).all()
     assert only(boxes.notes, "symmetric").values["num"] == 6
-
-
-def test_copies_of_a_symmetric_surface_are_stated_up_to_its_turns(rng, tmp_path):
-    pose_family(FAMILIES["boxes"], 5, tmp_path, rng)
-    sampling = SamplingOptions(num_points=24, num_dense_points=400)
-    found = align_collection(
-        tmp_path, options=replace(OPTIONS, sampling=sampling), run=RunOptions(jobs=1)
-    )
-    assert (found.confidence < 0.3).all()
-    assert only(found.notes, "symmetric").values["num"] == 5
 
 
 def test_a_shape_without_any_pair_is_named_first(planted, tmp_path, monkeypatch):

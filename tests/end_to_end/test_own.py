@@ -120,13 +120,6 @@ def test_stages_of_ones_own_give_the_result_of_the_pipeline(planted, plain):
     np.testing.assert_allclose(align(planted, fixed=poses).transforms, plain.transforms, atol=1e-9)
 
 
-def test_own_samples_may_be_others_than_asked_for(planted, plain):
-    own = {name: row[::-1][:12] for name, row in zip(plain.names, plain.samples, strict=True)}
-    found = align(planted, samples=own, maps="never")
-    np.testing.assert_array_equal(found.samples, plain.samples[:, ::-1][:, :12])
-    assert found.options.sampling.num_points == 12
-
-
 def heights(shape):
     """What a rotation does not change: how far each vertex is from the centroid."""
     return np.linalg.norm(shape.vertices - shape.vertices.mean(axis=0), axis=1)[:, None]
@@ -267,15 +260,3 @@ def test_what_cannot_be_meant_is_refused_by_its_name(given, words):
     points = np.random.default_rng(0).random((40, 3))
     with pytest.raises((InputError, OptionsError), match=words):
         align_collection({"a": points, "b": points[::-1]}, run={"jobs": 1}, progress=False, **given)
-
-
-def test_the_order_in_which_things_are_given_changes_nothing(planted, store):
-    given = {
-        names(planted, i, j): random_rotation(np.random.default_rng(i + 9 * j))
-        for i, j in ((0, 1), (2, 1), (3, 0))
-    }
-    found = align(planted, store=store, candidates=given, pair_weights=dict.fromkeys(given, 0.5))
-    turned = {pair[::-1]: given[pair].T for pair in reversed(given)}
-    again = align(planted, store=store, candidates=turned, pair_weights=dict.fromkeys(turned, 0.5))
-    np.testing.assert_array_equal(found.transforms, again.transforms)
-    assert found.notes == again.notes

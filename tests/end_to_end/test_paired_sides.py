@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 
 from collalign import load
-from collalign.analysis.paired_sides import paired_sides
 from collalign.statistics import write_surface_variation
 from data_tools.datasets.synthetic import deformed_family, mirrored
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.shapes import write_ply
-from data_tools.landmark_files import Landmarks
 from data_tools.rotations import random_rotation
 from tests.commands import read_json, run_command
-from tests.notes import codes, only
 
 NUM = 5
 #: How often each individual was measured on each side; one has no right side.
@@ -96,23 +93,6 @@ def test_sides_and_repeats_are_compared_and_said(result, tmp_path):
     assert "99 random permutations" in cited
 
 
-def test_repeats_alone_are_the_error_of_measurement(result, tmp_path):
-    collection = load(result)
-    units = [f"{who}{way}" for who, way in zip(*collection.labels.values(), strict=True)]
-    found = write_surface_variation(
-        collection,
-        tmp_path / "out",
-        individuals=units,
-        include_doubtful=True,
-        tests={"permutations": 99},
-    )
-    said = only(found.notes, "measured-again").values
-    assert (said["num"], said["measurements"]) == (9, 12)
-    assert said["repeatability"] > 0.9
-    assert "sides-compared" not in codes(found.notes)
-    assert not (tmp_path / "out" / "statistics" / "sides.csv").exists()
-
-
 def test_what_cannot_be_compared_is_refused_before_anything_is_registered(result, tmp_path):
     words = ("variation", result, "--to", tmp_path / "out")
     for more, message in (
@@ -125,47 +105,3 @@ def test_what_cannot_be_compared_is_refused_before_anything_is_registered(result
     with pytest.raises(InputError, match="measured twice"):
         write_surface_variation(result, tmp_path / "out", individuals=[*load(result).names])
     assert not (tmp_path / "out").exists()
-
-
-def test_sides_are_compared_by_landmarks_that_were_placed_again(result, tmp_path):
-    """As Klingenberg and McIntyre (1998) do; the error of placing them is the residual."""
-    rng, collection = np.random.default_rng(7), load(result)
-    with np.load(result.parent / "landmarks.npz") as archive:
-        points = {name: archive[name] for name in collection.names}
-    labels = tuple(f"LM{at}" for at in range(len(points["b0L0"])))
-    first, again = (
-        {
-            name: Landmarks(labels=labels, points=one + 0.003 * rng.standard_normal(one.shape))
-            for name, one in points.items()
-        }
-        for _ in range(2)
-    )
-    bones, ways = (collection.labels[column] for column in ("bone", "way"))
-    found = write_surface_variation(
-        collection,
-        tmp_path / "out",
-        landmarks=first,
-        repeats=[again],
-        individuals=bones,
-        sides=ways,
-        tests={"permutations": 99},
-        include_doubtful=True,
-    )
-    said = only(found.notes, "measured-again").values
-    assert (said["num"], said["measurements"]) == (12, 24)
-    folder = tmp_path / "out" / "statistics"
-    rows = {row["effect"]: row for row in table(folder / "sides.csv")}
-    assert [row["Df"] for row in rows.values()] == ["3", "1", "3", "14", "21"]
-    kept = [name for name, bone in zip(collection.names, bones, strict=True) if bone != "4"]
-    at = [collection.names.index(name) for name in kept] * 2
-    expected = paired_sides(
-        np.array([marks[name].points for marks in (first, again) for name in kept]),
-        [bones[row] for row in at],
-        [ways[row] for row in at],
-        mirrored="L",
-        permutations=99,
-    )
-    for row in expected.anova:
-        np.testing.assert_allclose(float(rows[row.effect]["SS"]), row.sum_of_squares, rtol=1e-6)
-    asymmetry = [float(row["asymmetry"]) for row in table(folder / "asymmetry.csv")]
-    np.testing.assert_allclose(asymmetry, expected.asymmetry, rtol=1e-6)

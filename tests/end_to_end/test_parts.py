@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from collalign import add_to_collection, align_collection, load
+from collalign import add_to_collection, load
 from collalign.tools.correspond import DenseCorrespondence
 from collalign.tools.variation.posture import parts_of_mean
 from data_tools.datasets.synthetic_shapes import blob
@@ -149,17 +149,3 @@ def test_shapes_are_added_and_a_part_that_changes_is_noticed(folder, out, tmp_pa
         parts_of(new.with_name("late.*"))
     with pytest.raises(InputError, match="no files of its parts"):
         parts_of(tmp_path / "none.*")
-
-
-def test_a_large_specimen_keeps_its_parts_when_it_is_simplified(folder):
-    fine = align_collection(
-        folder,
-        parts=True,
-        sampling={"num_points": 24, "num_dense_points": 60, "max_faces": 1000},
-        progress=False,
-        jobs=1,
-        incomplete="never",
-        maps="never",
-    )
-    first = dict(read_shape(folder / "s0.*").parts)["cranium"]
-    assert 0 < (fine.samples[0] >= first).sum() < 12

@@ -37,18 +37,6 @@ def errors_deg(found, turns):
     return np.median(angles_deg(np.array(rights)), axis=1)
 
 
-def test_tables_of_few_points_lower_nobody(rng):
-    shapes, turns = posed_bumpy(5, rng)
-    tables = {f"{name}_table": points[::35][:18] for name, (points, _) in shapes.items()}
-    found = align(shapes | tables)
-    few = only(found.notes, "few-points")
-    assert {*few.shapes} == {*tables}
-    assert few.values["counts"] == (18,) * 5
-    assert errors_deg(found, turns).max() < 2.0
-    of_meshes = [found.confidence[found.names.index(name)] for name in turns]
-    assert min(of_meshes) >= DOUBT
-
-
 def test_exact_copies_of_few_points_are_sure():
     for num in (18, 40, 100):
         rng = np.random.default_rng(num)
@@ -102,18 +90,6 @@ def test_a_second_wall_in_some_files_is_left_out(rng):
     assert found.options.cleaning.inner == "drop"
 
 
-def test_walls_that_all_files_have_stay(rng):
-    shapes = {}
-    for name, (points, faces) in posed_bumpy(3, rng)[0].items():
-        double = hollow(Shape.from_arrays(points, faces), 0.0, 0.08)
-        shapes[name] = (double.vertices, double.faces)
-    found = align(shapes)
-    assert "walls-left-out" not in codes(found.notes)
-    assert found.options.cleaning.inner == "auto"
-    used = [one.max() for one in found.samples]
-    assert min(used) >= 642, "samples lie on both walls"
-
-
 def test_a_table_larger_than_the_object_is_not_taken_for_it(rng):
     shapes, turns = posed_bumpy(5, rng)
     for name, (points, faces) in shapes.items():
@@ -134,19 +110,6 @@ def test_a_table_larger_than_the_object_is_not_taken_for_it(rng):
     assert only(found.notes, "plain-left-out").shapes == found.names
     assert errors_deg(found, turns).max() < 5.0
     assert (found.confidence >= DOUBT).all()
-
-
-def test_a_check_says_which_piece_is_the_object(tmp_path, rng):
-    for name, (points, faces) in posed_bumpy(2, rng)[0].items():
-        disc = trimesh.creation.cylinder(radius=4.0, height=0.15, sections=48)
-        both = Shape.from_arrays(
-            np.concatenate([points, disc.vertices + np.array([0.0, 0.0, -2.0])]),
-            np.concatenate([faces, disc.faces + len(points)]),
-        )
-        write_mesh(tmp_path / f"{name}.ply", both)
-    said = run_command("align", tmp_path, "--check", "--jobs", "1").out
-    assert "the object is not the largest piece: larger ones, 8" in said
-    assert "Taken as the object beside larger pieces that are flat or boxes" in said
 
 
 def test_two_shapes_match_though_one_has_a_second_wall(tmp_path, rng):

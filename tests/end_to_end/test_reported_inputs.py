@@ -160,28 +160,3 @@ def bumpy(number, subdivisions, own=0.05):
         heights, widths = size * rng.uniform(-1, 1, num), rng.uniform(4, 9, num)
         radii += (heights * np.exp(widths * (sphere.vertices @ places.T - 1.0))).sum(axis=1)
     return sphere.vertices * radii[:, None] * [1.6, 1.0, 0.75], np.array(sphere.faces)
-
-
-def test_coarse_coordinates_of_a_map_cost_few_degrees_and_are_named():
-    rng = np.random.default_rng(1)
-    turns = [random_rotation(rng) for _ in range(NUM_SHAPES)]
-    given = []
-    for number, turn in enumerate(turns):
-        points, faces = bumpy(number, 3)
-        given.append(((5.0 * points @ turn.T + PLACE).astype(np.float32), faces))
-    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    assert angles_deg(found.rotations @ turns).max() < 5.0
-    assert "coarse-coordinates" in codes(found.notes)
-
-
-def test_left_and_right_are_told_and_lie_within_few_degrees():
-    rng = np.random.default_rng(2)
-    is_left = np.isin(np.arange(8), (1, 4, 6))
-    turns = [random_rotation(rng) @ np.diag([1.0 - 2.0 * left, 1.0, 1.0]) for left in is_left]
-    given = []
-    for number, (turn, left) in enumerate(zip(turns, is_left, strict=True)):
-        points, faces = bumpy(number, 3)
-        given.append((points @ turn.T, faces[:, :: -1 if left else 1]))
-    found = align_collection(given, options=OPTIONS, run=RunOptions(jobs=1), progress=False)
-    assert found.reflected.tolist() in (is_left.tolist(), (~is_left).tolist())
-    assert angles_deg(found.rotations @ turns).max() < 5.0

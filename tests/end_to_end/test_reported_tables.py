@@ -8,12 +8,10 @@ import trimesh
 
 from collalign import RunOptions, add_to_collection, align_collection, load
 from data_tools.errors import InputError
-from data_tools.io.shapes import read_shape
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from tests.commands import run_command
 from tests.end_to_end.test_reported_inputs import bumpy
 from tests.finished_runs import angles_deg
-from tests.notes import codes
 
 RUN = RunOptions(jobs=1)
 FLAGS = ("--jobs", "1", "--no-report", "--sampling.num-points", "24")
@@ -23,36 +21,6 @@ def written(path, rows, form="%.6f", sep=" ", head=""):
     """Write rows of numbers below a heading and return the path."""
     path.write_text(head + "".join(sep.join(form % x for x in row) + "\n" for row in rows))
     return path
-
-
-def test_tables_of_landmarks_beside_meshes_are_named_and_change_no_pose(tmp_path):
-    rng = np.random.default_rng(0)
-    turns = [random_rotation(rng) for _ in range(8)]
-    for number, turn in enumerate(turns):
-        points, faces = bumpy(number, 3, own=0.15)
-        points = 10.0 * points @ turn.T
-        trimesh.Trimesh(points, faces, process=False).export(tmp_path / f"s{number}.ply")
-        written(tmp_path / f"s{number}_landmarks.csv", points[:18], sep=",", head="x,y,z\n")
-    found = align_collection(tmp_path, run=RUN, progress=False, group="SO")
-    assert found.names == tuple(f"s{number}" for number in range(8))
-    assert angles_deg(found.rotations @ turns).max() < 1.0
-    beside = next(note for note in found.notes if note.code == "landmarks-beside")
-    assert beside.values["files"] == tuple(f"s{number}_landmarks.csv" for number in range(8))
-    assert "fewer-points" not in codes(found.notes)
-
-
-def test_the_element_of_an_atom_is_no_coordinate(tmp_path):
-    rng = np.random.default_rng(5)
-    atoms, turns = rng.normal(size=(80, 3)) * [6.0, 4.0, 3.0], []
-    for number in range(6):
-        turns.append(random_rotation(rng))
-        points = (atoms + 0.1 * rng.normal(size=atoms.shape)) @ turns[-1].T
-        names, comment = (("C", "O"), "model 0") if number % 2 else (("6", "8"), "")
-        rows = [f"{names[at % 3 == 0]} {' '.join(map(str, p))}\n" for at, p in enumerate(points)]
-        (tmp_path / f"m{number}.xyz").write_text(f"80\n{comment}\n" + "".join(rows))
-        np.testing.assert_allclose(read_shape(tmp_path / f"m{number}.xyz").vertices, points)
-    found = align_collection(tmp_path, run=RUN, progress=False)
-    assert angles_deg(found.rotations @ turns).max() < 3.0
 
 
 @pytest.fixture(scope="module")
@@ -110,38 +78,6 @@ def test_columns_are_named_in_batches_and_for_new_tables_alone(classified, tmp_p
     written(more, headed[:, [1, 2, 3, 0]], sep=",", head="x,y,z,class\n")
     found = add_to_collection(tmp_path / "o", [more], run=RUN, progress=False)
     assert angles_deg(found.rotations @ turns[[3, 0, 1, 2]][[1, 2, 3, 0]]).max() < 10.0
-
-
-def test_pts_files_whose_count_is_off_are_read_or_truncated(tmp_path):
-    for number, off in enumerate((-1, 0, 0, 5)):
-        points = bumpy(number, 2)[0]
-        rows = np.c_[points, np.arange(len(points)) % 200, np.tile([10, 20, 30], (len(points), 1))]
-        written(tmp_path / f"p{number}.pts", rows, "%.7g", head=f"{len(points) + off}\n")
-    said = run_command("align", tmp_path, "--check", *FLAGS[:2], ends=3)
-    assert "p0: 162 points" in said.out
-    assert "promises 161 points, but 162 follow" in said.out
-    assert "p3.pts: its first line promises 167 points, 162 lines follow. It is trunc" in said.err
-
-
-def test_clouds_with_scalars_are_read_alike(tmp_path):
-    """PTS with intensity and colours, with and without a count, ASC and CSV with headings, beside clouds in PLY."""
-    rng = np.random.default_rng(0)
-    points = bumpy(0, 3)[0]
-    num = len(points)
-    more = np.c_[rng.integers(-2000, 2000, num), rng.integers(0, 255, (num, 3))]
-    written(tmp_path / "head7.pts", np.c_[points, more], "%.9g", head=f"{num}\n")
-    written(tmp_path / "nohead7.pts", np.c_[points, more], "%.9g")
-    written(tmp_path / "nohead4.pts", np.c_[points, rng.random(num)], "%.9g")
-    head = f"//X Y Z R G B Intensity C2M_signed_distances\n{num}\n"
-    written(
-        tmp_path / "cc.asc", np.c_[points, more[:, 1:], rng.random((num, 2))], "%.9g", head=head
-    )
-    semi = written(tmp_path / "semi.csv", np.c_[points, rng.random(num)], "%.9f", ";", "X;Y;Z;I\n")
-    semi.write_text(semi.read_text().replace(".", ","))
-    trimesh.PointCloud(points).export(tmp_path / "cloud.ply")
-    said = run_command("align", tmp_path, "--check", *FLAGS[:2]).out
-    size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
-    assert said.count(f": {num} points, {size}") == 6
 
 
 def test_a_worn_surface_is_laid_on_what_is_left_of_it(tmp_path):

@@ -16,7 +16,6 @@ from collalign.tools.correspond import choose_template
 from collalign.tools.transfer.posed_specimens import why_lost
 from collalign.tools.transfer.result import (
     CARRIED,
-    CONTRADICTED,
     DOUBTFUL_POSE,
     NO_COUNTERPART,
     NOT_REACHED,
@@ -34,7 +33,6 @@ from data_tools.surface.shape import Shape
 from tests.collalign.registration.test_fit import radius
 from tests.commands import run_command
 from tests.finished_runs import finished_run
-from tests.notes import only
 from tests.view_problems import write_result
 
 NUM_SHAPES = 6
@@ -105,16 +103,6 @@ def test_landmarks_of_one_specimen_reach_all_others(result, templates, planted, 
     assert np.median(errors(found.points, planted)[1:]) < 3 * HAND
     assert found.status[0] == (PLACED,) * 6
     assert found.status[1] == (CARRIED,) * 6
-
-
-def test_radii_of_single_templates_hold(result, templates, planted, run):
-    """One template's error of the hand is that of all specimens, so several are tried."""
-    size, inside = np.array([radius(shape.vertices) for shape in planted.shapes])[:, None], []
-    for at, template in enumerate(templates):
-        found = collalign.landmarks.transfer_landmarks(result, [template], run=run)
-        held = errors(found.points, planted) <= found.radii / size
-        inside.append(np.delete(held, at, axis=0).mean())
-    assert np.mean(inside) > 0.8, inside
 
 
 def test_sizes_in_the_common_frame_do_not_decide_which_shape_lends_its_triangles(
@@ -238,32 +226,6 @@ def test_a_template_with_two_landmarks_swapped_is_named_and_changes_nothing(
     assert robust < right + HAND
     apart = np.linalg.norm(true_landmarks(planted)[3:, 1] - true_landmarks(planted)[3:, 4], axis=1)
     assert apart.min() > 0.3 * radius(planted.shapes[3].vertices), "a mean would be far off"
-
-
-def test_two_templates_that_contradict_each_other_give_no_landmark_there(
-    result, templates, planted, tmp_path, run
-):
-    wrong = rewritten(templates[:2], tmp_path / "marks", 1, swapped)
-    found = collalign.landmarks.transfer_landmarks(result, wrong, run=run)
-    assert found.status[-1] == (CARRIED, CONTRADICTED, CARRIED, CARRIED, CONTRADICTED, CARRIED)
-    assert np.isnan(found.points[-1, [1, 4]]).all()
-    assert only(found.notes, "templates-reordered").shapes == found.templates
-    assert (found.left_out_errors[:, [1, 4]] > 3 * found.left_out_errors[:, [0]]).all()
-
-
-def test_labels_of_one_landmark_that_differ_in_case_or_number_are_taken_as_one(
-    result, templates, tmp_path, run
-):
-    def relabelled(labels, points):
-        return ["TIP_00", "tip 1", "tip 3", "tip 4", "tip 5", "tip 9"], points[[0, 1, 3, 4, 5, 2]]
-
-    files = rewritten(templates[:2], tmp_path / "marks", 1, relabelled)
-    found = collalign.landmarks.transfer_landmarks(result, files, run=run)
-    right = collalign.landmarks.transfer_landmarks(result, templates[:2], run=run)
-    assert found.labels == right.labels
-    np.testing.assert_allclose(found.points, right.points, atol=1e-9)
-    taken = {note.code: note.values["taken_as"] for note in found.notes}
-    assert taken == {"landmarks-respelt": ("tip 0",), "landmarks-renumbered": ("tip 2",)}
 
 
 def edge_path():
@@ -423,39 +385,3 @@ def test_a_template_in_doubt_is_not_carried_where_another_is_sure(
     (note,) = [note for note in only.notes if note.code == "templates-doubtful"]
     assert note.values["counted"]
     assert {*only.status[-1]} == {CARRIED}
-
-
-def test_landmarks_in_ras_are_carried_as_those_in_lps(result, templates, planted, tmp_path, run):
-    truth = collalign.landmarks.transfer_landmarks(result, templates[:1], run=run)
-    name, points = planted.shapes[0].name, read_landmarks(templates[0]).points
-    given = tmp_path / f"{name}.fcsv"
-    rows = "".join(
-        f"{at},{-x},{-y},{z},0,0,0,1,1,1,0,tip {at},,\n"
-        for at, (x, y, z) in enumerate(points.tolist())
-    )
-    given.write_text("# CoordinateSystem = RAS\n" + rows)
-    words = [
-        "transfer",
-        str(result),
-        "--landmarks",
-        str(given),
-        "--to",
-        str(tmp_path / "all"),
-        "--jobs",
-        "1",
-    ]
-    said = run_command(*words, "--format", "slicer-json", "--store", run.store)
-    assert "landmarks converted from RAS to LPS" in said.out
-    for at, path in enumerate(sorted((tmp_path / "all").glob("*.mrk.json"))):
-        found = read_landmarks(path)
-        assert found.system == "LPS"
-        np.testing.assert_allclose(found.points, truth.points[at], atol=1e-9)
-
-
-def test_landmarks_beside_their_template_are_not_carried(result, templates, tmp_path):
-    marks = read_landmarks(templates[0])
-    far = slicer_file(tmp_path / templates[0].name, 10 * marks.points, marks.labels)
-    for command in ("transfer", "variation"):
-        said = run_command(command, result, "--landmarks", far, "--to", tmp_path / command, ends=2)
-        assert "0.1 times as large they lie on it" in said.err
-        assert not (tmp_path / command).exists()

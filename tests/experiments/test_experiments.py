@@ -13,7 +13,6 @@ from experiments import NAMES, load_experiment
 from experiments.__main__ import app
 from experiments.experiment import Bench, Experiment, Outcome, Plot
 from experiments.figures import theorem3
-from experiments.headlines import write_headlines
 from experiments.seen import seen_note
 from experiments.tables import Column, Table, differences
 from experiments.write import write_experiment, write_page
@@ -89,14 +88,6 @@ def test_resumed_files_are_those_of_a_fresh_run(bench, tmp_path):
     ).is_file()
 
 
-def test_tables_show_what_was_not_measured_and_what_is_impossible():
-    shown = table(
-        {"name": "a|b", "share": None, "seconds": 1.5}, {"name": "c", "share": math.nan}
-    ).to_markdown()
-    assert "| a\\|b |  | 1.50 |" in shown
-    assert "| c | – |  |" in shown
-
-
 def test_differences_see_a_wrong_value_but_no_clock():
     text = table(
         {"name": "a", "share": 50.0, "seconds": 1.0}, {"name": "b", "share": math.nan}
@@ -143,30 +134,6 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
         assert file.suffix == ".csv" or file.stem in NAMES
         (tmp_path / "results" / file.name).write_bytes(file.read_bytes())
     assert write_page(NAMES, tmp_path).read_bytes() == (ROOT / "RESULTS.md").read_bytes()
-
-
-def test_the_figures_that_matter_are_read_from_their_tables(tmp_path):
-    assert write_headlines(tmp_path) == ""
-    (tmp_path / "maps.md").write_text("## Maps\n")
-    (tmp_path / "maps.csv").write_text(
-        "set,method,pairs,direct\nscape,slow,6,0.5\nscape,collalign,6,0.0164\n"
-    )
-    (tmp_path / "capod.md").write_text("## CAPOD\n")
-    rows = "all classes,collalign,21,2.04\nall classes,Open3D pairs + spectral,21,9.96\n"
-    (tmp_path / "capod.csv").write_text("class,tool,draws,gross\n" + rows)
-    found = write_headlines(tmp_path).splitlines()
-    lines = {
-        name: line
-        for name in ("maps", "capod")
-        for line in found
-        if f"[{name}](results/{name}.md)" in line
-    }
-    assert "mean error 0.016 of" in lines["maps"]
-    assert "2.0 % of the pairs" in lines["capod"]
-    assert "| 10.0 for Open3D's pairs" in lines["capod"]
-    (tmp_path / "maps.csv").write_text("set,method,pairs,direct\nscape,collalign,1,0.5\n")
-    (tmp_path / "capod.csv").write_text("class,tool,draws,gross\nall classes,collalign,1,2.04\n")
-    assert write_headlines(tmp_path) == ""
 
 
 @pytest.mark.data

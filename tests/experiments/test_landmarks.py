@@ -5,19 +5,7 @@ import pytest
 
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.surface.shape import Shape
-from experiments.peers.landmarks import template_rows
 from experiments.peers.warps import WARPS
-
-
-def test_rows_count_coverage_ranks_and_gain():
-    errors, radii = np.array([[1.0, 2.0], [3.0, np.nan]]), np.array([[2.0, 3.0], [2.5, np.nan]])
-    (row,) = template_rows(
-        "teeth", 7, {"carried 7": errors, "radii 7": radii, "closest 7": np.full((2, 2), 4.0)}
-    )
-    assert row["answered"] == 75
-    assert row["gain"] == 50
-    assert np.isclose(float(str(row["covered"])), 200 / 3)
-    assert np.isclose(float(str(row["ranked"])), 0.5)
 
 
 @pytest.mark.parametrize("way", [way for way, warp in WARPS.items() if not warp.lacks])

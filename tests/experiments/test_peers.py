@@ -10,11 +10,9 @@ import pytest
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic import deformed_family, planted_collection, write_collection
 from data_tools.datasets.synthetic_shapes import chair, crown
-from data_tools.errors import InputError
 from data_tools.io.shapes import write_mesh
 from experiments.collections import deformations, teeth_jobs
-from experiments.collections.posed import PosedCollection, pose_collection
-from experiments.datasets import read_canonical_class
+from experiments.collections.posed import PosedCollection
 from experiments.experiment import Bench, Cell
 from experiments.peers import capod
 from experiments.peers.peer_tools import TOOLS
@@ -61,31 +59,6 @@ def write_canonical_class(folder, shapes):
         )
         rows.append({"name": f"m{i}", "file": f"m{i}.ply", "pose_common_to_file": pose.tolist()})
     (folder / "truth.json").write_text(json.dumps({"shapes": rows}))
-
-
-def test_of_symmetric_objects_the_direction_of_the_axis_counts(crowns, tmp_path, rng):
-    write_canonical_class(tmp_path / "vase", crowns.shapes)
-    dataset = read_canonical_class(tmp_path / "vase")
-    (tmp_path / "posed").mkdir()
-    posed = pose_collection(dataset, np.arange(4), tmp_path / "posed", rng, axis=(0.0, 0.0, 1.0))
-    right = posed.relative[0]
-    assert posed.pair_errors_deg(right, posed.names).max() < 1e-4
-    about = right.copy()
-    about[2] = random_rotation_about(right[2] @ posed.axes[2]) @ about[2]
-    assert posed.pair_errors_deg(about, posed.names).max() < 1e-4
-    assert posed.shape_errors_deg(about, posed.names)[2] > 20
-    over = right.copy()
-    over[2] = over[2] @ np.diag([1.0, -1.0, -1.0])
-    assert posed.pair_errors_deg(over, posed.names).max() > 20
-    (tmp_path / "vase" / "truth.json").write_text('{"shapes": [{"file": "m0.ply"}]}')
-    with pytest.raises(InputError, match="not the poses of the meshes"):
-        read_canonical_class(tmp_path / "vase")
-
-
-def random_rotation_about(axis):
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(1.0) * cross + (1 - np.cos(1.0)) * cross @ cross
 
 
 def test_the_quick_run_of_capod_counts_each_tool(rng, tmp_path, monkeypatch):

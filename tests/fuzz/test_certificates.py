@@ -2,13 +2,11 @@
 
 from collections import Counter
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pairwise.certificates import verify_pm_sdp
-from pairwise.certificates.certificate import CertificateArrays
 from pairwise.certificates.verify import VERIFIERS
 from tests.fuzz.certificates import forged, honest, judge
 from tests.fuzz.damage import fuzzing
@@ -37,18 +35,6 @@ def test_honest_certificates_are_true():
 def test_forged_certificates_prove_nothing_false():
     endings = attack(150)
     assert min(endings["true"], endings["refused"]) > 12
-
-
-def test_the_attack_finds_a_verifier_that_trusts_types(monkeypatch):
-    def as_given(self, name, shape):
-        values = np.array(self._take(name, shape, "f"))
-        if self._exponent is None:
-            return values
-        return np.ldexp(values, -self._exponent).astype(values.dtype)
-
-    monkeypatch.setattr(CertificateArrays, "floats", as_given)
-    with pytest.raises(AssertionError, match="unclear error"):
-        attack(3000)
 
 
 def test_the_attack_finds_a_verifier_that_trusts_eigenvalues(monkeypatch):

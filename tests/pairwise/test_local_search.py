@@ -97,14 +97,3 @@ def test_merging_keeps_equal_maps_of_both_chiralities():
     found = minimise(problem, np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]), hold_chirality=True)
     assert len(found) == 2
     assert len(merge([found, found])) == 2
-
-
-@pytest.mark.parametrize("entries", [1, 200, 10**6])
-def test_how_many_costs_are_held_at_a_time_does_not_matter(entries, rng, monkeypatch):
-    problem = planted(rng, rng.random((11, 3)), noise=0.1)
-    rotations = random_rotations(3, 7, rng)
-    whole = MatchingCosts(problem).assign(rotations)
-    monkeypatch.setattr("pairwise.local_search.CACHED_ENTRIES", entries)
-    costs = MatchingCosts(problem)
-    assert costs.chunk == max(1, entries // 121)
-    np.testing.assert_array_equal(costs.assign(rotations), whole)

@@ -47,19 +47,15 @@ from data_tools.errors import InputError, OptionsError
 from data_tools.poses import APART_DEG, keep_apart
 from data_tools.rotations import rotation_angle_deg
 
-#: Maps are asked where the median of the pairs' lowest energies is above this share of the points' squared size: the
-#: shapes differ so much that one-to-one matches of positions do not settle poses. At default options teeth have .09,
-#: fish and chairs of SHREC07 .14 and .15, its ants, teddy bears and glasses .19 to .20, SCAPE .23, its humans and
-#: armadillos .25 and .33.
+#: Maps are asked where the median of the pairs' lowest energies is above this share of the points' squared size.
+#: Chosen on teeth, SCAPE and classes of SHREC07.
 BENT_ENERGY = 0.16
 #: And only where the pairs contradict each other: rigid evidence is settled where this share of the cycles of three
 #: pairs closes. Of 12 mouse skulls and 12 glasses of SHREC07, whose energies are above, .95 and all close; of teddy
 #: bears, ants, SCAPE and humans .46 to .74.
 CLOSING_CYCLES = 0.9
-#: And not where surfaces overlap at rigid poses: shapes that carry a stand differ like shapes that bend, but there
-#: alone. After refinement the median pair of teddy bears overlaps by .71, of humans by .65, of armadillos, ants,
-#: glasses and SCAPE by .52 to .55, of generated lizards by .85; of skulls, guitars and guns by .92 to .96.
-#: So many pairs are refined for that.
+#: And not where surfaces of the median pair overlap by this at rigid poses, as shapes with a stand do. So many
+#: pairs are refined for that.
 RIGID_OVERLAP, MOST_REFINED = 0.88, 24
 #: Cycles that are looked at.
 MAX_CYCLES = 2000

@@ -34,10 +34,8 @@ _STEPS = (0.35,) * 4 + (0.25,) * 8
 NUM_POINTS = 200
 #: Memory of a surface with its grid of a quarter of a MiB, in that of its points alone.
 GRID_GROWTH = 14.0
-#: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be. Nor does
-#: the rim of a shape tell anything that has more than the last share of its points there: legs and edges are as thin
-#: as its points are apart. Clouds of complete chairs have .34 to .54 there, those of cut horses, fish, teeth, guitars
-#: and teddy bears .07 to .3.
+#: Fewer shapes cannot tell which of them is incomplete, nor can they where more than this share seems to be. Nor
+#: does the rim of a shape tell anything that has more than the last share of its points there.
 MIN_SHAPES, MOST_MISSING, MOST_ON_RIM = 5, 0.5, 1 / 3
 
 

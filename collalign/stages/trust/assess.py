@@ -54,10 +54,8 @@ from data_tools.poses import AGREE_DEG, APART_DEG, keep_apart, pose_angle_deg
 
 #: What poses cost: gaps of dense points, and mismatches of neighbourhoods.
 GAP, LOCAL = 0, 1
-#: Added to the votes on either side: few pairs settle little (Jeffreys' prior). With a whole vote 315 in place of 337
-#: shapes were stated at .95 or more, with as many wrong (4), in twos to eights of 37 generated families whose
-#: confidences cycles limit; on 21 runs of eight real collections 86 in place of 94, with none wrong. The second:
-#: pairs that contradict a pose and are taken to ask for the same other one, before any is seen.
+#: Added to the votes on either side (Jeffreys' prior). The second: pairs that contradict a pose and are taken to
+#: ask for the same other one, before any is seen.
 PRIOR_VOTES, PRIOR_SAME = 0.5, 10.0
 #: Differences below this, in squared radii, say nothing.
 RESOLUTION = 0.01

@@ -23,10 +23,10 @@ from data_tools.threads import one_blas_thread
 from pairwise.dense import DensePoints, refine_pose
 
 #: Points of each shape. Even points make closest points a measure of the surfaces alone.
-NUM_POINTS = 400
+NUM_CLOUD_POINTS = 400
 #: Neighbours of each shape, by the poses as they are, whose distances are measured after refining the pose: a nearest
 #: neighbour is one of these.
-NUM_NEAR = 16
+NUM_NEAR_SHAPES = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,7 +199,7 @@ def _by_label(
 
 @one_blas_thread()
 def surface_distances(
-    clouds: Sequence[FloatArray], part_numbers: IntArray, *, num_near: int = NUM_NEAR
+    clouds: Sequence[FloatArray], part_numbers: IntArray, *, num_near: int = NUM_NEAR_SHAPES
 ) -> FloatArray:
     """Return the closest-point distances of all pairs, shape (N, N); NaN between shapes of different part_numbers.
 
@@ -243,7 +243,7 @@ def posed_clouds(collection: Collection) -> list[FloatArray]:
     clouds = []
     for (vertices, _), rotation in zip(collection.surfaces, collection.rotations, strict=True):
         shape = Shape.from_arrays(vertices)
-        chosen = farthest_points(shape, min(NUM_POINTS, len(vertices)), metric="euclidean")
+        chosen = farthest_points(shape, min(NUM_CLOUD_POINTS, len(vertices)), metric="euclidean")
         clouds.append(unit_size(vertices[None, chosen])[0] @ rotation.T)
     return clouds
 

@@ -126,9 +126,3 @@ def test_folders_tell_shapes_of_one_name_apart(tmp_path):
         InputError, match=r"'skull' is listed twice, as 'a/skull\.ply' and 'b/skull"
     ):
         labels.check_fit(["skull"])
-
-
-def test_a_file_column_leads_to_the_row_as_well(tmp_path):
-    labels = read_labels(table(tmp_path, "name,file,genus\nB03,B03_scan.off,X\n"))
-    assert labels.column("genus", ["B03_scan"]) == labels.column("genus", ["B03"]) == ("X",)
-    assert list(labels.columns) == ["genus"]

@@ -4,7 +4,6 @@ from scipy.spatial import procrustes
 from scipy.spatial.transform import Rotation
 
 from collalign.analysis.procrustes import (
-    best_rotations,
     common_labels,
     generalized_procrustes,
     principal_components,
@@ -27,19 +26,6 @@ def test_superimposition_undoes_similarities(rng):
     found = generalized_procrustes(moved(np.tile(shape, (6, 1, 1)), rng))
     np.testing.assert_allclose(found, np.tile(found[0], (6, 1, 1)), atol=1e-9)
     assert np.linalg.norm(found[0]) == pytest.approx(1)
-
-
-def test_superimposition_does_not_depend_on_where_shapes_lie(rng):
-    shapes = rng.standard_normal((12, 3)) + 0.1 * rng.standard_normal((8, 12, 3))
-    one, two = generalized_procrustes(shapes), generalized_procrustes(moved(shapes, rng))
-    gauge = best_rotations(one.mean(axis=0), two.mean(axis=0))
-    np.testing.assert_allclose(two @ gauge.T, one, atol=1e-5)
-
-
-def test_superimposition_never_mirrors(rng):
-    shape = rng.standard_normal((12, 3))
-    found = generalized_procrustes(np.stack([shape, -shape, shape, shape]))
-    assert np.linalg.norm(found[1] - found[0]) > 0.5
 
 
 def test_components_of_a_planted_family(rng):

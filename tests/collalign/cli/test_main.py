@@ -76,7 +76,6 @@ def test_options_of_status_and_variation_that_exclude_each_other_are_refused(tmp
     ("sent", "code"),
     [
         ([signal.SIGINT], 130),
-        ([signal.SIGINT] * 2, 130),
         ([signal.SIGTERM], 143),
         ([signal.SIGHUP] * 3, 129),
     ],

@@ -364,9 +364,6 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
         assert "at the top of the window" in frame("align").locator(".decisions").inner_text()
         press(page, "Apply 1 decision and run again", "--corrections")
         assert '"confirmed"' in (out / "given" / "decisions.json").read_text()
-        frame("align").locator(".decisions .chips button").click()
-        press(page, "Take back 1 decision and run again", "--corrections")
-        assert frame("align").locator(".tag.good").count() == 0
         press(page, "Export", "export")
         page.locator("#files").set_input_files(
             [tmp_path / "specimens.csv", tmp_path / "chair1.csv"]
@@ -478,7 +475,7 @@ open(said, "w").write(f"{given} {key} {'Run again' in text}")
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_browser_that_is_waited_for_is_answered_and_the_end_ends_what_was_begun(
     number, tmp_path, monkeypatch
 ):
@@ -582,7 +579,7 @@ def test_a_killed_server_leaves_whole_files_and_can_be_opened_again(out, tmp_pat
         "while True:\n"
         "    for kind in 'ba': workspace.put('labels.csv', BytesIO(text.replace('{}', kind).encode()))\n"
     )
-    for at in range(3):
+    for at in range(2):
         with Popen([sys.executable, "-c", script, str(copy)], stdout=PIPE) as process:
             assert process.stdout.readline() == b"ready\n", "what a killed one left is written over"
             time.sleep(0.05 * at)

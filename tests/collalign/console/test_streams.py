@@ -105,7 +105,7 @@ def placed(words, out, new):
     [
         (words, way)
         for words in PRINTING
-        for way in (WAYS if words[0] == "status" else ("out full", "all closed"))
+        for way in (WAYS if words[0] == "status" else ("out full",))
     ],
     ids=lambda given: given if isinstance(given, str) else " ".join(given),
 )

@@ -84,7 +84,7 @@ def test_shapes_that_are_added_survive_kills_and_move_nothing(tmp_path):
     before = read_json(out / "alignment.json")["shapes"]
     command = [sys.executable, "-m", "collalign", "add", str(out), str(new), "--jobs", "2"]
     log = run_with_kills(
-        command, 2, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check
+        command, 1, rng, delay_s=(0.5, 3.0), parent_share=0.7, resume_codes=(3,), check=watch.check
     )
     watch.check_end()
     after = read_json(out / "alignment.json")["shapes"]

@@ -1,12 +1,11 @@
 """Dataclasses come back from records as they were, and records that cannot be are refused."""
 
-from dataclasses import dataclass, fields, make_dataclass, replace
-from typing import Annotated, Any, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Annotated
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from typing_extensions import TypeAliasType
 
 from collalign.engine.records import decode, encode, fields_of, from_record, to_record
 from collalign.stages.match_pairs import PairPoses, match_pair
@@ -229,16 +228,3 @@ def test_missing_fields_are_named(rng, poses):
                 from_record(
                     kind, {name: value for name, value in record.items() if name != field}, "x"
                 )
-
-
-def test_arrays_may_be_annotated_by_a_named_alias_as_numpys_own_is():
-    scalar = TypeVar("scalar", bound=np.generic)
-    named = TypeAliasType(
-        "named", np.ndarray[tuple[Any, ...], np.dtype[scalar]], type_params=(scalar,)
-    )
-    held = make_dataclass("Held", [("values", named[np.float64])], frozen=True)
-    np.testing.assert_array_equal(
-        from_record(held, {"values": np.arange(3.0)}, "x").values, np.arange(3.0)
-    )
-    with pytest.raises(StoreError, match="values: expected an array, got list"):
-        from_record(held, {"values": [1.0]}, "x")

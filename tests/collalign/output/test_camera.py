@@ -45,16 +45,3 @@ def test_named_front_is_seen_from_its_side_and_above(up, front):
     assert high[2] > 0.3
     assert forward[2] > 0.8
     assert forward[0] == pytest.approx(-0.5)
-
-
-def test_without_a_named_front_it_is_the_thin_side_that_is_level():
-    none = np.empty((0, 3), dtype=np.int64)
-    plain = camera(
-        [(wedge(), none)], NamedFrame(up="y")
-    )  # longest along x, the shortest level axis is z
-    assert abs(plain[2] @ [0, 0, 1]) == pytest.approx(
-        np.cos(np.deg2rad(30)) * np.cos(np.deg2rad(20))
-    )
-    np.testing.assert_allclose(
-        plain @ [0, 1, 0], [0, np.cos(np.deg2rad(20)), np.sin(np.deg2rad(20))], atol=1e-12
-    )

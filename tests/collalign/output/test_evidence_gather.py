@@ -8,7 +8,6 @@ from collalign.output.evidence_file import (
     distinct_poses,
     label_maps,
     part_numbers,
-    shown_pair,
 )
 from collalign.products.consistent_maps import ConsistentMaps
 from tests.products import settled_pair_of
@@ -57,18 +56,6 @@ def test_poses_of_a_pair_are_distinct_and_hold_the_chosen_one():
     assert [distinct_poses(turns, energies, choice)[1] for choice in (1, -1)] == [0, -1]
     mirrored, choice = distinct_poses(np.stack([np.eye(3), -np.eye(3)]), np.array([2.0, 1.0]), 0)
     assert (mirrored, choice) == ([1, 0], 1)
-
-
-def test_a_pair_is_shown_with_poses_that_a_person_tells_apart():
-    near = Rotation.from_rotvec([0, 0, 0.01]).as_matrix()
-    pair = shown_pair(matched(0, 1, [np.eye(3), near, HALF_TURN], np.arange(K), choice=2))
-    np.testing.assert_array_equal(pair.rotations, [np.eye(3), HALF_TURN])
-    assert (pair.choice, pair.energies.tolist(), pair.maps.shape) == (1, [0.5, 2.5], (2, 0))
-    np.testing.assert_array_equal(shown_pair(pair).rotations, pair.rotations)
-    likely = shown_pair(
-        matched(0, 1, [np.eye(3), HALF_TURN], np.arange(K), log_odds=np.array([0.0, 3.0]), choice=1)
-    )
-    assert (likely.choice, likely.energies.tolist()) == (0, [1.5, 0.5])
 
 
 def test_cycle_errors_find_the_wrong_pair():

@@ -17,7 +17,7 @@ from collalign.output import report
 from collalign.output.members import statistics_members
 from collalign.output.report.content import build_content, categories
 from collalign.output.report.page import page_members, report_pages, shown_part, write_report
-from collalign.output.report.payload import MISSING, pack_mesh, quaternions, sample_colors
+from collalign.output.report.payload import MISSING, pack_mesh, quaternions
 from collalign.output.report.sections import offered_poses, shape_map
 from collalign.output.views import display_mesh, faces_per_shape
 from collalign.products.pair import Alternative
@@ -66,12 +66,6 @@ def test_meshes_are_rounded_to_a_sixteen_bit_grid(rng):
     np.testing.assert_array_equal(found["faces"].reshape(-1, 3), faces)
     np.testing.assert_array_equal(found["samples"].reshape(-1, 3)[2], [MISSING] * 3)
     assert found["scalars"][[0, -1]].tolist() == [0, 255]
-
-
-def test_large_meshes_get_wide_indices():
-    vertices = np.random.default_rng(0).standard_normal((70_000, 3))
-    info, text = pack_mesh(vertices, np.array([[0, 1, 69_999]]), vertices[:1])
-    assert unpack(info["fields"], text)["faces"].tolist() == [0, 1, 69_999]
 
 
 def test_quaternions_carry_reflections():
@@ -150,15 +144,6 @@ def test_doubtful_incomplete_and_unaligned_shapes_do_not_count_and_are_named():
     assert not statistics_members(dataclasses.replace(view, incomplete=())).too_few(7)
 
 
-def test_what_a_doubtful_shape_looks_like_does_not_change_the_map():
-    view = view_of(9)
-    samples = view.landmarks.copy()
-    samples[1] = samples[1][::-1]
-    found = shape_map(view)
-    assert found == shape_map(dataclasses.replace(view, landmarks=samples))
-    assert "shape_001 (in doubt)" in found["words"]
-
-
 def test_shapes_without_a_place_on_the_map_are_listed_still():
     view = dataclasses.replace(view_of(9), part_numbers=np.array([1, 0, 0, 0, 0, 0, 0, 0, 1]))
     found = shape_map(view)
@@ -215,21 +200,6 @@ def test_pairs_carry_maps_poses_and_words():
     assert np.flatnonzero(found["mirrored"]).tolist() == [0]
     turned = np.isin(np.arange(15), [0, 3, 10])
     np.testing.assert_allclose(found["disagreement"], 180 * turned, atol=1e-3)
-
-
-def test_colours_of_labels_span_the_box_of_their_mean_places():
-    places = np.array([[0.0, 5.0, 1.0], [2.0, 5.0, 3.0], [1.0, 5.0, 2.0]])
-    found = sample_colors(np.stack([places - 0.5, places + 0.5, np.full((3, 3), np.nan)]))
-    np.testing.assert_allclose(found, [[0.08] * 3, [0.92, 0.08, 0.92], [0.5, 0.08, 0.5]])
-
-
-def test_one_huge_shape_does_not_make_the_others_small():
-    view = view_of(6)
-    centre = view.landmarks[4].mean(axis=0)
-    huge = 50.0 * (view.vertices[4] - centre) + centre
-    other = dataclasses.replace(view, vertices=(*view.vertices[:4], huge, view.vertices[5]))
-    usual, found = (build_content(one)[0]["camera"]["extent"] for one in (view, other))
-    assert np.max(found) < 2 * np.max(usual)
 
 
 def test_report_is_the_same_each_time_and_needs_no_network(tmp_path):

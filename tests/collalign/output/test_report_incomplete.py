@@ -105,12 +105,3 @@ def test_the_record_counts_what_the_arrays_hold():
     assert told["overlaps"] == {view.names[i]: {"partner": 0.7, "own": 1.0} for i in (0, 1, 2)}
     np.testing.assert_allclose(told["translation"], view.transforms[BROKEN][:3, 3])
     assert told["scale"] == pytest.approx(view.scales[BROKEN])
-
-
-def test_a_scan_that_nothing_overlaps_is_covered_nowhere():
-    view = broken_view()
-    alone = Incomplete(
-        shape=1, reason="", partners=np.array([], dtype=int), overlaps=np.empty((0, 2))
-    )
-    _, meshes = incomplete_content(dataclasses.replace(view, incomplete=(*view.incomplete, alone)))
-    assert (mesh_of(meshes, "coverage-1")[1] == 0.0).all()

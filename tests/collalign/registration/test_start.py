@@ -47,17 +47,6 @@ def test_bent_limbs_follow_a_map_of_which_a_tenth_is_wrong():
     assert errors(FIGURE.vertices, truth).max() > 0.5
 
 
-def test_several_goals_of_a_vertex_are_averaged_and_none_is_needed_everywhere():
-    rng = np.random.default_rng(2)
-    shift = np.array([0.3, 0.0, 0.0])
-    at = np.flatnonzero(rng.random(len(FIGURE.vertices)) < 0.8)
-    goals = (
-        np.concatenate([at, at]),
-        np.concatenate([FIGURE.vertices[at] + 2 * shift, FIGURE.vertices[at]]),
-    )
-    np.testing.assert_allclose(started(FIGURE.vertices, goals), FIGURE.vertices + shift, atol=1e-3)
-
-
 def test_a_map_without_order_is_not_believed():
     for seed in range(4):  # of these, the third turns little
         order = np.random.default_rng(seed).permutation(len(FIGURE.vertices))

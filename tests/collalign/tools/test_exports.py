@@ -66,20 +66,6 @@ def test_morphologika_has_the_labels(view, tmp_path):
     assert lines[lines.index("[labelvalues]") + 2].split() == ["taxon_B", "left"]
 
 
-def test_morphologika_survives_specimens_called_like_its_sections(view, tmp_path):
-    """Geomorph begins a section at any line that contains its word, and a specimen at a quote."""
-    names = ("names_1", "Landmarks2", "my rawpoints", "a 'b'", "a _b_", "groups")
-    paths = export(dataclasses.replace(view, names=names), "morphologika", tmp_path)
-    lines = paths[0].read_text().splitlines()
-    for section in ("individuals", "landmarks", "dimensions", "names", "labelvalues", "rawpoints"):
-        assert sum(section in line.lower() for line in lines) == 1
-    assert sum(line.startswith("'") for line in lines) == 6
-    found = lines[lines.index("[names]") + 1 :][:6]
-    assert len(set(found)) == 6
-    assert [row["name"] for row in rows(paths[1])] == list(names)
-    assert [row["id"] for row in rows(paths[1])] == found
-
-
 @pytest.mark.parametrize("format", ["tps", "morphologika"])
 def test_tables_of_landmarks_are_read_again(view, tmp_path, format):
     found = read_specimens(export(view, format, tmp_path)[0])

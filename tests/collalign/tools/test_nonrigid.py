@@ -18,7 +18,6 @@ from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from experiments.maps.evaluation import MapEvaluator
-from tests.notes import codes
 
 SMALL = SurfaceOptions(num_functions=45, num_samples=60, num_dense=300)
 QUICK = NonrigidOptions()
@@ -116,21 +115,6 @@ def test_vertex_indices_are_those_of_the_file(pair, prepared):
     there, own = match.point_map_target_source, np.r_[np.arange(len(target.vertices)), 7]
     assert (there[np.r_[:3, -5:0]] == -1).all()
     assert (there[3:-5] == own).mean() > 0.99
-
-
-def test_large_meshes_are_decimated_and_small_ones_work(pair, prepared):
-    target = pair[0]
-    coarse = prepare_surface(target, replace(SMALL, max_faces=1200))
-    assert "decimated" in codes(coarse.notes)
-    match = match_prepared(prepared[0], coarse, QUICK)
-    own = np.arange(len(target.vertices))
-    assert mean_error(target, match.point_map_target_source, own) < 0.05
-    vertices, faces = coarse.vertices, coarse.faces
-    tiny = prepare_surface(
-        Shape.from_arrays(vertices, faces), SurfaceOptions(num_functions=60, num_dense=5000)
-    )
-    assert len(tiny.dense) == len(vertices)
-    assert match_prepared(tiny, tiny).confidence > 0.5
 
 
 def test_poor_meshes_work_or_say_what_to_do(pair, prepared):

@@ -15,18 +15,10 @@ from collalign.nonrigid.spectral_shape import (
     signed_volume,
     smoothed_curvature,
 )
-from data_tools.datasets.synthetic_shapes import blob, figure, sphere_mesh
-from data_tools.errors import InputError
+from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.surface.laplacian import cotangent_laplacian
-from data_tools.surface.shape import Shape
-from experiments.maps.evaluation import MapEvaluator, cumulative_curve, summary
 
 SMALL = SurfaceOptions(num_functions=40, num_samples=40, num_dense=300)
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return Shape.from_arrays(*sphere_mesh(1200))
 
 
 @pytest.fixture(scope="module")
@@ -90,36 +82,3 @@ def test_both_orientations_are_kept():
     assert [c.score for c in of_both_orientations(many, 4)] == [0.0, 1.0, 3.0, 4.0]
     assert [c.score for c in of_both_orientations(many[:3], 2)] == [0.0, 1.0]
     assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
-
-
-def test_evaluator_measures_geodesics_over_the_root_of_the_area(sphere):
-    top, bottom = int(sphere.vertices[:, 2].argmax()), int(sphere.vertices[:, 2].argmin())
-    evaluator = MapEvaluator(sphere, [top, top, bottom], [bottom, bottom, top])
-    errors = evaluator.errors([top, bottom, -1])
-    half_turn = np.pi / np.sqrt(4 * np.pi)
-    assert errors.direct[0] == pytest.approx(0.0, abs=1e-6)
-    assert errors.direct[1] == pytest.approx(half_turn, rel=0.1)
-    assert errors.direct[2] == np.inf
-    flipped = evaluator.errors([bottom, bottom, top])
-    assert flipped.accepting_flips == pytest.approx(0.0, abs=1e-6)
-    assert flipped.direct.min() > 0.5
-    with pytest.raises(InputError, match="images"):
-        evaluator.errors([0, 1])
-    with pytest.raises(InputError, match="truth"):
-        MapEvaluator(sphere, [99999])
-
-
-def test_curves_count_points():
-    errors = [np.array([0.0, 0.05]), np.array([0.1, 0.3])]
-    assert cumulative_curve(errors, np.array([0.0, 0.05, 0.2, 1.0])).tolist() == [
-        0.25,
-        0.5,
-        0.75,
-        1.0,
-    ]
-    numbers = summary(errors)
-    assert numbers["mean"] == pytest.approx(0.1125)
-    assert numbers["within_0.1"] == 0.75
-    assert numbers["worst_map"] == pytest.approx(0.2)
-    with pytest.raises(InputError, match="none"):
-        cumulative_curve([])

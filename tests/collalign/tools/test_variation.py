@@ -362,14 +362,6 @@ def test_directional_asymmetry_that_the_mirror_map_explains_is_warned_of():
     assert shared_error_notes(found, 0.99 * directional) == ()
 
 
-def test_a_second_write_gives_the_same_bytes(written, variation, tmp_path):
-    points = np.vstack([variation.mean[[0, 10]], [[np.nan] * 3]])
-    written_to(tmp_path, variation, {"form": LABELS}, (("a", "b", "c"), points))
-    assert not (tmp_path / "symmetry").exists()
-    for name in ("scores.csv", "statistics/pairs.csv", "components/PC1-low.ply"):
-        assert (tmp_path / name).read_bytes() == (written / name).read_bytes(), name
-
-
 def test_the_page_works_in_a_browser(browser, written, variation, tmp_path):
     with Page(
         browser, written / "variation.html", viewport={"width": 400, "height": 800}

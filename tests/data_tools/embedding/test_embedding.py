@@ -120,15 +120,6 @@ def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
 
 
-def test_clouds_get_all_blocks(shape, rng):
-    cloud = point_cloud(shape, rng, noise=0.002)
-    samples = sample_shape(cloud, FEW, ALL)
-    mesh = sample_shape(shape, FEW, ALL)
-    assert samples.coordinates.shape == mesh.coordinates.shape
-    assert samples.invariants.shape == mesh.invariants.shape
-    assert np.isfinite(samples.invariants).all()
-
-
 def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
     shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
     options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
@@ -207,12 +198,3 @@ def test_points_of_a_small_cloud_count_several_times(rng):
     assert (found.num_places, found.is_poor) == (30, True)
     np.testing.assert_allclose(found.positions.mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(found.positions), 1.0)
-
-
-def test_one_component_is_not_joined(tmp_path, shape):
-    file = write_mesh(tmp_path / "blob.ply", shape)
-    one, all_of_it = (
-        sample_file(file, CleaningOptions(components=components), FEW, EmbeddingOptions(), name="a")
-        for components in ("largest", "all")
-    )
-    np.testing.assert_array_equal(one.positions, all_of_it.positions)

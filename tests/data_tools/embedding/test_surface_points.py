@@ -7,15 +7,12 @@ from scipy.spatial import cKDTree
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import CELL, sample_shape
 from data_tools.embedding.surface_points import (
-    RIM_NEIGHBOURS,
     centre_and_radius,
-    cloud_rim,
     spread_over_triangles,
     spread_points,
     surface_cells,
 )
 from data_tools.options import EmbeddingOptions, SamplingOptions
-from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 
 
@@ -132,21 +129,6 @@ def test_pieces_of_a_cloud_each_get_a_side():
         assert signs[piece].all() or not signs[piece].any()
 
 
-def test_a_rotated_shape_has_the_same_points_up_to_their_choice():
-    shape = blob(np.random.default_rng(2), num_vertices=900)
-    turn = random_rotation(np.random.default_rng(8))
-    found = surface_cells(shape, 0.12)
-    moved = surface_cells(
-        Shape.from_arrays(3.0 * shape.vertices @ turn.T + 5.0, shape.faces, name="moved"), 0.36
-    )
-    assert abs(len(moved.points) / len(found.points) - 1.0) < 0.05
-    gaps, nearest = cKDTree(moved.points).query(3.0 * found.points @ turn.T + 5.0)
-    assert np.median(gaps) < 0.1 * 0.36
-    agree = (moved.features[nearest] * found.features).sum(axis=1)
-    others = (moved.features[::-1][nearest] * found.features).sum(axis=1)
-    assert np.median(others) < 0.985 < 0.995 < np.median(agree)
-
-
 def test_hardly_any_points_are_no_surface():
     line = Shape.from_arrays(np.linspace(0.0, 1.0, 50)[:, None] * [[1.0, 2.0, 3.0]], name="line")
     assert surface_cells(sphere(), 3.0) is None
@@ -227,20 +209,3 @@ def test_a_clouds_rim_is_found_by_its_gaps():
     lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
     assert found.on_rim[lowest].mean() > 0.7
     assert found.on_rim[~lowest].mean() < 0.25
-
-
-def test_the_neighbours_that_count_for_a_rim_are_just_the_nearest():
-    angles = np.deg2rad([150.0, 210.0, *np.linspace(-90.0, 90.0, RIM_NEIGHBOURS - 2)])
-    radii = np.where(np.arange(RIM_NEIGHBOURS) < 2, 2.0, 1.0)  # the farthest close the gap
-    ring = np.column_stack(
-        [radii * np.cos(angles), radii * np.sin(angles), np.zeros(RIM_NEIGHBOURS)]
-    )
-    cloud, upwards = (
-        np.vstack([np.zeros(3), ring]),
-        np.tile([0.0, 0.0, 1.0], (1 + RIM_NEIGHBOURS, 1)),
-    )
-    assert not cloud_rim(cloud, upwards)[0]
-    assert cloud_rim(np.delete(cloud, 1, axis=0), upwards[1:])[0]
-    assert cloud_rim(
-        np.vstack([cloud, 0.5 * ring[2:4]]), np.tile(upwards[0], (3 + RIM_NEIGHBOURS, 1))
-    )[0]

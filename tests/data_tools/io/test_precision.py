@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.io.shapes import (
@@ -35,17 +34,6 @@ def test_meshes_on_a_map_are_written_without_loss(tmp_path, suffix):
     np.testing.assert_allclose(back.vertices[order[0]], shape.vertices[order[1]], rtol=0, atol=1e-6)
     np.testing.assert_allclose(back.area, shape.area, rtol=1e-6)
     assert coarse_note(back.vertices) == ()
-
-
-@pytest.mark.parametrize("suffix", WRITABLE)
-def test_other_programs_read_the_same_of_what_is_written(tmp_path, suffix):
-    for shape in (BLOB, on_map(1.5)):
-        path = write_mesh(tmp_path / f"a{suffix}", shape)
-        other = trimesh.load_scene(path, process=False).to_geometry()
-        np.testing.assert_allclose(other.area, shape.area, rtol=1e-4)
-        np.testing.assert_allclose(
-            other.bounds, [shape.vertices.min(axis=0), shape.vertices.max(axis=0)], atol=1e-5
-        )
 
 
 def test_binary_files_are_in_single_precision_where_that_is_enough(tmp_path):

@@ -55,11 +55,6 @@ def test_merging_does_not_depend_on_hashes(factors, rng, monkeypatch):
     np.testing.assert_array_equal(cleaned.source_indices, first)
 
 
-def test_hashes_of_coordinates_in_single_precision_differ(rng):
-    points = rng.standard_normal((300_000, 3)).astype(np.float32).astype(np.float64)
-    assert len(np.unique(cleaning._hashes(points))) == len(points)
-
-
 def test_components_and_duplicates_are_kept_on_request():
     first, faces = sphere_mesh(30)
     two = Shape.from_arrays(
@@ -178,14 +173,6 @@ def test_plain_pieces_alone_or_below_the_object_change_nothing(rng):
         cleaned = clean(scene)
         assert cleaned.area == pytest.approx(expected, rel=0.05)
         assert "plain-pieces" not in codes(cleaned.notes)
-
-
-def test_a_chair_of_boards_and_round_legs_keeps_its_seat(rng):
-    """Several round pieces of one size are parts of furniture, not an object on a table."""
-    seat, leg = boxes(((4, 4, 0.2), (-2, -2, 0))), blob(rng, num_vertices=200)
-    legs = [(0.4 * leg.vertices + [x, y, -2], leg.faces) for x in (-1.5, 1.5) for y in (-1.5, 1.5)]
-    cleaned = clean(together((seat.vertices, seat.faces), *legs))
-    assert cleaned.area == pytest.approx(seat.area)
 
 
 def test_a_box_among_coarse_parts_is_an_object():

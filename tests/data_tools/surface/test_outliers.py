@@ -110,13 +110,6 @@ def test_many_strays_that_are_near_each_other_are_left_out(num_points, num_stray
     assert (kept >= num_points).sum() <= 0.2 * num_strays
 
 
-def test_a_surface_scanned_thinly_but_for_a_cap_is_no_stray(rng):
-    points = blob(rng, num_vertices=6000).vertices
-    in_cap = points[:, 0] > 0.7 * np.linalg.norm(points, axis=1)
-    uneven = points[in_cap | (rng.random(len(points)) < 1.0 / 25.0)]
-    assert len(without_outliers(Shape.from_arrays(uneven)).vertices) == len(uneven)
-
-
 @pytest.mark.parametrize("length", [2.0, 5.0, 30.0])
 @pytest.mark.parametrize("num_rings", [1, 2, 60])
 def test_thin_parts_stay(num_rings, length):

@@ -37,25 +37,6 @@ def test_the_paths_of_leaves_tile_their_faces(dim, rng):
         np.testing.assert_array_equal(ends[order], np.append(starts[order][1:], 1.0))
 
 
-def test_balls_shrink_with_the_cells():
-    cells = Cells.whole(3)
-    for _ in range(3):
-        children = cells.split().split().split()
-        assert children.balls()[1].max() < 0.75 * cells.balls()[1].max()
-        cells = children
-
-
-def test_siblings_are_apart():
-    cells = Cells.whole(3)
-    for _ in range(6):
-        cells = cells.split()
-    assert (
-        len(np.unique(np.hstack([cells.faces[:, None], cells.centres]), axis=0))
-        == len(cells)
-        == 4 * 2**6
-    )
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_farthest_corner_of_a_cell_is_on_the_surface_of_its_ball(dim, rng):
     cells = split_at_random(dim, rng)

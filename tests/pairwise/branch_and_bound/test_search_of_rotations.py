@@ -76,13 +76,3 @@ def test_poses_up_to_a_factor_are_collected_in_small_cells():
     assert not len(search._open.bounds)
     np.testing.assert_array_equal(search.collected(search.energy).bounds, bounds[[0, 1, 3]])
     assert search.bound == bounds[1]
-
-
-def test_cells_that_are_collected_are_as_small_as_asked_for_and_hardly_smaller():
-    search = started()
-    search.collect(1.5, 0.1)
-    search.run(np.inf, search.energy)
-    radii = search.collected(search.energy).radii
-    assert len(radii) > 10
-    assert radii.max() <= 0.1
-    assert radii.min() >= 0.06

@@ -7,11 +7,10 @@ import pytest
 
 from data_tools.errors import InputError
 from pairwise import Problem, verify_certificate
-from pairwise.branch_and_bound.bounds import Cells
 from pairwise.branch_and_bound.prove import depths_of, prove, searches_of
 from pairwise.branch_and_bound.tilted import prove_tilted
 from pairwise.certificates.verify import proven_bound
-from pairwise.certificates.verify_cells import cell_corners, tilted_bound
+from pairwise.certificates.verify_cells import tilted_bound
 from pairwise.problem import energy_scale
 from pairwise.results import Status
 from tests.oracles import brute_force
@@ -41,17 +40,6 @@ def test_what_is_proven_is_below_the_optimum(seed):
     assert bound <= optimum + 1e-12 * scale
     if proof.status is Status.PROVEN_OPTIMAL:
         assert bound >= 0.98 * optimum - 1e-8 * scale
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_verifier_finds_the_same_cells(dim):
-    cells = Cells.whole(dim)
-    for _ in range(8):
-        cells = cells.split()
-    for ours, theirs in zip(
-        cell_corners(cells.faces, cells.depths, cells.paths, dim), cells.reach(), strict=True
-    ):
-        np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
 def test_cells_that_do_not_tile_the_rotations_are_refused(problem, certificate):

@@ -62,8 +62,17 @@ def built_in():
     return {kind: solve_pm_sdp(problem, **options) for kind, (problem, options) in KINDS.items()}
 
 
-@pytest.mark.parametrize(("solver", "tol"), [("clarabel", 1e-5), ("scs", 1e-3)])
-@pytest.mark.parametrize("kind", KINDS)
+#: Kinds whose cones and equations SCS is given as well, which takes longer.
+WITH_SCS = ("as published", "fewer source points", "weights", "unmatched points")
+
+
+@pytest.mark.parametrize(
+    ("kind", "solver", "tol"),
+    [
+        *((kind, "clarabel", 1e-5) for kind in KINDS),
+        *((kind, "scs", 1e-3) for kind in WITH_SCS),
+    ],
+)
 def test_bounds_agree_with_the_built_in_solver(kind, solver, tol, built_in):
     problem, options = KINDS[kind]
     result, own = solve_pm_sdp(problem, solver=solver, **options), built_in[kind]
@@ -122,8 +131,6 @@ def test_limits_are_statuses():
         late = solve_pm_sdp(problem, solver=solver, tol=1e-12, time_limit_s=1e-9)
         assert late.status is Status.TIME_LIMIT
         assert late.lower_bound <= solve_pm_sdp(problem).lower_bound
-        endless = solve_pm_sdp(problem, solver=solver, time_limit_s=np.inf)
-        assert endless.status in (Status.CONVERGED, Status.STALLED)
 
 
 @pytest.mark.parametrize(
@@ -188,14 +195,6 @@ def test_an_unknown_solver_is_refused():
     for solve in (solve_relaxation, match):
         with pytest.raises(OptionsError, match=r"solver.*'mosek'"):
             solve(np.eye(3), np.eye(3), solver="mosek")
-
-
-def test_same_bytes_every_time():
-    problem = noisy(25, 5, 4)
-    for solver in ("clarabel", "scs"):
-        first, second = (solve_pm_sdp(problem, solver=solver) for _ in range(2))
-        assert first.X.tobytes() == second.X.tobytes()
-        assert first.lower_bound == second.lower_bound
 
 
 def test_a_certificate_needs_the_multipliers_of_its_own_problem():

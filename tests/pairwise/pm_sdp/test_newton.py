@@ -5,7 +5,6 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from pairwise.pm_sdp import newton_blocks
 from pairwise.pm_sdp.data import RelaxationData
 from pairwise.pm_sdp.interior_point import _InteriorPoint
 from pairwise.pm_sdp.moment_basis import cauchy_factors
@@ -108,16 +107,6 @@ def test_the_first_point_satisfies_the_equations_of_rotations(case, crossed):
             primal.B.sum(axis=1), np.tile(primal.R, (len(primal.B), 1)), atol=1e-9
         )
     np.testing.assert_allclose(primal.x.sum(axis=1), 1.0)
-
-
-def test_how_many_numbers_are_formed_at_a_time_does_not_matter(point, monkeypatch):
-    targets = aim(point.data, point.primal, point.dual, 0.0)
-    steps = []
-    for entries in (1, 2**15):
-        monkeypatch.setattr(newton_blocks, "_CHUNK_ENTRIES", entries)
-        steps.append(NewtonSystem(point.data, point.basis, point.primal, point.dual).solve(targets))
-    np.testing.assert_allclose(steps[0].x, steps[1].x, atol=1e-9)
-    np.testing.assert_allclose(steps[0].F, steps[1].F, atol=1e-9 * np.abs(steps[1].F).max())
 
 
 def test_factors_of_cauchy_matrices_are_exact_and_short():

@@ -9,7 +9,6 @@ import pytest
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
 from data_tools.io.formats.ply import read_ply
-from data_tools.io.formats.raw_shape import not_kept
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.io.source import Source
 
@@ -61,31 +60,6 @@ def paired(mesh):
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
-@pytest.mark.parametrize("number", [False, True])
-def test_texture_coordinates_of_corners_do_not_disturb(mesh, order, number):
-    properties = (
-        CORNERS
-        + "property list uchar float texcoord\n"
-        + ("property int texnumber\n" if number else "")
-    )
-    elements = [("vertex", 60, XYZ), ("face", len(mesh.faces), properties)]
-    if order:
-        body = mesh.vertices.astype(order + "f4").tobytes()
-        for face in mesh.faces:
-            body += struct.pack(order + "B3iB6f", 3, *face, 6, *[0.5] * 6) + (
-                struct.pack(order + "i", 7) * number
-            )
-    else:
-        body = text_of(mesh.vertices) + text_of(
-            [3, *face, 6, *[0.5] * 6, *[7] * number] for face in mesh.faces
-        )
-    found = read(ply(ORDERS.get(order, "ascii"), elements, body, comment="TextureFile tex0.jpg"))
-    np.testing.assert_array_equal(found.faces, mesh.faces)
-    np.testing.assert_allclose(found.vertices, mesh.vertices, atol=1e-6)
-    assert found.notes == not_kept(["texture coordinates", "textures"])
-
-
-@pytest.mark.parametrize("order", ["<", ">", ""])
 @pytest.mark.parametrize(
     ("word", "code"), [("uchar", "B"), ("int", "i"), ("uint", "I"), ("ushort", "H")]
 )
@@ -118,14 +92,6 @@ def test_triangle_strips_are_surfaces(mesh, order, kind, again):
     np.testing.assert_array_equal(
         read(ply(ORDERS.get(order, "ascii"), elements, body)).faces, mesh.faces
     )
-
-
-def test_every_second_triangle_of_a_strip_is_turned_round():
-    body = text_of(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 0], [4, 0, 1, 2, 3], [3, 0, 0, 4]]
-    )
-    elements = [("vertex", 5, XYZ), ("tristrips", 2, CORNERS)]
-    assert read(ply("ascii", elements, body)).faces.tolist() == [[0, 1, 2], [2, 1, 3]]
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
@@ -201,15 +167,6 @@ def test_bodies_are_counted_to_the_byte_and_line():
         read(ply(ORDERS["<"], elements, b"\0" * size + struct.pack("<BiBi", 1, 0, 2, 0)))
     with pytest.raises(InputError, match="at least 3 lines of data and 2 follow"):
         read(ply("ascii", [("vertex", 3, XYZ)], b"1 2 3\n4 5 6\n"))
-
-
-@pytest.mark.parametrize("kind", ["ascii", *ORDERS.values()])
-@pytest.mark.parametrize(
-    "elements", [[("vertex", 10**18, XYZ)], [("vertex", 1, XYZ), ("face", 10**18, CORNERS)]]
-)
-def test_counts_that_the_file_cannot_hold_are_refused_at_once(kind, elements):
-    with pytest.raises(InputError, match="truncated"):
-        read(ply(kind, elements, b"1 2 3\n" * 4))
 
 
 def test_list_lengths_that_the_file_cannot_hold_are_refused_at_once():

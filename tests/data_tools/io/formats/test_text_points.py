@@ -63,13 +63,6 @@ def test_the_number_of_points_may_come_first(tmp_path, suffix):
         )
 
 
-def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
-    (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
-    np.testing.assert_array_equal(
-        read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
-    )
-
-
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
 def test_clouds_and_obj_may_be_in_any_encoding(tmp_path, encoding):
     (tmp_path / "a.txt").write_bytes("Länge_x;y;z\r\n0;0;0\r\n1;2;3\r\n4;5;7\r\n".encode(encoding))
@@ -278,15 +271,6 @@ def test_missing_numbers_are_nan_wherever_they_are():
         np.testing.assert_array_equal(np.isnan(found), np.eye(3, dtype=bool))
 
 
-def test_long_tables_take_the_short_way(rng, monkeypatch):
-    points = rng.standard_normal((1000, 3))
-    rows = "\n".join(",".join(map(repr, point)) for point in points.tolist())
-    monkeypatch.setattr(
-        "data_tools.io.formats.text_points._row_by_row", lambda *_: pytest.fail("row by row")
-    )
-    np.testing.assert_array_equal(read_points_table("x,y,z\n" + rows, "a.csv").vertices, points)
-
-
 @pytest.mark.parametrize(
     "heading", ["(" * 300_000, "x" + " (" * 150_000, " ".join("({[" * 50_000) + " y"]
 )
@@ -354,3 +338,10 @@ def test_no_way_to_write_a_table_is_misread(seed):
                     raise
             else:
                 np.testing.assert_array_equal(found.vertices, points, err_msg=repr(content))
+
+
+def test_pts_files_hold_several_scans_with_intensities_and_colours(tmp_path):
+    (tmp_path / "a.pts").write_text("2\n0 0 0 -900 1 2 3\n1 2 3 17 4 5 6\n1\n4 5 7 8 9 9 9\n")
+    np.testing.assert_array_equal(
+        read_shape(tmp_path / "a.pts").vertices, [[0, 0, 0], [1, 2, 3], [4, 5, 7]]
+    )

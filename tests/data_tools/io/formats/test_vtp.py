@@ -127,17 +127,6 @@ def test_pieces_polygons_strips_and_values():
     assert found.notes == not_kept(["values of points and cells"])
 
 
-def test_lines_are_named_as_in_legacy_files():
-    writer = Writer()
-    contour = f"<Lines>{writer.array(np.arange(60), 'connectivity')}{writer.array([60], 'offsets')}</Lines>"
-    content = writer.file(writer.piece(polygons=[], more=contour))
-    content = content.replace(b"NumberOfPoints", b'NumberOfLines="1" NumberOfPoints', 1)
-    found = read(content)
-    np.testing.assert_array_equal(found.vertices, MESH.vertices)
-    assert not len(found.faces)
-    assert found.notes == not_kept(["lines"])
-
-
 def changed(old, new, mode="ascii", compressor=""):
     writer = Writer(mode, compressor)
     content = writer.file(writer.piece())
