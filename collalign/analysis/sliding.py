@@ -24,8 +24,8 @@ from data_tools.threads import one_blas_thread
 #: What is least: the bending energy of the thin-plate spline from the mean, or the Procrustes distance from it.
 Criterion: TypeAlias = Literal["bending", "procrustes"]
 CRITERIA: tuple[Criterion, ...] = ("bending", "procrustes")
-#: Rounds at most. Sliding has settled when the squared size of the sum of all shapes, over their number, changes by no
-#: more than this. Both are the defaults of geomorph's ``gpagen``.
+#: Rounds at most. Sliding has settled when the squared size of the sum of all shapes, over their number, changes by
+#: no more than this. Both are the defaults of geomorph's ``gpagen``.
 _MAX_SLIDES, _SETTLED = 9, 1e-4
 #: Nearest points through which the tangent plane of a semilandmark of a surface is laid, itself among them.
 _AROUND = 5
@@ -42,11 +42,12 @@ def slide_semilandmarks(
     """Slide semilandmarks along curves and surfaces, each shape towards the mean of all.
 
     All shapes are superimposed. Semilandmarks of each move along their tangents to where the criterion is least. The
-    shapes are rotated onto the mean again, and that is repeated with the new mean. Semilandmarks leave curved surfaces
-    a little.
+    shapes are rotated onto the mean again, and that is repeated with the new mean. Semilandmarks leave curved
+    surfaces a little.
 
-    This is what geomorph's ``gpagen`` does. It starts from shapes that are rotated onto the first one; here they start
-    from their mean, so that the order of the shapes does not matter. Both agree to 1e-9 if the first one is the mean.
+    This is what geomorph's ``gpagen`` does. It starts from shapes that are rotated onto the first one. Here they are
+    rotated onto their mean first, so that the order of the shapes does not matter. Both agree to 1e-9 if the
+    first one is the mean.
 
     Parameters
     ----------
@@ -74,8 +75,8 @@ def slide_semilandmarks(
     References
     ----------
     Bookstein, Landmark methods for forms without landmarks (1997). Gunz, Mitteroecker and Bookstein, Semilandmarks in
-    three dimensions (2005). Rohlf's criterion of Procrustes distance: Perez, Bernal and Gonzalez (2006). Baken, Collyer,
-    Kaliontzopoulou and Adams, geomorph v4.0 and gmShiny (2021).
+    three dimensions (2005). Rohlf's criterion of Procrustes distance: Perez, Bernal and Gonzalez (2006). Baken,
+    Collyer, Kaliontzopoulou and Adams, geomorph v4.0 and gmShiny (2021).
     """
     check_choice("criterion", criterion, CRITERIA)
     points = np.array(as_floats(configurations, "configurations", shape=(None, None, 3)))

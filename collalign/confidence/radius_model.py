@@ -24,29 +24,25 @@ _LEAST_DISTANCE, _LEAST_RESIDUAL = 1e-3, 2e-4
 #: .15, and .3 % of 1530 landmarks of 30 mouse skulls, which err as all do.
 #: Variations below it are below those that radii of few templates were fitted to: errors are the hand's.
 LEAST_RANGE = 0.05
-#: What radii of few templates follow says no more below these: hold, which has its own least, and slip, misfit and
-#: spread in parts of the variation. That of slip was chosen without the long bones, where a smooth shaft lets nothing
-#: slip.
-LEAST_SHOWN = (0.0, 0.25, 0.01, 0.01)
+#: What radii and ellipsoids of few templates follow says no more below these: hold, which has its own least, and
+#: lengths in parts of the variation. That of slip was chosen without the long bones, where a smooth shaft lets
+#: nothing slip.
+LEAST_SHOWN, LEAST_SHOWN_HELD = (0.0, 0.25, 0.01, 0.01), (0.02, 0.01, 0.01)
 #: Of one, two and three templates: a factor, and powers of hold, slip, misfit and spread. ``python -m experiments
-#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, fish, planes and birds; factors are
-#: rounded up. Held out in turn, these have rank correlations of radius and error of .40, .40, .40, .72, .51, .61 and
-#: .42 with one template, and .57, .51, .47, .71, .55, .60 and .58 with three. On average 89 to 90 % of the errors of
-#: a class that is held out are within its radii: 73 % (teddies) to 99 % (mouse skulls) with one template, 85 to 98 %
-#: with three.
+#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, fish, planes and birds, so that radii
+#: hold nine of ten errors of each. ``results/radii.md`` has what they hold of a kind that is left out.
 OF_FEW = (
     (2.5, -0.26, 0.57, 0.34, 0.0),
     (2.1, -0.26, 0.57, 0.34, 0.095),
     (1.9, -0.26, 0.57, 0.34, 0.17),
 )
-#: Ellipsoids of one, two and three templates are so many times the held slip. Chosen on 14 molars, 14 mouse skulls
-#: and 14 long bones, so that they hold nine of ten errors of each: 90 % (molars) to 99 % (bones) with one template,
-#: 92 to 98 % with two, 90 to 95 % with three. Of ten planes and ten birds, which were held back, they hold 94 to 98 %
-#: and 84 to 94 %. Of teddies, whose limbs differ, they hold 74, 83 and 84 %; twice the size for one template holds
-#: 90 %, and doubles those of all others. ``python -m experiments calibrate ellipsoids`` measures them again.
-ELLIPSOIDS_OF_FEW = (3.75, 2.35, 1.75)
-#: Held slips below this part of the radius say no more.
-_LEAST_HELD = 2e-3
+#: The same of ellipsoids, with powers of held slip, misfit and spread. ``python -m experiments calibrate
+#: ellipsoids`` fits them.
+ELLIPSOIDS_OF_FEW = (
+    (8.6, 0.41, 0.66, 0.0),
+    (3.6, 0.59, 0.40, 0.09),
+    (2.5, 0.72, 0.25, 0.10),
+)
 #: Fewest templates that anything can be calibrated on.
 MIN_TEMPLATES = 1 + len(OF_FEW)
 
@@ -118,11 +114,8 @@ class RadiusEvidence:
 
     def of_few(self, num_templates: int) -> FloatArray:
         """Return the radii of the landmarks of one to three templates, shape (l,)."""
-        factor, *powers = OF_FEW[num_templates - 1]
-        shown = np.maximum(self.shown(), LEAST_SHOWN)
-        return np.asarray(
-            factor * self.least_variation() * np.prod(shown ** np.array(powers), axis=1)
-        )
+        sizes = sizes_of_few(self.shown(), LEAST_SHOWN, OF_FEW[num_templates - 1])
+        return self.least_variation() * sizes
 
     def shown(self) -> FloatArray:
         """Return what radii of few templates follow, shape (l, 4).
@@ -133,10 +126,17 @@ class RadiusEvidence:
         lengths = (self.slip, self.misfit, self.spread)
         return np.column_stack([self.hold, *(one / self.least_variation() for one in lengths)])
 
+    def shown_held(self) -> FloatArray:
+        """Return what ellipsoids of few templates follow, shape (l, 3).
+
+        Columns are held slip, misfit and spread in parts of the variation.
+        """
+        return np.column_stack([self.held_slip, self.misfit, self.spread]) / self.least_variation()
+
     def scales_of_few(self, num_templates: int) -> FloatArray:
         """Return what nine of ten errors of one to three templates are below, times the root of hold, shape (l,)."""
-        least = _LEAST_HELD * self.unit
-        return ELLIPSOIDS_OF_FEW[num_templates - 1] * np.maximum(self.held_slip, least)
+        table = ELLIPSOIDS_OF_FEW[num_templates - 1]
+        return self.least_variation() * sizes_of_few(self.shown_held(), LEAST_SHOWN_HELD, table)
 
     def held_errors(self, errors: FloatArray) -> FloatArray:
         """Return the sizes (l,) of errors (l, 3) where each direction counts as far as the surface holds it."""
@@ -145,6 +145,20 @@ class RadiusEvidence:
     def least_variation(self) -> float:
         """Return the variation, at least the least that radii of few templates were fitted to."""
         return max(self.variation, LEAST_RANGE * self.unit)
+
+
+def sizes_of_few(shown: FloatArray, least: Sequence[float], table: Sequence[float]) -> FloatArray:
+    """Return a factor times powers of what is shown, (l, n), at least the least; shape (l,).
+
+    Parameters
+    ----------
+    shown : ndarray, shape (l, n)
+    least : sequence of float, length n
+    table : sequence of float, length 1 + n
+        The factor and the powers.
+    """
+    factor, *powers = table
+    return np.asarray(factor * np.prod(np.maximum(shown, least) ** np.array(powers), axis=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

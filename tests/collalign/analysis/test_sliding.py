@@ -30,7 +30,7 @@ def shapes(rng, uneven=0.0, num=5):
 
 
 #: Seven shapes of a curve, a grid on a surface and four landmarks, the first of which is the mean of the others; and
-#: what ``gpagen(shapes, curves = cbind(1:6, 2:7, 3:8), surfaces = 9:24, PrinAxes = FALSE, Proj = FALSE, ProcD = ...)``
+#: what ``gpagen(A, curves = cbind(1:6, 2:7, 3:8), surfaces = 9:24, PrinAxes = FALSE, Proj = FALSE, ProcD = ...)``
 #: makes of them: by the functions of github.com/geomorphR/geomorph, 00bb4e26, in R 4.2.2.
 GPAGEN = Path(__file__).parents[2] / "integrations" / "sliding" / "gpagen.csv"
 
