@@ -29,8 +29,8 @@ LEAST_RANGE = 0.05
 #: nothing slip.
 LEAST_SHOWN, LEAST_SHOWN_HELD = (0.0, 0.25, 0.01, 0.01), (0.02, 0.01, 0.01)
 #: Of one, two and three templates: a factor, and powers of hold, slip, misfit and spread. ``python -m experiments
-#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, fish, planes and birds, so that radii
-#: hold nine of ten errors of each. ``results/radii.md`` has what they hold of a kind that is left out.
+#: calibrate few_radii`` fits them to molars, mouse skulls, long bones, teddies, planes and birds, so that radii hold
+#: nine of ten errors of each. ``results/radii.md`` has what they hold of a kind that is left out.
 OF_FEW = (
     (3.8, -0.45, 0.55, 0.67, 0.0),
     (2.05, -0.42, 0.66, 0.53, 0.02),
