@@ -220,7 +220,7 @@ def _check(
     found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
     found += [(_OTHER_SYSTEM, surface.median(points * LPS_RAS))]
     if pose is not None:
-        inverse = np.linalg.inv(pose)
+        inverse = np.asarray(np.linalg.inv(pose), dtype=np.float64)
         for size in (1.0, float(scales_of(pose))):
             found.append((_COMMON_FRAME, surface.median(moved_by(inverse, size * points))))
     for other, vertices, faces in meshes:
