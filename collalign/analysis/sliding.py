@@ -24,8 +24,9 @@ from data_tools.threads import one_blas_thread
 #: What is least: the bending energy of the thin-plate spline from the mean, or the Procrustes distance from it.
 Criterion: TypeAlias = Literal["bending", "procrustes"]
 CRITERIA: tuple[Criterion, ...] = ("bending", "procrustes")
-#: Rounds at most, and the squared movement of the mean, relative to its squared size, at which it has settled.
-_MAX_SLIDES, _SETTLED = 10, 1e-9
+#: Rounds at most. Sliding has settled when the squared size of the sum of all shapes, over their number, changes by
+#: no more than this. Both are the defaults of geomorph's ``gpagen``.
+_MAX_SLIDES, _SETTLED = 9, 1e-4
 #: Nearest points through which the tangent plane of a semilandmark of a surface is laid, itself among them.
 _AROUND = 5
 
@@ -40,8 +41,13 @@ def slide_semilandmarks(
 ) -> FloatArray:
     """Slide semilandmarks along curves and surfaces, each shape towards the mean of all.
 
-    All shapes are superimposed. Semilandmarks of each move along their tangents to where the criterion is least, and
-    that is repeated with the new mean. They leave curved surfaces a little, as in geomorph.
+    All shapes are superimposed. Semilandmarks of each move along their tangents to where the criterion is least. The
+    shapes are rotated onto the mean again, and that is repeated with the new mean. Semilandmarks leave curved
+    surfaces a little.
+
+    This is what geomorph's ``gpagen`` does. It starts from shapes that are rotated onto the first one. Here they are
+    rotated onto their mean first, so that the order of the shapes does not matter. Both agree to 1e-9 if the
+    first one is the mean.
 
     Parameters
     ----------
@@ -69,7 +75,8 @@ def slide_semilandmarks(
     References
     ----------
     Bookstein, Landmark methods for forms without landmarks (1997). Gunz, Mitteroecker and Bookstein, Semilandmarks in
-    three dimensions (2005). Rohlf's criterion of Procrustes distance: Perez, Bernal and Gonzalez (2006).
+    three dimensions (2005). Rohlf's criterion of Procrustes distance: Perez, Bernal and Gonzalez (2006). Baken,
+    Collyer, Kaliontzopoulou and Adams, geomorph v4.0 and gmShiny (2021).
     """
     check_choice("criterion", criterion, CRITERIA)
     points = np.array(as_floats(configurations, "configurations", shape=(None, None, 3)))
@@ -78,19 +85,29 @@ def slide_semilandmarks(
         raise InputError(f"configurations: sliding needs at least two shapes, got {len(points)}")
     if not {*rows.ravel().tolist(), *surfaces} <= {*range(points.shape[1])}:
         raise InputError(f"sliders: a row is none of the {points.shape[1]} points")
-    mean = np.zeros(points.shape[1:])
+    aligned = generalized_procrustes(points)
+    rotations, sizes = best_rotations(aligned, unit_size(points)), centroid_sizes(points)
+    mean, size = aligned.mean(axis=0), _squared_size(aligned)
     for _ in range(_MAX_SLIDES):
-        aligned = generalized_procrustes(points)
-        new = aligned.mean(axis=0)
-        if np.sum((new - mean) ** 2) <= _SETTLED * np.sum(new**2):
-            break
-        mean = new
         energy = bending_matrix(mean) if criterion == "bending" else np.eye(len(mean))
-        rotations = best_rotations(aligned, unit_size(points))
-        for at, (shape, rotation) in enumerate(zip(aligned, rotations, strict=True)):
-            moves = _moves(shape, mean, energy, *_tangents(shape, rows, surfaces))
-            points[at] += centroid_sizes(points[[at]])[0] * moves @ rotation
+        tangents = [_tangents(shape, rows, surfaces) for shape in aligned]
+        moves = np.stack(
+            [_moves(one, mean, energy, *own) for one, own in zip(aligned, tangents, strict=True)]
+        )
+        points += sizes[:, None, None] * (moves @ rotations)
+        slid, before = aligned + moves, size
+        turns, size = best_rotations(mean, slid), _squared_size(slid)
+        aligned, rotations = slid @ np.swapaxes(turns, 1, 2), turns @ rotations
+        mean = aligned.mean(axis=0)
+        mean /= np.linalg.norm(mean - mean.mean(axis=0))
+        if abs(size - before) <= _SETTLED:
+            break
     return read_only(points)
+
+
+def _squared_size(shapes: FloatArray) -> float:
+    """Return the squared size of the sum of shapes, over their number."""
+    return float((shapes.sum(axis=0) ** 2).sum() / len(shapes))
 
 
 def bending_matrix(reference: FloatArray) -> FloatArray:

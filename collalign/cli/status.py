@@ -12,7 +12,7 @@ from collalign.engine.store_file import FINISHED, NUM_FILES, STAGE, STORE_FILE
 from collalign.output.evidence_file import EVIDENCE_FILE
 from collalign.output.loading import load
 from collalign.output.methods.paragraph import alignment_folder, methods_paragraph
-from data_tools.errors import OptionsError, StoreError, printable
+from data_tools.errors import InputError, OptionsError, StoreError, printable
 
 
 def status(result: Path, *, cite: Flag = False, prune: Flag = False) -> int:
@@ -99,4 +99,19 @@ def _prune(store: Path) -> int:
 
 
 def _store_of(result: Path) -> Path:
-    return result / STORE_FILE if result.is_dir() else result
+    """Return the store of a run by its folder, or by itself.
+
+    Raises
+    ------
+    InputError
+        If a tool wrote the folder, or nothing did.
+    """
+    store = result / STORE_FILE
+    if not result.is_dir():
+        return result
+    if not store.exists() and not (result / EVIDENCE_FILE).is_file():
+        raise InputError(
+            f"{result}: this folder was written by a tool and has no run of its own. Ask for the status of its "
+            f"alignment, {alignment_folder(result).resolve()}, or use --cite"
+        )
+    return store

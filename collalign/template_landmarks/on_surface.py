@@ -16,6 +16,7 @@ from data_tools.io.source import Origin
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
+from data_tools.poses import moved_by, scales_of
 from data_tools.surface.closest import SurfaceLocator
 from data_tools.surface.outliers import UNIT_FACTORS
 from data_tools.surface.shape import Shape
@@ -62,6 +63,8 @@ def place_templates(
     files: Mapping[str, Origin],
     meshes: Meshes,
     cleaning: CleaningOptions = CleaningOptions(),  # noqa: B008
+    *,
+    transforms: Mapping[str, FloatArray] | None = None,
 ) -> tuple[dict[str, Landmarks], tuple[Note, ...], CoordinateSystem]:
     """Bring landmarks into the coordinate systems of their templates and check that they lie on these.
 
@@ -78,6 +81,8 @@ def place_templates(
         All specimens, perhaps coarsely: whose landmarks might they be?
     cleaning : CleaningOptions
         How the files are read; all components are kept.
+    transforms : mapping of str to ndarray, shape (4, 4), optional
+        File coordinates of each template to the common frame: are the landmarks in that?
 
     Returns
     -------
@@ -108,7 +113,7 @@ def place_templates(
             notes.append(Note("no-landmarks", (name,), {"kinds": marks.left_out}))
         notes += [Note("landmark-codes", (name,), {"labels": codes})] if codes else []
         if len(points := _known(one.points for one in _sets(placed[name]))):
-            notes += _check(name, points, surface, meshes)
+            notes += _check(name, points, surface, meshes, (transforms or {}).get(name))
             placed[name], stray = _without(name, placed[name], surface, _is_beyond)
             notes += [Note("landmarks-too-far", (name,), {"labels": stray})] if stray else []
             notes += _off_surface(name, placed[name], surface)
@@ -198,7 +203,9 @@ def _one_number(points: FloatArray) -> BoolArray:
     return np.asarray((np.abs(points) == np.abs(points[:, :1])).all(axis=1))
 
 
-def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> list[Note]:
+def _check(
+    name: str, points: FloatArray, surface: _Surface, meshes: Meshes, pose: FloatArray | None
+) -> list[Note]:
     """Refuse landmarks that are off the surface, or somewhat off and on it by a remedy; doubt those in one place."""
     off, several = surface.median(points), len(points) >= _MIN_LANDMARKS
     if off <= SURE:
@@ -212,6 +219,10 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
     unit = "{:.4g} times as large they lie on it: the files are in different units"
     found = [(unit.format(times), near) for times, near in _rescaled(points, surface)]
     found += [(_OTHER_SYSTEM, surface.median(points * LPS_RAS))]
+    if pose is not None:
+        inverse = np.asarray(np.linalg.inv(pose), dtype=np.float64)
+        for size in (1.0, float(scales_of(pose))):
+            found.append((_COMMON_FRAME, surface.median(moved_by(inverse, size * points))))
     for other, vertices, faces in meshes:
         near = _Surface(Shape.from_arrays(vertices, faces)).median(points)
         found.append((f"they lie on {other}: is the file that of another specimen?", near))
@@ -230,6 +241,9 @@ def _check(name: str, points: FloatArray, surface: _Surface, meshes: Meshes) -> 
     return []
 
 
+_COMMON_FRAME = (
+    "they lie on it in the common frame of the result: write the file again with --space raw"
+)
 _OTHER_SYSTEM = "with x and y negated they lie on it: one of the files is in RAS, the other in LPS"
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from data_tools.errors import OptionsError
 from experiments.calibration import (
     confidence,
-    ellipsoids,
     evidence,
     few_radii,
     fragments,
@@ -30,7 +29,7 @@ from experiments.tables import Column, Table
 
 CALIBRATIONS = {
     "confidence": confidence.CALIBRATION,
-    "ellipsoids": ellipsoids.CALIBRATION,
+    "ellipsoids": few_radii.OF_ELLIPSOIDS,
     "evidence": evidence.CALIBRATION,
     "few_radii": few_radii.CALIBRATION,
     "fragments": fragments.CALIBRATION,

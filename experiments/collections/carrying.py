@@ -187,9 +187,11 @@ def measure_few(cell: Cell) -> Record:
     Returns
     -------
     dict
-        By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, ``errors k`` (m,) in root
-        mean square radii, ``landmark k`` (m,), which one it is, and ``held k`` (m,), errors in parts of the
-        ellipsoid; ``variation`` of the shapes in radii. Shapes in doubt get no landmarks, as in a transfer.
+        By the number of templates ``k``: ``shown k`` (m, 4), :meth:`RadiusEvidence.shown`, ``shown held k`` (m, 3),
+        :meth:`RadiusEvidence.shown_held`, ``errors k`` (m,) and ``held k`` (m,), :meth:`RadiusEvidence.held_errors`,
+        in root mean square radii, ``root k`` (m,), the cube root of the determinant of the root of hold, and
+        ``landmark k`` (m,), which one it is; ``variation`` of the shapes in radii. Shapes in doubt get no landmarks,
+        as in a transfer.
         ``processor_s``.
     """
     settings = cell.settings
@@ -214,23 +216,36 @@ def measure_few(cell: Cell) -> Record:
             if collection[dense.names[item.shape]].confidence >= DOUBT
         }
         rng = np.random.default_rng([settings["seed"], 1])
-        for k in range(1, MIN_TEMPLATES):
-            rows = [np.empty((0, 7))]
-            for _ in range(settings["sets"]):
-                chosen = [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
-                for name in (name for name in templates if name not in chosen):
-                    points, evidence, lost = carrier.predict(
-                        name, [templates[one] for one in chosen]
-                    )
-                    away = carrier.errors(name, points)
-                    errors = np.linalg.norm(away, axis=1) / evidence.unit
-                    held = evidence.held_errors(away) / evidence.scales_of_few(k)
-                    found["variation"] = evidence.variation / evidence.unit
-                    every = np.column_stack(
-                        [errors, np.arange(len(errors)), held, evidence.shown()]
-                    )
-                    rows.append(every[lost == ""])
-            every = np.concatenate(rows)
-            found[f"errors {k}"], found[f"landmark {k}"] = every[:, 0], every[:, 1]
-            found[f"held {k}"], found[f"shown {k}"] = every[:, 2], every[:, 3:]
+        sets = [
+            [list(templates)[at] for at in rng.permutation(len(templates))[:k]]
+            for k in range(1, MIN_TEMPLATES)
+            for _ in range(settings["sets"])
+        ]
+        rows: dict[int, list[FloatArray]] = {
+            k: [np.empty((0, 11))] for k in range(1, MIN_TEMPLATES)
+        }
+        for name in templates:
+            specimen = carrier.look_at(name)
+            for chosen in (chosen for chosen in sets if name not in chosen):
+                points, evidence, lost = carrier.predict(
+                    specimen, [templates[one] for one in chosen]
+                )
+                away = carrier.errors(name, points)
+                found["variation"] = evidence.variation / evidence.unit
+                every = np.column_stack(
+                    [
+                        np.arange(len(away)),
+                        np.linalg.norm(away, axis=1) / evidence.unit,
+                        evidence.held_errors(away) / evidence.unit,
+                        np.cbrt(np.linalg.det(evidence.held)),
+                        evidence.shown(),
+                        evidence.shown_held(),
+                    ]
+                )
+                rows[len(chosen)].append(every[lost == ""])
+        for k, of in rows.items():
+            every = np.concatenate(of)
+            for name, column in zip(("landmark", "errors", "held", "root"), every.T, strict=False):
+                found[f"{name} {k}"] = column
+            found[f"shown {k}"], found[f"shown held {k}"] = every[:, 4:8], every[:, 8:]
     return {**found, "processor_s": elapsed.processor_s}

@@ -3,10 +3,13 @@
 from importlib import import_module
 from math import isfinite
 
+import numpy as np
 import pytest
 
-from experiments.calibration import CALIBRATIONS, calibrate
+from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.scan import scan
+
+FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
@@ -50,3 +53,38 @@ def test_quick_calibrations_measure_every_constant(shared_data, name, collection
     if name == "model":
         assert 0 < float(str(rows[0]["measured"])) < 0.35
         assert 0 <= float(str(rows[1]["measured"])) < 1
+
+
+@pytest.mark.parametrize("name", ["few_radii", "ellipsoids"])
+def test_sizes_of_few_templates_follow_errors_and_hold_those_of_every_collection(name):
+    rng, followed = np.random.default_rng(0), FOLLOWED[name]
+
+    def collection(factor, num):
+        shown = np.exp(rng.normal(2, 1, (3, num, len(followed.least))))
+        errors = factor * shown[..., 1] ** 1.5 * np.exp(rng.normal(0, 0.3, (3, num)))
+        return list(zip(shown, errors, strict=True))
+
+    seen = [collection(1.0, 100), collection(2.0, 700)]
+    found = followed.fit(seen)
+    assert list(found) == list(CALIBRATIONS[name].constants)
+    table = [finding.value for finding in found.values()]
+    expected = np.zeros(len(followed.least))
+    expected[1] = 1.5
+    for finding in found.values():
+        assert finding.best > max(0.9, finding.now)
+        assert finding.left_out > 0.9
+        np.testing.assert_allclose(finding.value[1:], expected, atol=0.15)
+    inside = np.array([followed.covered(one, table) for one in seen])
+    np.testing.assert_allclose(inside[1], 0.9, atol=0.01)
+    assert (inside[0] > 0.95).all(), "the collection that needs the most decides"
+    assert table[0][-1] == 0.0, "one template shows no spread"
+
+
+def test_powers_are_those_of_the_quantile_not_of_the_mean():
+    rng, followed = np.random.default_rng(0), FOLLOWED["ellipsoids"]
+    shown = np.exp(rng.normal(2, 1, (3, 3000, 3)))
+    far = rng.random((3, 3000)) < 0.3
+    errors = np.where(far, shown[..., 0], 0.1)
+    (_, power, other, _), *_ = followed.table([[*zip(shown, errors, strict=True)]])
+    assert abs(power - 1.0) < 0.1
+    assert abs(other) < 0.1

@@ -35,7 +35,7 @@ from collalign.template_landmarks.consensus import agreement_notes, order_mistak
 from collalign.template_landmarks.local_fit import FIT, Surroundings, fit_surroundings, holds
 from collalign.template_landmarks.table import LandmarkTable, evenly_spaced, may_be_one
 from collalign.tools.correspond import DenseCorrespondence
-from collalign.tools.transfer.posed_specimens import PosedSpecimens, why_lost
+from collalign.tools.transfer.posed_specimens import PosedSpecimens, SpecimenSurface, why_lost
 from collalign.tools.transfer.result import (
     CARRIED,
     CONTRADICTED,
@@ -184,7 +184,8 @@ class LandmarkCarrier:
         predicted, errors, evidence = [], [], []
         for at, item in enumerate(self.templates):
             name = self._dense.names[item.shape]
-            points, shown, _ = self.predict(name, self.templates[:at] + self.templates[at + 1 :])
+            others = self.templates[:at] + self.templates[at + 1 :]
+            points, shown, _ = self.predict(self.look_at(name), others)
             predicted.append(self._specimens.in_file(name, points))
             errors.append(self.errors(name, points))
             evidence.append(shown)
@@ -204,7 +205,7 @@ class LandmarkCarrier:
         )
         reasons = np.where(known, MISSING_PLACE, UNKNOWN)
         if reason is None and not placed.all():
-            predicted, evidence, lost = self.predict(name, self.templates)
+            predicted, evidence, lost = self.predict(self.look_at(name), self.templates)
             lost = np.where(self._contradicted, CONTRADICTED, lost)
             vague = beyond_range(calibration, evidence)
             predicted[(lost != "") | vague] = np.nan
@@ -225,8 +226,12 @@ class LandmarkCarrier:
             return ()
         return (Note("templates-doubtful", self._doubtful, {"counted": self._only_doubtful}),)
 
+    def look_at(self, name: str) -> SpecimenSurface:
+        """Read a specimen on which landmarks are to be predicted."""
+        return self._specimens.look_at(name)
+
     def predict(
-        self, name: str, templates: list[Template]
+        self, specimen: SpecimenSurface, templates: list[Template]
     ) -> tuple[FloatArray, RadiusEvidence, NDArray[np.str_]]:
         """Predict the landmarks of a specimen from some templates.
 
@@ -238,13 +243,13 @@ class LandmarkCarrier:
         lost : ndarray of str, shape (l,)
             Why a landmark has no place on the specimen's surface; empty where it has one.
         """
-        row, dense, surface = self._specimens.rows[name], self._dense, self._specimens.surface(name)
+        row, surface, dense = specimen.row, specimen.surface, self._dense
         said = carried(templates, dense.vertices[row])
         weights = template_weights(templates, row, dense.vertices, dense.quality)
         mapped, spreads = fuse(said, weights)
         lost = np.where(off_surface(templates), "", why_lost(surface, mapped))
         mapped = on_surface(mapped, templates, surface.locator)
-        places, misfits = self._local_fits(templates, row, surface)
+        places, misfits = self._local_fits(templates, specimen)
         points, _ = fuse(said + FIT.share * (places - said), weights)
         placed = self._evenly(on_surface(points, templates, surface.locator), templates, surface)
         held = holds(np.nan_to_num(mapped), dense.completed[row], dense.faces, self._radius)[1]
@@ -282,22 +287,20 @@ class LandmarkCarrier:
         )
 
     def _local_fits(
-        self, templates: list[Template], row: int, surface: RegistrationSurface
+        self, templates: list[Template], specimen: SpecimenSurface
     ) -> tuple[FloatArray, FloatArray]:
         """Return where rigid fits of what is around landmarks take them, (t, l, 3), and their misfits, (t, l)."""
-        copies, normals = self._dense.completed, surface.normals(surface.vertices)
-        fits = [
-            fit_surroundings(
-                self._around[item.shape],
-                copies[item.shape],
-                copies[row],
-                surface.locator,
-                normals,
+        for shape in {item.shape for item in templates} - {*specimen.fits}:
+            specimen.fits[shape] = fit_surroundings(
+                self._around[shape],
+                self._dense.completed[shape],
+                specimen.copy,
+                specimen.surface.locator,
+                specimen.normals,
                 self._radius,
             )
-            for item in templates
-        ]
-        return np.stack([places for places, _ in fits]), np.stack([misfit for _, misfit in fits])
+        places, misfits = zip(*(specimen.fits[item.shape] for item in templates), strict=True)
+        return np.stack(places), np.stack(misfits)
 
     def _evenly(
         self, placed: FloatArray, templates: list[Template], surface: RegistrationSurface

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,30 @@ from data_tools.surface.closest import lies_beyond
 
 #: Farthest points by which the size of a specimen is measured, which says how far from its rim it has nothing.
 _NUM_RIM_POINTS = 300
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpecimenSurface:
+    """A specimen on which landmarks are predicted, in the common frame.
+
+    Attributes
+    ----------
+    row : int
+        Of the dense correspondence.
+    surface : RegistrationSurface
+    normals : ndarray, shape (w, 3)
+        At its vertices.
+    copy : ndarray, shape (v, 3)
+        Of the mean.
+    fits : dict of int to pair of ndarray
+        By template, where rigid fits of its surroundings take its landmarks, (l, 3), and their misfits, (l,).
+    """
+
+    row: int
+    surface: RegistrationSurface
+    normals: FloatArray
+    copy: FloatArray
+    fits: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
 
 class PosedSpecimens:
@@ -65,6 +91,16 @@ class PosedSpecimens:
         shape = read_shape(self.collection.file(at), cleaning, name=name)
         shape = shape.transformed(self.collection.transforms[at])
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))
+
+    def look_at(self, name: str) -> SpecimenSurface:
+        """Read a specimen on which landmarks are to be predicted."""
+        surface, row = self.surface(name), self.rows[name]
+        return SpecimenSurface(
+            row=row,
+            surface=surface,
+            normals=surface.normals(surface.vertices),
+            copy=self.dense.completed[row],
+        )
 
     def scale(self, name: str) -> float:
         """Return the length in the common frame of one unit of a specimen's file."""

@@ -49,8 +49,8 @@ class TransferredLandmarks:
         keeps its own.
     radii : ndarray, shape (N, l)
         Nine of ten landmarks are at most so far from where an expert would put them, on specimens like the templates;
-        0 for a template's own. With fewer than four templates, as on six other kinds of shapes where the surfaces
-        around a landmark look like that.
+        0 for a template's own. With fewer than four templates, as on other kinds of shapes where the surfaces around
+        a landmark look like that.
     ellipsoids : ndarray, shape (N, l, 3, 3)
         Semi-axes of ellipsoids, which hold nine of ten landmarks as well. Rows are vectors in file coordinates,
         longest first: along the direction in which the surface tells the place least, across it, and about along the

@@ -95,13 +95,14 @@ def transfer_landmarks(
     meshes = tuple(
         (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
     )
+    transforms = {name: collection.transforms[at] for name, at in rows.items()}
     placed, notes, system = place_templates(
         given,
         {name: collection.file(at) for name, at in rows.items()},
         meshes,
         collection.options.cleaning,
+        transforms=transforms,
     )
-    transforms = {name: collection.transforms[at] for name, at in rows.items()}
     table = landmark_table(placed, transforms, curve_points=wanted.curve_points)
     dense = dense_correspondence(collection, run=run, progress=progress)
     carrier = LandmarkCarrier(collection, dense, table)

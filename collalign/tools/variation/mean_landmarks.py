@@ -63,7 +63,9 @@ def posed_landmarks(
     surfaces = tuple(
         (name, *mesh) for name, mesh in zip(collection.names, collection.surfaces, strict=True)
     )
-    placed, notes, _ = place_templates(given, files, surfaces, collection.options.cleaning)
+    placed, notes, _ = place_templates(
+        given, files, surfaces, collection.options.cleaning, transforms=transforms
+    )
     table = landmark_table(placed, transforms)
     alone = table.landmark_rows
     posed = {name: moved_by(transforms[name], one[alone]) for name, one in table.points.items()}

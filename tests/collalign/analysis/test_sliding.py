@@ -1,4 +1,6 @@
-"""Sliding against a dense computation of its own, and what must hold of any of it."""
+"""Sliding against geomorph and a dense computation of its own, and what must hold of any of it."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +27,36 @@ def shapes(rng, uneven=0.0, num=5):
         both = np.concatenate([curve, FIXED]) * stretch
         made.append(rng.uniform(0.5, 2) * both @ random_rotation(rng).T + rng.random(3))
     return np.array(made)
+
+
+#: Seven shapes of a curve, a grid on a surface and four landmarks, the first of which is the mean of the others; and
+#: what ``gpagen(A, curves = cbind(1:6, 2:7, 3:8), surfaces = 9:24, PrinAxes = FALSE, Proj = FALSE, ProcD = ...)``
+#: makes of them: by the functions of github.com/geomorphR/geomorph, 00bb4e26, in R 4.2.2.
+GPAGEN = Path(__file__).parents[2] / "integrations" / "sliding" / "gpagen.csv"
+
+
+def of_gpagen(criterion):
+    """Return the stored shapes and what geomorph slid them to, each of shape (7, 28, 3)."""
+    table = np.genfromtxt(GPAGEN, delimiter=",", names=True)
+    columns = [[*"xyz"], [f"{criterion}_{axis}" for axis in "xyz"]]
+    return [np.column_stack([table[one] for one in few]).reshape(7, 28, 3) for few in columns]
+
+
+@pytest.mark.parametrize("criterion", ["bending", "procrustes"])
+def test_the_answer_is_that_of_geomorph(criterion):
+    points, expected = of_gpagen(criterion)
+    curve = np.column_stack([np.arange(6), np.arange(1, 7), np.arange(2, 8)])
+    slid = slide_semilandmarks(points, curve, range(8, 24), criterion=criterion)
+    assert apart(slid, expected) < 1e-9
+    assert apart(points, expected) > 1e-2
+    once = slide_semilandmarks(slid, curve, range(8, 24), criterion=criterion)
+    assert apart(once, expected) > 1e-5
+
+
+def test_the_order_of_shapes_does_not_matter(rng):
+    points = shapes(rng, uneven=0.4)
+    slid = slide_semilandmarks(points, SLIDERS)
+    np.testing.assert_allclose(slide_semilandmarks(points[::-1], SLIDERS), slid[::-1], atol=1e-8)
 
 
 def dense_round(points, criterion):

@@ -139,10 +139,15 @@ def test_ellipsoids_of_few_templates_follow_slip_and_hold_and_have_a_unit(num):
         np.abs(ellipsoids(calibration, shown())[0, 0]), [lengths[0, 0], 0, 0]
     )
     assert (np.diff(lengths, axis=1) < 0).all(), "longest first"
-    more = np.linalg.norm(ellipsoids(calibration, shown(held_slip=0.04)), axis=2)
-    np.testing.assert_allclose(more, 2 * lengths)
-    larger = ellipsoids(calibration, shown(held_slip=0.2, unit=10.0))
-    np.testing.assert_allclose(np.linalg.norm(larger, axis=2), 10 * lengths)
+    for worse in (shown(held_slip=0.04), shown(misfit=0.2), shown(variation=2.0)):
+        more = np.linalg.norm(ellipsoids(calibration, worse), axis=2)
+        assert (more > lengths).all()
+        ratios = more / lengths
+        np.testing.assert_allclose(ratios, ratios[0, 0])
+    apart = np.linalg.norm(ellipsoids(calibration, shown(spread=0.3)), axis=2)
+    assert ((apart > lengths) == (num > 1)).all()
+    same = shown(held_slip=0.2, misfit=0.5, unit=10.0, variation=10.0)
+    np.testing.assert_allclose(np.linalg.norm(ellipsoids(calibration, same), axis=2), 10 * lengths)
     assert (ellipsoids(calibration, shown(held_slip=0.0)) ** 2).sum() > 0
 
 

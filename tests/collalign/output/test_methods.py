@@ -109,6 +109,8 @@ def test_the_folder_of_a_tool_tells_the_whole_chain_wherever_both_are(tmp_path):
     write_result(view_of(6), home)
     write_record(tmp_path / "a" / "marks", "transfer", OPTIONS["transfer"] | {"result": "../out"})
     said = run_command("status", tmp_path / "a" / "marks", "--cite").out
+    told = run_command("status", tmp_path / "a" / "marks", ends=2).err
+    assert "written by a tool" in told
     assert said.startswith("We aligned 6 surfaces")
     assert "from 1 template (s1)" in said
     assert "33 landmarks were carried" in said

@@ -13,6 +13,8 @@ from data_tools.io.shapes import LPS_RAS, write_mesh
 from data_tools.landmark_files import Landmarks, Semilandmarks
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
+from data_tools.poses import moved_by
+from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
 from tests.notes import codes, only
 
@@ -88,6 +90,19 @@ def test_landmarks_off_their_template_are_refused_with_the_remedy(tmp_path, poin
     with pytest.raises(InputError, match=words) as caught:
         placed(tmp_path, marks(points))
     assert str(caught.value).startswith("a: its landmarks are not on its surface")
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0])
+def test_landmarks_in_the_common_frame_are_refused_with_what_to_write(tmp_path, rng, size):
+    """As exports for statistics are: scaled like the result, or in the unit of the file."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = 0.3 * random_rotation(rng), rng.random(3) + 1.0
+    file = write_mesh(tmp_path / "a.ply", SHAPE)
+    given = {"a": marks(moved_by(pose, POINTS) * size / 0.3)}
+    with pytest.raises(InputError, match=r"common frame of the result.*--space raw"):
+        place_templates(given, {"a": file}, (), transforms={"a": pose})
+    with pytest.raises(InputError, match="Check the specimen"):
+        place_templates(given, {"a": file}, (), transforms={"a": np.eye(4)})
 
 
 @pytest.mark.parametrize("of_mesh", ["", "LPS", "RAS"])
