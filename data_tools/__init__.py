@@ -6,6 +6,7 @@
 * ``datasets``: generated collections with their exact answers
 * ``local_surface``, ``sight``: a surface at the spacing of one cell, with the descriptors of its neighbourhoods; from
   which direction it was seen
+* ``partial_surface``: a surface as points with normals and its rim, and a grid of nearest points
 * ``landmark_files``, ``landmark_tables``, ``point_tables``: files of landmarks of one shape; of several, and those
   beside shapes; tables without a format of their own
 * ``names``: names as somebody wrote them, and the shapes that are meant: labels, landmarks, decisions and options use

@@ -12,9 +12,8 @@
 * ``branch_and_bound``: proofs of the best pose
 * ``certificates``: lower bounds that anybody can check
 * ``features``: poses on which neighbourhoods agree, and overlap
-* ``partial_match``, ``partial_counterparts``, ``partial_surface``: poses of two surfaces that share a part, by
-  search; what has a counterpart at many poses, and what it costs; a surface as points with normals, and a grid of
-  nearest points
+* ``partial_match``, ``partial_counterparts``: poses of two surfaces that share a part, by search; what has a
+  counterpart at many poses, and what it costs
 * ``dense``, ``surface_fit``: poses refined and ranked on dense points; the final fit of two surfaces, by their planes
   and by what they share
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
-from pairwise.partial_surface import PartialSurface
 
 
 class PartialTuning(NamedTuple):

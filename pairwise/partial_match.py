@@ -15,6 +15,7 @@ import numpy as np
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
 from data_tools.local_surface import PART_CELL, LocalSurface
+from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.features.poses import (
@@ -24,7 +25,6 @@ from pairwise.features.poses import (
     refine_on_planes,
 )
 from pairwise.partial_counterparts import TUNED, counterparts, step
-from pairwise.partial_surface import PartialSurface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

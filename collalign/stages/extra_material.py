@@ -30,7 +30,6 @@ from collalign.stages.incomplete.detect import (
     refined_on,
 )
 from collalign.stages.incomplete.place import nearest_labels
-from collalign.stages.incomplete.posed_points import surface_from_record
 from collalign.stages.poses.agreement import with_common_match
 from collalign.stages.poses.placement import (
     common_positions,
@@ -41,8 +40,8 @@ from collalign.stages.steps import Matched, Posed, Run
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
+from data_tools.partial_surface import PartialSurface
 from data_tools.surface.extra import ExtraSurface
-from pairwise.partial_surface import PartialSurface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,8 +220,7 @@ def find_extra(
         return {}
     points = [posed_samples(samples[i], transforms[i]) for i in dense]
     surfaces = [
-        Shared(key=str(n), reader=surface_from_record, growth=GRID_GROWTH)
-        for n in range(len(dense))
+        Shared(key=str(n), reader=PartialSurface, growth=GRID_GROWTH) for n in range(len(dense))
     ]
     tasks = {}
     for n, i in enumerate(dense):

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from data_tools.arrays import BoolArray, FloatArray, Holds, extremes, read_only, sums_by_owner
+from data_tools.arrays import BoolArray, FloatArray, extremes, read_only, sums_by_owner
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
 from data_tools.local_surface import FEWEST_POINTS, LocalSurface
 from data_tools.options import SamplingOptions
+from data_tools.partial_surface import PartialSurface
 from data_tools.sight import lines_of_sight
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import (
@@ -155,28 +153,7 @@ def _cell_means(
     return means[kept], directions[kept] / lengths[kept, None]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OrientedPoints:
-    """Points of a surface, in the order of farthest point sampling.
-
-    Attributes
-    ----------
-    points : ndarray, shape (l, 3)
-    normals : ndarray, shape (l, 3)
-    on_rim : ndarray of bool, shape (l,)
-        No farther from the mesh's boundary than points lie apart; of a point cloud, those whose neighbours leave a
-        wide gap around them.
-    oriented : bool
-        Whether all normals point outwards; else each connected piece has them on one side, a guess.
-    """
-
-    points: Annotated[FloatArray, Holds(shape="l 3")]
-    normals: Annotated[FloatArray, Holds(shape="l 3")]
-    on_rim: Annotated[BoolArray, Holds(shape="l")]
-    oriented: bool
-
-
-def spread_points(shape: Shape, num: int) -> OrientedPoints:
+def spread_points(shape: Shape, num: int) -> PartialSurface:
     """Return at most ``num`` Euclidean farthest points of a mesh or point cloud, in its own coordinates."""
     small = WorkingSurface(shape, SamplingOptions(max_faces=MAX_FACES)).shape
     chosen = farthest_points(
@@ -189,7 +166,7 @@ def spread_points(shape: Shape, num: int) -> OrientedPoints:
         normals[chosen] if oriented else one_sided(points, plane_normals(small.vertices, points))
     )
     on_rim = _mesh_rim(small, points) if small.is_mesh else cloud_rim(points, directions)
-    return OrientedPoints(
+    return PartialSurface(
         points=read_only(points),
         normals=read_only(directions),
         on_rim=read_only(on_rim),

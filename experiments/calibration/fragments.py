@@ -16,10 +16,10 @@ from scipy.sparse.csgraph import connected_components
 from collalign.confidence import incomplete_model
 from collalign.engine.records import Record
 from collalign.stages.incomplete.place import place_shape
-from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.datasets.synthetic_shapes import sphere_mesh
-from data_tools.embedding.surface_points import OrientedPoints, spread_points
+from data_tools.embedding.surface_points import spread_points
+from data_tools.partial_surface import MOST_POINTS
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -28,7 +28,6 @@ from experiments.collections.landmarked import read_dataset
 from experiments.pairs.incomplete import without_share
 from experiments.peers.bones import bone
 from pairwise.partial_match import refine
-from pairwise.partial_surface import MOST_POINTS
 
 BONES = "bones"
 #: Pieces of each collection, and of which shapes they and their partners are.
@@ -134,7 +133,7 @@ def complete_shapes(
     points = [spread_points(shape, MOST_POINTS) for shape in shapes]
     transforms = []
     for i, one in zip(chosen, points, strict=True):
-        surface, rotation = posed_points(one), dataset.rotation(chosen[0], i)
+        surface, rotation = one, dataset.rotation(chosen[0], i)
         pose = Similarity(
             rotation=rotation,
             scale=1.0 / surface.radius,
@@ -143,9 +142,7 @@ def complete_shapes(
         transforms.append(pose.transform)
     still = Similarity.rigid(np.eye(3)[None], np.zeros((1, 3)))
     for _ in range(2):
-        posed = [
-            posed_points(one, transform) for one, transform in zip(points, transforms, strict=True)
-        ]
+        posed = [one.moved(transform) for one, transform in zip(points, transforms, strict=True)]
         for i, surface in enumerate(posed):
             others = [other for j, other in enumerate(posed) if j != i][:NUM_PARTNERS]
             moved = refine(
@@ -159,7 +156,7 @@ def pieces(data: Path, collection: str, num: int) -> list[tuple[FloatArray, Bool
     """Return the evidence (3, m) of the poses of each piece, and which of them are right."""
     rng = np.random.default_rng(SEED)
     shapes, transforms, cut = complete_shapes(data, collection, rng)
-    points: list[OrientedPoints] = [spread_points(shape, MOST_POINTS) for shape in shapes]
+    points = [spread_points(shape, MOST_POINTS) for shape in shapes]
     found = []
     for n in range(num):
         i = n % len(shapes)

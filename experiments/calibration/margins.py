@@ -11,13 +11,13 @@ import numpy as np
 from collalign.confidence import incomplete_model
 from data_tools.arrays import FloatArray
 from data_tools.embedding.surface_points import spread_points
+from data_tools.partial_surface import MOST_POINTS, PartialSurface
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from experiments.calibration.scan import Calibration, Constant, Finding, constants_of, scan
 from experiments.collections.landmarked import RIGHT_DEG, read_dataset
 from experiments.pairs.incomplete import without_share
 from pairwise.partial_match import match_partial
-from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 #: Pairs of each collection, among its shapes at even positions, and how much is cut off the source.
 NUM_PAIRS, NUM_QUICK, SEED, SHARE = 16, 2, 23, 0.25
@@ -49,10 +49,7 @@ def cut_pairs(data: Path, collection: str, num: int) -> list[tuple[FloatArray, F
 
 def surface_of(shape: Shape) -> PartialSurface:
     """Return what is matched of a shape."""
-    points = spread_points(shape, MOST_POINTS)
-    return PartialSurface.from_user(
-        points.points, points.normals, points.on_rim, oriented=points.oriented
-    )
+    return spread_points(shape, MOST_POINTS)
 
 
 def measure_margins(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:

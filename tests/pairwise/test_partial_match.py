@@ -8,12 +8,12 @@ from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import InputError, OptionsError
+from data_tools.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
 from pairwise.partial_counterparts import _apart, counterparts
 from pairwise.partial_match import describe_both, match_partial, refine, scales_allowed
-from pairwise.partial_surface import GRID_CELLS, GRID_MARGIN, PartialSurface
 
 NUM = 400
 
@@ -34,10 +34,7 @@ def cut(shape, direction, share):
 
 
 def surface(shape):
-    found = spread_points(shape, NUM)
-    return PartialSurface.from_user(
-        found.points, found.normals, found.on_rim, oriented=found.oriented
-    )
+    return spread_points(shape, NUM)
 
 
 def moved(shape, turn, scale, shift):

@@ -86,7 +86,7 @@ def place_on(
     for i in chosen:
         others = partners != i
         tasks[i] = {
-            "shape": surfaces.shared(i),
+            "source": surfaces.shared(i),
             "partners": tuple(surfaces.shared(j) for j in partners[others].tolist()),
             "transforms": transforms[others],
             "group": session.options.group,

@@ -11,14 +11,14 @@ from collalign.engine.job import Shared, table_of_values
 from collalign.options import ALL, AUTO, NEVER, AlignOptions, AlignSession
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import Shapes
-from collalign.stages.incomplete.posed_points import beyond_rim, surface_from_record
+from collalign.stages.incomplete.posed_points import beyond_rim
 from data_tools.arrays import FloatArray
 from data_tools.embedding.embedding import Samples
-from data_tools.embedding.surface_points import OrientedPoints, cloud_rim, one_sided, plane_normals
+from data_tools.embedding.surface_points import cloud_rim, one_sided, plane_normals
 from data_tools.names import known_names
+from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, moved_by, scales_of
 from pairwise.partial_match import refine, scales_allowed
-from pairwise.partial_surface import PartialSurface
 
 #: Codes of reasons: a person named the shape, an earlier run found it, similar shapes go on beyond its rim, or its
 #: pose is surer as that of a part of them.
@@ -78,7 +78,7 @@ def find_incomplete(
     points = [posed_samples(item, pose) for item, pose in zip(samples, transforms, strict=True)]
     with table_of_values(points) as table:
         surfaces = [
-            Shared(key=str(i), reader=surface_from_record, growth=GRID_GROWTH)
+            Shared(key=str(i), reader=PartialSurface, growth=GRID_GROWTH)
             for i in range(len(samples))
         ]
         tasks = {
@@ -100,7 +100,7 @@ def are_too_many(num_missing: int, num: int) -> bool:
     return num_missing > MOST_MISSING * num or num - num_missing < MIN_SHAPES
 
 
-def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
+def posed_samples(samples: Samples, transform: FloatArray) -> PartialSurface:
     """Return the dense samples of a shape at its transform (4, 4); what has wide gaps around it is the rim."""
     raw = samples.dense_positions * samples.scale + samples.offset
     points = moved_by(transform, raw)
@@ -111,7 +111,7 @@ def posed_samples(samples: Samples, transform: FloatArray) -> OrientedPoints:
         if is_oriented
         else one_sided(points, plane_normals(points, points))
     )
-    return OrientedPoints(
+    return PartialSurface(
         points=points, normals=normals, on_rim=cloud_rim(points, normals), oriented=is_oriented
     )
 

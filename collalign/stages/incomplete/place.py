@@ -18,14 +18,13 @@ from scipy.spatial.distance import cdist
 
 from collalign.confidence.incomplete_model import KNOWN_SIZES, log_odds, share_of_best
 from collalign.engine.records import Record
-from collalign.stages.incomplete.posed_points import beyond_rim, part_mismatch, posed_points
+from collalign.stages.incomplete.posed_points import beyond_rim, part_mismatch
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.embedding.surface_points import OrientedPoints
+from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, pose_angle_deg, scales_of
 from data_tools.threads import one_blas_thread
 from pairwise.partial_counterparts import TUNED, Counterparts, counterparts
 from pairwise.partial_match import distinct_similarities, propose_poses, refine, scales_allowed
-from pairwise.partial_surface import PartialSurface
 
 #: Partners that propose poses, and those of all poses that are refined on all partners.
 NUM_PROPOSERS, NUM_REFINED = 4, 24
@@ -39,8 +38,8 @@ Sizes: TypeAlias = tuple[float, float]
 
 @one_blas_thread()
 def place_shape(
-    shape: OrientedPoints,
-    partners: tuple[OrientedPoints, ...],
+    source: PartialSurface,
+    partners: tuple[PartialSurface, ...],
     transforms: FloatArray,
     group: str,
     estimate_scale: bool,
@@ -62,10 +61,7 @@ def place_shape(
         rim; ``mismatch`` of :func:`part_mismatch`; ``likeness``, the share of the shape with a counterpart, relative
         to what complete shapes have of each other.
     """
-    source = posed_points(shape)
-    targets = [
-        posed_points(one, transform) for one, transform in zip(partners, transforms, strict=True)
-    ]
+    targets = [one.moved(transform) for one, transform in zip(partners, transforms, strict=True)]
     sizes = sizes_of_complete(transforms, estimate_scale=estimate_scale)
     if fixed_transform is not None:
         return pose_record(targets, source, Similarity.of_transforms(fixed_transform[None]))

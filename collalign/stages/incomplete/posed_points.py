@@ -9,37 +9,35 @@ from scipy.spatial import cKDTree
 
 from collalign.confidence.incomplete_model import BEYOND
 from collalign.engine.job import Job, Results
-from collalign.engine.records import Record, from_record
 from collalign.options import AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.shape_stage import compute_surfaces, wanted_file
-from data_tools.arrays import FloatArray
-from data_tools.embedding.surface_points import OrientedPoints, spread_points
+from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import CollectionError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.local_surface import FEWEST_POINTS
 from data_tools.options import CleaningOptions
-from data_tools.poses import Similarity, moved_by, scales_of
+from data_tools.partial_surface import MOST_POINTS, PartialSurface
+from data_tools.poses import Similarity
 from pairwise.features.overlap import closeness
 from pairwise.partial_match import describe_both
-from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 
 def points_of_file(
     path: Origin, name: str, digest: str, cleaning: CleaningOptions
-) -> OrientedPoints:
+) -> PartialSurface:
     """Read one surface, unless it has changed since its digest was taken; runs inside a worker."""
     return spread_points(read_shape(path, cleaning, name=name, digest=digest), MOST_POINTS)
 
 
 #: Reads a surface. The version changes whenever the same file would give other points.
-READING = Job(kind="surfaces", version="points-3", run=points_of_file, reader=OrientedPoints)
+READING = Job(kind="surfaces", version="points-3", run=points_of_file, reader=PartialSurface)
 
 
 def prepare_points(
     session: AlignSession, shapes: Shapes, chosen: Sequence[int]
-) -> Results[int, OrientedPoints]:
+) -> Results[int, PartialSurface]:
     """Return the points of some shapes, by position.
 
     Raises
@@ -56,16 +54,6 @@ def prepare_points(
     return found
 
 
-def posed_points(found: OrientedPoints, transform: FloatArray | None = None) -> PartialSurface:
-    """Return the surface, moved where a transform (4, 4) is given."""
-    points, normals = found.points, found.normals
-    if transform is not None:
-        linear = transform[:3, :3]
-        points = moved_by(transform, points)
-        normals = normals @ linear.T / scales_of(transform)
-    return PartialSurface.from_user(points, normals, found.on_rim, oriented=found.oriented)
-
-
 def part_mismatch(
     surface: PartialSurface, partners: Sequence[PartialSurface], pose: Similarity
 ) -> float:
@@ -74,11 +62,7 @@ def part_mismatch(
     The mismatch of any two neighbourhoods is 1. What the surface lacks of a partner does not count. NaN where the
     points are too few.
     """
-    moved = PartialSurface.from_user(
-        pose.apply(surface.points)[0],
-        surface.normals @ pose.rotation[0].T,
-        oriented=surface.oriented,
-    )
+    moved = surface.moved(pose.transform[0])
     still, there = np.eye(3)[None], np.zeros((1, 3))
     found = []
     for partner in partners:
@@ -88,11 +72,6 @@ def part_mismatch(
         sides = (own,) if partner.oriented and surface.oriented else (own, own.reversed())
         found += [float(closeness(to, one, still, there)[1][0, 1]) for one in sides]
     return min(found)
-
-
-def surface_from_record(record: Record, name: str) -> PartialSurface:
-    """Check a record of points and return the surface."""
-    return posed_points(from_record(OrientedPoints, record, name))
 
 
 def beyond_rim(

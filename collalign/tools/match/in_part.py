@@ -22,12 +22,12 @@ from data_tools.io.shapes import read_alike
 from data_tools.io.source import location
 from data_tools.local_surface import PART_CELL
 from data_tools.notes import percent
+from data_tools.partial_surface import MOST_POINTS
 from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
 from pairwise.features.overlap import match_overlapping
 from pairwise.partial_match import match_partial
-from pairwise.partial_surface import MOST_POINTS, PartialSurface
 
 #: Poses that a match keeps.
 NUM_POSES = 8
@@ -240,12 +240,7 @@ def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[
 
 def _poses_of_any_size(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
     """Return poses on which neighbourhoods agree at some size, compared by closest points."""
-    surfaces = []
-    for shape in (target, source):
-        read = spread_points(shape, MOST_POINTS)
-        surfaces.append(
-            PartialSurface.from_user(read.points, read.normals, read.on_rim, oriented=read.oriented)
-        )
+    surfaces = [spread_points(shape, MOST_POINTS) for shape in (target, source)]
     searched = match_partial(*surfaces, group=group, num_candidates=NUM_POSES)
     if not searched:
         return ()

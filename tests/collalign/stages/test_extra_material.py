@@ -13,7 +13,6 @@ from collalign.engine.session import Session
 from collalign.output.report.content import build_content
 from collalign.stages import extra_material
 from collalign.stages.extra_material import Disks, extra_points, find_extra
-from collalign.stages.incomplete.posed_points import posed_points
 from data_tools.datasets.synthetic import deformed_family
 from data_tools.datasets.synthetic_shapes import blob, sphere_mesh
 from data_tools.embedding.surface_points import spread_points
@@ -130,8 +129,8 @@ def test_files_and_page_say_where_extra_material_is(aligned, tmp_path):
 
 
 def test_no_shape_of_a_family_has_extra_material(family, monkeypatch):
-    surfaces = [posed_points(spread_points(shape, 300)) for shape in family]
-    shown = posed_points(spread_points(on_stand(family[0])[0], 300))
+    surfaces = [spread_points(shape, 300) for shape in family]
+    shown = spread_points(on_stand(family[0])[0], 300)
     assert extra_points(shown, surfaces[1:], 1.0).any()
     # Nothing of the family is far from the others, which shows before any pose is refined.
     monkeypatch.setattr(extra_material, "refined_on", lambda *_: pytest.fail("a pose was refined"))
@@ -164,7 +163,7 @@ def test_what_is_elsewhere_on_the_others_is_no_extra_material(family):
         )
         points[limb, 2] *= 2.2
         limbed = Shape.from_arrays(points, shape.faces, name=shape.name)
-        surfaces.append(posed_points(spread_points(limbed, 300)))
+        surfaces.append(spread_points(limbed, 300))
     assert not extra_points(surfaces[0], surfaces[1:], 1.0).any()
 
 

@@ -33,7 +33,6 @@ from collalign.stages.incomplete.place import (
     pose_evidence,
     sizes_of_complete,
 )
-from collalign.stages.incomplete.posed_points import posed_points
 from collalign.stages.incomplete.scans import common_points
 from collalign.stages.posing import _found_incomplete, _likelier_as_parts, _may_be_scans
 from collalign.stages.shape_stage import prepare_shapes
@@ -41,12 +40,13 @@ from collalign.stages.steps import Matched, Run
 from collalign.stages.trust.assess import gather_trust
 from data_tools.datasets.synthetic import bumped, deformed_family
 from data_tools.datasets.synthetic_shapes import blob, chair, crown, sphere_mesh
-from data_tools.embedding.surface_points import OrientedPoints, spread_points
+from data_tools.embedding.surface_points import spread_points
 from data_tools.errors import CollectionError, InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape, write_mesh
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions, SamplingOptions
+from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.cleaning import COMPONENTS_KEPT
@@ -132,8 +132,8 @@ def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
     poses = [
         Similarity(
             rotation=turn.T,
-            scale=1.0 / posed_points(cloud).radius,
-            shift=-turn.T @ cloud.points.mean(axis=0) / posed_points(cloud).radius,
+            scale=1.0 / cloud.radius,
+            shift=-turn.T @ cloud.points.mean(axis=0) / cloud.radius,
         ).transform
         for cloud, turn in zip(clouds, planted[1], strict=True)
     ]
@@ -155,8 +155,8 @@ def test_clouds_are_placed_as_well_and_resemble_their_kind(planted):
 
 
 def test_points_that_tell_nothing_are_placed_in_the_middle_in_doubt(planted):
-    tooth = posed_points(spread_points(read_shape(planted[0] / "tooth0.ply"), 300))
-    other = OrientedPoints(
+    tooth = spread_points(read_shape(planted[0] / "tooth0.ply"), 300)
+    other = PartialSurface(
         points=tooth.points, normals=tooth.normals, on_rim=tooth.on_rim, oriented=True
     )
     few = replace(

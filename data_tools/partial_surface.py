@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from data_tools.arrays import BoolArray, FloatArray, IntArray, as_floats, as_points, read_only
+from data_tools.arrays import (
+    BoolArray,
+    FloatArray,
+    Holds,
+    IntArray,
+    as_floats,
+    as_points,
+    read_only,
+)
 from data_tools.errors import InputError
 from data_tools.local_surface import LocalSurface
+from data_tools.poses import moved_by, scales_of
 
 #: Cells of the grid along the longest side of its box, and by how many radii that reaches beyond the points: places
 #: beyond it have no nearest point.
@@ -33,19 +43,15 @@ class PartialSurface:
     normals : ndarray, shape (l, 3)
         Outward unit normals; zeros where the shape has none.
     on_rim : ndarray of bool, shape (l,)
-        Points at a boundary of the surface: what lies beyond it is unknown.
-    centre : ndarray, shape (3,)
-    radius : float
-        Root mean square distance of the points from the centre.
+        Points at a boundary of the surface: what lies beyond it is unknown. Of a mesh, those no farther from its
+        boundary than points lie apart; of a point cloud, those whose neighbours leave a wide gap around them.
     oriented : bool
-        Whether the normals' signs are known; else those of each connected piece agree.
+        Whether the normals' signs are known; else those of each connected piece agree, a guess.
     """
 
-    points: FloatArray
-    normals: FloatArray
-    on_rim: BoolArray
-    centre: FloatArray
-    radius: float
+    points: Annotated[FloatArray, Holds(shape="l 3")]
+    normals: Annotated[FloatArray, Holds(shape="l 3")]
+    on_rim: Annotated[BoolArray, Holds(shape="l")]
     oriented: bool
 
     @classmethod
@@ -76,16 +82,29 @@ class PartialSurface:
             raise InputError(
                 f"on_rim: expected {num} booleans, got {rim.dtype} of shape {rim.shape}"
             )
-        centre = checked.mean(axis=0)
-        radius = float(np.sqrt(((checked - centre) ** 2).sum(axis=1).mean()))
         return cls(
             points=read_only(checked),
             normals=read_only(directions),
             on_rim=read_only(rim),
-            centre=read_only(centre),
-            radius=radius,
             oriented=oriented,
         )
+
+    def moved(self, transform: FloatArray) -> PartialSurface:
+        """Return the surface after a similarity, shape (4, 4)."""
+        turned = self.normals @ transform[:3, :3].T / scales_of(transform)
+        return replace(
+            self, points=read_only(moved_by(transform, self.points)), normals=read_only(turned)
+        )
+
+    @cached_property
+    def centre(self) -> FloatArray:
+        """The mean of the points, shape (3,)."""
+        return read_only(self.points.mean(axis=0))
+
+    @cached_property
+    def radius(self) -> float:
+        """Root mean square distance of the points from the centre."""
+        return float(np.sqrt(((self.points - self.centre) ** 2).sum(axis=1).mean()))
 
     @cached_property
     def _grid(self) -> tuple[NDArray[np.int32], FloatArray, float]:
