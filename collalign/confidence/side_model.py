@@ -49,10 +49,9 @@ LEAST_ALONE, LARGEST_PLACE = 1e-3, 0.51
 LIKELY_BETWEEN, LIKELY_CONTRADICTED, LIKELY_BALANCE = 0.085, 0.1, 0.8
 #: Least sum of a shape's preferences by that of their sizes at which its side is sure, where sides are not clear.
 LEAST_OWN = 0.6
-#: Shapes whose own mirror images cost less on them than the shapes that they are most like have no side that matters:
-#: a mirror image is the same pose. Mean of the logarithms of both ratios, of gaps and mismatches, and of shapes the
-#: median. Chairs, fish, turtle crania, seats and guns have -.7, -.7, -.9, -1.8 and -1.9, skulls -.14, bumpy crowns
-#: -.4, molars, feet and crowns of both sides -.01 to .2. Chosen on these.
+#: Shapes whose own mirror images cost so much less on them than the shapes that they are most like have no side that
+#: matters: a mirror image is the same pose. Median of the mean logarithms of both ratios, of gaps and of mismatches;
+#: what is added to these.
 BILATERAL, LEAST_MISMATCH = -0.5, 0.05
 #: So many pairs settle the matter at once if both medians are that large.
 MANY_PAIRS, LEAST_OBVIOUS = 100, 0.2
