@@ -23,6 +23,7 @@ from experiments.calibration import (
     model,
     radii,
     registration,
+    scenes,
     sides,
 )
 from experiments.calibration.scan import Constant
@@ -40,6 +41,7 @@ CALIBRATIONS = {
     "model": model.CALIBRATION,
     "radii": radii.CALIBRATION,
     "registration": registration.CALIBRATION,
+    "scenes": scenes.CALIBRATION,
     "sides": sides.CALIBRATION,
 }
 
