@@ -27,7 +27,7 @@ from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.features.depth_images import FRONT_UNIT, conflict, sight_conflicts
-from pairwise.features.overlap import LocalPoses, evaluate_poses
+from pairwise.features.overlap import LocalPoses, closeness, evaluate_poses
 from pairwise.features.poses import (
     STEP_COSINE,
     feature_distances,
@@ -258,20 +258,15 @@ def _holds(
     match is kept in ``matches``.
     """
     odds = []
-    for i, j in itertools.product(others.tolist(), members.tolist()):
-        if (i, j) not in matches:
-            distances = feature_distances(surfaces[i].features, surfaces[j].features)
-            matches[i, j] = match_features(distances)
+    for ends in itertools.product(others.tolist(), members.tolist()):
+        i, j = sorted(ends)
         relative = np.linalg.inv(transforms[i]) @ transforms[j]
-        found = evaluate_poses(
-            surfaces[i],
-            surfaces[j],
-            relative[None, :3, :3],
-            relative[None, :3, 3],
-            matches=matches[i, j],
-            num_points=FEW_POINTS,
-        )
-        if found.overlaps.max() >= MUCH:
+        pose = surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
+        if closeness(*pose, num_points=FEW_POINTS)[0].max() >= MUCH:
+            if (i, j) not in matches:
+                distances = feature_distances(surfaces[i].features, surfaces[j].features)
+                matches[i, j] = match_features(distances)
+            found = evaluate_poses(*pose, matches=matches[i, j], num_points=FEW_POINTS)
             odds.append(float(overlap_log_odds(found, of_scene=True)[0]))
     return not odds or float(np.mean(odds)) >= HELD_ODDS
 
