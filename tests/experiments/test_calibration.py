@@ -17,6 +17,7 @@ from experiments.calibration import CALIBRATIONS, calibrate, ellipsoids, few_rad
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
 from experiments.calibration.fragments import broken, closed
 from experiments.calibration.scan import Calibration, Finding, scan
+from experiments.calibration.scenes import JudgedPair, fit_weights, log_loss
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
@@ -135,3 +136,29 @@ def test_ellipsoids_are_as_large_as_the_worst_collection_needs():
     assert found.best == pytest.approx((1.0 + 91 / 101) / 2)
     assert found.now == pytest.approx((1.0 + 51 / 101) / 2)
     assert found.left_out == pytest.approx((1.0 + 23 / 101) / 2)
+
+
+def test_weights_of_scenes_are_fitted_to_what_tells_right_poses():
+    rng = np.random.default_rng(0)
+
+    def pairs(num, tells):
+        found = []
+        for _ in range(num):
+            right = np.array([rng.random() < 0.5, False, False])
+            consensus = np.where(right & tells, 0.3, 0.02) * rng.uniform(0.5, 1.5, 3)
+            found.append(
+                JudgedPair(evidence=np.column_stack([rng.random(3), consensus]), right=right)
+            )
+        return found
+
+    telling, silent = pairs(80, True), pairs(80, False)
+    weights = fit_weights([telling])
+    assert weights[1] > 1.0
+    assert log_loss(weights, telling) < 0.4 * log_loss(np.zeros(3), telling)
+    assert log_loss(weights, silent) > log_loss(fit_weights([silent]), silent)
+
+
+def test_a_quick_calibration_of_scenes_needs_no_data():
+    (row,) = calibrate("scenes", Path(), ["room"], quick=True).rows
+    assert row["constant"] == "SCENE_WEIGHTS"
+    assert isfinite(float(str(row["best"])))

@@ -128,9 +128,11 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
         overlaps = overlap_pairs(session, shapes, surfaces)
         joined = join_scans(described, overlaps, session.options.group, is_scene=is_scene)
     if not reasons:
-        if is_scene and _coincide(joined, described):
-            return None
-        if not _are_scans(shapes, joined, described, pairs):
+        if not (
+            _are_images_of_scene(joined, described)
+            if is_scene
+            else _are_scans(shapes, joined, described, pairs)
+        ):
             return None
         if not were_seen(shapes):
             joined = replace(joined, confidence=OVERLAP_ALONE * joined.confidence)
@@ -139,13 +141,18 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
 
 
-def _coincide(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
-    """Return whether the middles of joined surfaces lie together, as those of whole shapes do."""
+def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
+    """Return whether overlaps hold most shapes, and the middles of the joined ones do not lie together.
+
+    Those of hollow shapes that are whole, such as bowls, do.
+    """
+    if (joined.confidence >= JOINING_CHANCE).sum() < MOST_SURE * len(joined.confidence):
+        return False
     part = joined.parts[0].tolist()
     middles = [moved_by(joined.transforms[i], surfaces[i].points.mean(axis=0)) for i in part]
     radii = [np.sqrt(surfaces[i].points.var(axis=0).sum()) for i in part]
     spread = np.sqrt(np.var(middles, axis=0).sum())
-    return bool(spread < LEAST_WIDER * np.median(radii))
+    return bool(spread >= LEAST_WIDER * np.median(radii))
 
 
 def _are_scans(
@@ -158,7 +165,7 @@ def _are_scans(
 
     Faces of several people, each seen from the front, are whole shapes of one kind. Shapes most of which were seen
     from one direction each, and which match badly as wholes, are scans even where hardly one is sure: poses as whole
-    shapes would be wrong. Images of a scene have no line of sight, and are never all around it.
+    shapes would be wrong.
     """
     is_bad = median_mismatch(pairs) >= BADLY_MATCHED
     if is_bad and were_seen(shapes):
@@ -170,7 +177,9 @@ def _are_scans(
         for i in joined.parts[0]
         if len(surfaces[i].sights)
     ]
-    return is_bad or not sights or float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE
+    return is_bad or (
+        len(sights) > 1 and float(np.linalg.norm(np.mean(sights, axis=0))) < MOST_ALIKE
+    )
 
 
 def _framed(shapes: Shapes, transforms: FloatArray, scaling: str, root: int) -> FloatArray:

@@ -13,7 +13,8 @@ from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from pairwise.features.overlap import LocalPoses
+from experiments.generated.rooms import depth_frames, room, way_round
+from pairwise.features.overlap import LocalPoses, closeness
 
 NUM = 8
 #: Share of consistent matches of a pair that is sure, and of one that is not.
@@ -176,3 +177,19 @@ def test_a_single_pair_of_images_of_a_scene_is_never_sure(scans):
     )
     assert sure.confidence.min() > 0.95
     assert 0.85 < scene.confidence.max() <= 0.9 + 1e-9
+
+
+def test_walls_on_walls_hold_only_where_what_stands_there_agrees():
+    rng = np.random.default_rng(0)
+    way = way_round(20, rng)[[0, 1, 10]]
+    frames = depth_frames(room(rng), way, rng)
+    surfaces = [surface_cells(frame, 0.1, of_scene=True) for frame in frames]
+    assert join._holds(surfaces, way, np.array([0]), np.array([1]), {})
+    turned = way.copy()
+    turned[2] = np.diag([-1.0, -1.0, 1.0, 1.0]) @ way[2]  # the opposite wall on this one
+    relative = np.linalg.inv(turned[0]) @ turned[2]
+    pose = relative[None, :3, :3], relative[None, :3, 3]
+    assert closeness(surfaces[0], surfaces[2], *pose)[0].max() >= join.MUCH
+    assert not join._holds(surfaces, turned, np.array([0]), np.array([2]), {})
+    turned[2, :3, 3] += 50.0  # what shares nothing says nothing
+    assert join._holds(surfaces, turned, np.array([0]), np.array([2]), {})
