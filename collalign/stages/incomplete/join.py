@@ -40,8 +40,8 @@ JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 #: A pose of a pair agrees with the common poses within so many degrees and cells.
 AGREE_DEG, AGREE_CELLS = 10.0, 5.0
 #: No single pair of images of a scene is surer than this: walls and floors overlap at wrong poses, too. With .99, as
-#: elsewhere, four of 40 images of generated rooms were wrong at .97. With this none is, and all 20 of a real room
-#: stay at .95. Chosen on these.
+#: elsewhere, six of 20 images of a generated room were wrong at .95, before walls alone no longer joined blocks; with
+#: this none was, and all 20 of a real room stay at .95. Chosen on these.
 SCENE_CERTAIN = 0.9
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3

@@ -128,11 +128,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
         overlaps = overlap_pairs(session, shapes, surfaces)
         joined = join_scans(described, overlaps, session.options.group, is_scene=is_scene)
     if not reasons:
-        if not (
-            _are_images_of_scene(joined, described)
-            if is_scene
-            else _are_scans(shapes, joined, described, pairs)
-        ):
+        if not _are_scans(shapes, joined, described, pairs, is_scene=is_scene):
             return None
         if not were_seen(shapes):
             joined = replace(joined, confidence=OVERLAP_ALONE * joined.confidence)
@@ -160,6 +156,8 @@ def _are_scans(
     joined: JoinedScans,
     surfaces: Sequence[LocalSurface],
     pairs: Sequence[Pair],
+    *,
+    is_scene: bool,
 ) -> bool:
     """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
 
@@ -170,6 +168,8 @@ def _are_scans(
     is_bad = median_mismatch(pairs) >= BADLY_MATCHED
     if is_bad and were_seen(shapes):
         return True
+    if is_scene:
+        return _are_images_of_scene(joined, surfaces)
     if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < MOST_SURE * len(joined.confidence):
         return False
     sights = [
