@@ -128,7 +128,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
         overlaps = overlap_pairs(session, shapes, surfaces)
         joined = join_scans(described, overlaps, session.options.group, is_scene=is_scene)
     if not reasons:
-        if not _are_scans(shapes, joined, described, pairs, is_scene=is_scene):
+        if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
         if not were_seen(shapes):
             joined = replace(joined, confidence=OVERLAP_ALONE * joined.confidence)
@@ -152,11 +152,11 @@ def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) 
 
 
 def _are_scans(
-    shapes: Shapes,
     joined: JoinedScans,
     surfaces: Sequence[LocalSurface],
     pairs: Sequence[Pair],
     *,
+    are_seen: bool,
     is_scene: bool,
 ) -> bool:
     """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
@@ -166,7 +166,7 @@ def _are_scans(
     shapes would be wrong.
     """
     is_bad = median_mismatch(pairs) >= BADLY_MATCHED
-    if is_bad and were_seen(shapes):
+    if is_bad and are_seen:
         return True
     if is_scene:
         return _are_images_of_scene(joined, surfaces)
