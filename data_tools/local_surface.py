@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -17,8 +18,11 @@ from data_tools.threads import one_blas_thread
 
 #: Distance of the points of surfaces that may be partial, in root mean square radii of the median shape.
 PART_CELL = 0.08
-#: Neighbours of a point are those within so many cells.
-RADIUS_CELLS = 5.0
+#: Neighbours of a point are those within so many cells: of a surface, and of one that shows a room or a street.
+#: There, most of what is near is flat, and far from the sensor it is rough. Chosen on frames of a real and of two
+#: generated rooms: of pairs that share a third or more, the best pose is right for 93, 73 and 46 % with 5 cells, and
+#: for 96, 95 and 54 % with 8.
+RADIUS_CELLS, SCENE_RADIUS_CELLS = 5.0, 8.0
 #: Bins of each of the three angles.
 NUM_BINS = 11
 #: Points of a surface that are compared with another one at a pose: an even choice of at most so many.
@@ -53,7 +57,13 @@ class LocalSurface:
     @classmethod
     @one_blas_thread()
     def from_user(
-        cls, points: ArrayLike, normals: ArrayLike, cell: float, sights: ArrayLike = ()
+        cls,
+        points: ArrayLike,
+        normals: ArrayLike,
+        cell: float,
+        sights: ArrayLike = (),
+        *,
+        radius_cells: float = RADIUS_CELLS,
     ) -> LocalSurface:
         """Check the arrays and describe every neighbourhood.
 
@@ -66,6 +76,8 @@ class LocalSurface:
             Distance of the points, in their own units.
         sights : array_like, shape (s, 3), optional
             Unit directions from one of which all of the surface was seen, as in a depth image.
+        radius_cells : float
+            Neighbours of a point are those within so many cells.
 
         Raises
         ------
@@ -78,7 +90,7 @@ class LocalSurface:
             raise InputError(f"cell: expected a positive length, got {cell!r}")
         from data_tools.surface.point_features import fast_point_features
 
-        roots = np.sqrt(fast_point_features(checked, directions, RADIUS_CELLS * cell, NUM_BINS))
+        roots = np.sqrt(fast_point_features(checked, directions, radius_cells * cell, NUM_BINS))
         histograms = np.rint(255.0 * roots).astype(np.uint8)
         return cls(
             points=read_only(checked),
@@ -93,6 +105,17 @@ class LocalSurface:
         """Unit vectors (l, 33) whose distances are Hellinger's distances of the histograms."""
         roots = self.histograms.astype(np.float32)
         return np.asarray(roots / np.maximum(np.linalg.norm(roots, axis=1, keepdims=True), 1.0))
+
+    @cached_property
+    def bulge(self) -> float:
+        """Mean cosine between normals and arms from the centre, weighted by their lengths.
+
+        Positive where a surface bulges towards its normals, as a solid thing does from outside, and negative where it
+        is hollow, as a room is from inside.
+        """
+        arms = self.points - self.points.mean(axis=0)
+        lengths = np.linalg.norm(arms, axis=1).sum()
+        return float(np.vdot(self.normals, arms) / max(lengths, np.finfo(float).tiny))
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -143,3 +166,12 @@ class LocalSurface:
         histograms[:, NUM_BINS : 2 * NUM_BINS] = histograms[:, 2 * NUM_BINS - 1 : NUM_BINS - 1 : -1]
         histograms[:, 2 * NUM_BINS :] = histograms[:, : 2 * NUM_BINS - 1 : -1]
         return replace(self, normals=read_only(-self.normals), histograms=read_only(histograms))
+
+
+def shows_scene(surfaces: Sequence[LocalSurface]) -> bool:
+    """Return whether most surfaces were seen from one direction each, and most of these are hollow from there.
+
+    A room is hollow for a sensor in it, a thing on a table is not.
+    """
+    bulges = [one.bulge for one in surfaces if len(one.sights) or one.bulge < 0.0]
+    return len(bulges) > 0.5 * len(surfaces) and bool(np.median(bulges) < 0.0)

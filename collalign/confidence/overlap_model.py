@@ -16,26 +16,26 @@ UNEXPLAINED = 0.1
 #: Log-odds per logarithm of consensus plus the last number, against a pose per unit of conflict with lines of
 #: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on depth images.
 SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
+#: Log-odds of a pose of two images of a scene: per mismatch, per logarithm of consensus plus the last number, and of
+#: "no pose is right". ``python -m experiments calibrate scenes`` fits them, and says how they do on kinds left out.
+SCENE_WEIGHTS = (-1.7, 3.0, -5.5, 0.03)
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
 MOST_CERTAIN = 0.99
 
 
-def overlap_log_odds(poses: LocalPoses) -> FloatArray:
+def overlap_log_odds(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray:
     """Return the log-odds of poses against that none of them is right, shape (p,).
 
-    With lines of sight where both surfaces were seen from one direction each.
+    With lines of sight where both surfaces were seen from one direction each. Of a scene walls and floors overlap at
+    wrong poses as well, so that it is what agrees there that counts.
     """
-    seen, unseen = by_explanation(poses)
-    return np.where(np.isnan(seen), unseen, seen)
-
-
-def by_explanation(poses: LocalPoses) -> tuple[FloatArray, FloatArray]:
-    """Return the log-odds of poses against that none of them is right, by lines of sight and by overlap, each (p,).
-
-    By lines of sight they are NaN where not both surfaces have one.
-    """
+    if of_scene:
+        per_mismatch, per_match, none, least = SCENE_WEIGHTS
+        return np.asarray(
+            per_mismatch * poses.mismatch + per_match * np.log(poses.consensus + least) - none
+        )
     of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
     unseen = (
         WEIGHTS[0] * of_smaller
@@ -45,7 +45,7 @@ def by_explanation(poses: LocalPoses) -> tuple[FloatArray, FloatArray]:
     matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + SIGHT_WEIGHTS[3])
     against = conflict_log_odds(conflict(poses.in_front, poses.beside))
     is_seen = ~np.isnan(poses.in_front).any(axis=1)
-    return np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], np.nan), unseen
+    return np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen)
 
 
 def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
@@ -53,9 +53,9 @@ def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
     return np.asarray(SIGHT_WEIGHTS[1] * conflicts)
 
 
-def overlap_chances(poses: LocalPoses) -> FloatArray:
+def overlap_chances(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray:
     """Return how probable each pose is, shape (p,); what they leave is that none is right."""
-    odds = overlap_log_odds(poses)
+    odds = overlap_log_odds(poses, of_scene=of_scene)
     top = max(float(odds.max(initial=0.0)), 0.0)
     weights = np.exp(odds - top)
     return np.asarray(np.minimum(weights / (weights.sum() + np.exp(-top)), MOST_CERTAIN))

@@ -10,7 +10,12 @@ from scipy.spatial import cKDTree
 from data_tools.arrays import BoolArray, FloatArray, extremes, read_only, sums_by_owner
 from data_tools.embedding.sampling import farthest_points
 from data_tools.embedding.working_surface import WorkingSurface
-from data_tools.local_surface import FEWEST_POINTS, LocalSurface
+from data_tools.local_surface import (
+    FEWEST_POINTS,
+    RADIUS_CELLS,
+    SCENE_RADIUS_CELLS,
+    LocalSurface,
+)
 from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
 from data_tools.sight import lines_of_sight
@@ -27,7 +32,8 @@ POINTS_A_CELL, FEWEST_SPREAD, MOST_SPREAD = 16.0, 4_000, 60_000
 #: Sides of a cell's face that a normal may point to: both sides of a thin wall keep points of their own.
 NUM_SIDES = 6
 #: An open mesh counts as inside out where the mean cosine between normals and arms from the centre, weighted by their
-#: lengths, is below this. Else the side of the file's triangles is kept. Rooms seen from inside have at least -.29.
+#: lengths, is below this. Else the side of the file's triangles is kept, as it always is of depth images:
+#: rooms seen from inside have down to -.62.
 INSIDE_OUT = -1 / 3
 #: A point whose normals cancel is no surface: the least length of the mean of its unit normals.
 LEAST_NORMAL = 0.3
@@ -43,40 +49,54 @@ NORMAL_NEIGHBOURS = 30
 RIM_NEIGHBOURS, RIM_GAP = 12, 2.0
 
 
-def surface_cells(shape: Shape, cell: float) -> LocalSurface | None:
+def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> LocalSurface | None:
     """Return the points of a shape one cell apart, with normals and descriptors; None where there are too few.
 
     Points are spread over triangles by area; each cell of a grid along the principal axes keeps the mean of its
-    points and of its normals. Where there are no triangles, or they disagree on a side, normals are those of local
-    planes, and bulges point outwards: all normals point towards what saw the surface if one direction did (a depth
-    image); else the side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
+    points and of its normals. Where there are no triangles, or they disagree on a side, or one direction saw all of
+    them (a depth image, whose triangles are as rough as its depths), normals are those of local planes. Their side is
+    that of the triangles, or they point towards what saw the surface, or the side spreads from neighbour to
+    neighbour and bulges point outwards (Hoppe et al., SIGGRAPH 1992).
 
     Parameters
     ----------
     shape : Shape
     cell : float
         In units of the shape.
+    of_scene : bool
+        The shape is a part of a room or a street: rough, mostly flat, and hollow where it was seen from. It has no
+        line of sight, because its rays are far from parallel, and it ends where its image does.
     """
     is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
-    sights = np.empty((0, 3)) if is_closed else lines_of_sight(shape.vertices)
-    if shape.is_mesh and orientation_defects(shape) <= MAX_DEFECTS:
-        points, normals = spread_over_triangles(shape, cell)
-        if len(sights):
-            sights = sights * (1.0 if (normals @ sights[0]).mean() >= 0.0 else -1.0)
+    no_sights = of_scene or is_closed
+    sights = np.empty((0, 3)) if no_sights else lines_of_sight(shape.vertices)
+    is_image = of_scene or len(sights) > 0
+    has_side = shape.is_mesh and orientation_defects(shape) <= MAX_DEFECTS
+    spread, triangles = shape.vertices, np.empty((0, 3))
+    if shape.is_mesh:
+        spread, triangles = spread_over_triangles(shape, cell, as_stored=is_image)
+    if has_side and not is_image:
+        points, normals = spread, triangles
     else:
-        spread = spread_over_triangles(shape, cell)[0] if shape.is_mesh else shape.vertices
         points, _ = _cell_means(spread, None, 0.5 * cell)
         if len(points) < FEWEST_POINTS:
             return None
         planes = plane_normals(points, points)
-        if len(sights):
+        if has_side:
+            nearest = cKDTree(points).query(spread)[1]
+            towards = sums_by_owner(triangles, nearest, len(points))
+            normals = planes * np.where((planes * towards).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+            if len(sights):
+                sights = sights * (1.0 if (normals @ sights[0]).mean() >= 0.0 else -1.0)
+        elif len(sights):
             normals = planes * np.where(planes @ sights[0] < 0.0, -1.0, 1.0)[:, None]
         else:
             normals = one_sided(points, planes)
     points, normals = _cell_means(points, normals, cell)
     if len(points) < FEWEST_POINTS:
         return None
-    return LocalSurface.from_user(points, normals, cell, sights)
+    radius_cells = SCENE_RADIUS_CELLS if of_scene else RADIUS_CELLS
+    return LocalSurface.from_user(points, normals, cell, sights, radius_cells=radius_cells)
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
@@ -103,11 +123,13 @@ def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:
     return start + mean, float(np.sqrt(max(weights @ squares - mean @ mean, 0.0)))
 
 
-def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatArray]:
+def spread_over_triangles(
+    shape: Shape, cell: float, *, as_stored: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Return points on the triangles of a mesh, evenly by area, and the triangles' outward normals, each (n, 3).
 
     Some 16 points a cell of the side ``cell``, in units of the shape. Outside of an open mesh is what its file says,
-    unless it is clearly inside out.
+    unless it is clearly inside out. With ``as_stored`` it is always what the file says.
     """
     crosses = face_crosses(shape.vertices, shape.faces).T
     areas = np.linalg.norm(crosses, axis=1)
@@ -115,6 +137,8 @@ def spread_over_triangles(shape: Shape, cell: float) -> tuple[FloatArray, FloatA
     num = int(np.clip(POINTS_A_CELL * 0.5 * total / cell**2, FEWEST_SPREAD, MOST_SPREAD))
     points, faces = spread_over_faces(shape.vertices, shape.faces, num)
     normals = (crosses / np.maximum(areas, np.finfo(float).tiny)[:, None])[faces]
+    if as_stored:
+        return points, normals
     arms = points - points.mean(axis=0)
     outwards = np.vdot(normals, arms) / max(
         np.linalg.norm(arms, axis=1).sum(), np.finfo(float).tiny

@@ -22,6 +22,7 @@ from experiments.calibration import (
     model,
     radii,
     registration,
+    scenes,
     sides,
 )
 from experiments.calibration.scan import Constant
@@ -39,6 +40,7 @@ CALIBRATIONS = {
     "model": model.CALIBRATION,
     "radii": radii.CALIBRATION,
     "registration": registration.CALIBRATION,
+    "scenes": scenes.CALIBRATION,
     "sides": sides.CALIBRATION,
 }
 

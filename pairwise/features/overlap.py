@@ -96,7 +96,13 @@ class LocalPoses:
 
 @one_blas_thread()
 def evaluate_poses(
-    target: LocalSurface, source: LocalSurface, rotations: FloatArray, shifts: FloatArray
+    target: LocalSurface,
+    source: LocalSurface,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    *,
+    matches: tuple[IntArray, IntArray] | None = None,
+    num_points: int = MOST_COMPARED,
 ) -> LocalPoses:
     """Return what descriptors and overlap say of rigid poses, rotations (p, 3, 3) of either determinant.
 
@@ -107,6 +113,10 @@ def evaluate_poses(
     rotations : ndarray, shape (p, 3, 3)
     shifts : ndarray, shape (p, 3)
         Source coordinates to those of the target, with the rotations.
+    matches : pair of ndarray of int, each (m,), optional
+        What :func:`pairwise.features.poses.match_features` says of both, if that is known; not for mirror images.
+    num_points : int
+        Points of either surface that are compared, at most.
 
     Returns
     -------
@@ -128,9 +138,9 @@ def evaluate_poses(
         chosen = np.flatnonzero(proper == (flip > 0))
         if len(chosen):
             other = source if flip > 0 else source.mirrored()
-            matches = match_features(feature_distances(target.features, other.features))
+            of_pair = matches or match_features(feature_distances(target.features, other.features))
             poses = Similarity.rigid(rotations[chosen] * [flip, 1.0, 1.0], shifts[chosen])
-            evidence[chosen] = _evidence(target, other, poses, matches)
+            evidence[chosen] = _evidence(target, other, poses, of_pair, num_points=num_points)
     return _local_poses(rotations, shifts, evidence)
 
 

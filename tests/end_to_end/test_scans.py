@@ -191,12 +191,29 @@ def test_shapes_that_were_all_seen_from_the_front_are_no_scans():
         )
         surfaces = [SimpleNamespace(sights=np.array([sight])) for sight in sights]
         pairs = [pair_of(np.eye(3), [0.1], mismatches=np.array([mismatch]))]
-        return scanning._are_scans(joined, surfaces, pairs)
+        return scanning._are_scans(joined, surfaces, pairs, are_seen=True, is_scene=False)
 
     front = [[0.0, 0.1, 1.0], [0.1, 0.0, 1.0], [0.0, 0.0, 1.0]]
     assert not are_scans(front, 0.5)
     assert are_scans(np.eye(3), 0.5)
     assert are_scans(front, 0.9)
+
+
+def test_images_of_a_scene_lie_apart_and_whole_hollow_shapes_on_each_other():
+    points = np.random.default_rng(0).standard_normal((50, 3))
+    surfaces = [SimpleNamespace(points=points, sights=np.empty((0, 3)))] * 3
+
+    def are_scans(apart, *confidence):
+        transforms = np.tile(np.eye(4), (3, 1, 1))
+        transforms[:, 0, 3] = apart * np.arange(3)
+        joined = SimpleNamespace(
+            confidence=np.array(confidence), parts=[np.arange(3)], transforms=transforms
+        )
+        return scanning._are_scans(joined, surfaces, (), are_seen=True, is_scene=True)
+
+    assert are_scans(2.0, 0.6, 0.6, 0.0)
+    assert not are_scans(2.0, 0.6, 0.0, 0.0)
+    assert not are_scans(0.1, 0.99, 0.99, 0.99)
 
 
 def test_cells_hardly_depend_on_which_shapes_there_are():

@@ -8,6 +8,7 @@ import pytest
 
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.scan import scan
+from experiments.calibration.scenes import JudgedPair, fit_weights, log_loss
 
 FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
 
@@ -88,3 +89,29 @@ def test_powers_are_those_of_the_quantile_not_of_the_mean():
     (_, power, other, _), *_ = followed.table([[*zip(shown, errors, strict=True)]])
     assert abs(power - 1.0) < 0.1
     assert abs(other) < 0.1
+
+
+def test_weights_of_scenes_are_fitted_to_what_tells_right_poses():
+    rng = np.random.default_rng(0)
+
+    def pairs(num, tells):
+        found = []
+        for _ in range(num):
+            right = np.array([rng.random() < 0.5, False, False])
+            consensus = np.where(right & tells, 0.3, 0.02) * rng.uniform(0.5, 1.5, 3)
+            found.append(
+                JudgedPair(evidence=np.column_stack([rng.random(3), consensus]), right=right)
+            )
+        return found
+
+    telling, silent = pairs(80, True), pairs(80, False)
+    weights = fit_weights([telling])
+    assert weights[1] > 1.0
+    assert log_loss(weights, telling) < 0.4 * log_loss(np.zeros(3), telling)
+    assert log_loss(weights, silent) > log_loss(fit_weights([silent]), silent)
+
+
+def test_a_quick_calibration_of_scenes_needs_no_data():
+    (row,) = calibrate("scenes", Path(), ["room"], quick=True).rows
+    assert row["constant"] == "SCENE_WEIGHTS"
+    assert isfinite(float(str(row["best"])))

@@ -7,8 +7,9 @@ as sure as the weakest cut of overlaps that holds it to the others.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import networkx as nx
@@ -16,34 +17,47 @@ import numpy as np
 
 from collalign.confidence.overlap_model import (
     MOST_CERTAIN,
-    by_explanation,
     conflict_log_odds,
     overlap_chances,
+    overlap_log_odds,
 )
 from collalign.confidence.pose_model import MOST_CONFIDENT
-from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import moved_by, pose_angle_deg
 from data_tools.threads import one_blas_thread
 from pairwise.features.depth_images import FRONT_UNIT, conflict, sight_conflicts
-from pairwise.features.overlap import LocalPoses, evaluate_poses
-from pairwise.features.poses import STEP_COSINE, rotations_by
+from pairwise.features.overlap import LocalPoses, closeness, evaluate_poses
+from pairwise.features.poses import (
+    STEP_COSINE,
+    feature_distances,
+    match_features,
+    rotations_by,
+)
 
 #: Pairs hold shapes if one of their poses is at least this probable; poses that are this probable may join blocks.
 JOINING_CHANCE, PROPOSED_CHANCE = 0.5, 0.05
 #: A pose of a pair agrees with the common poses within so many degrees and cells.
 AGREE_DEG, AGREE_CELLS = 10.0, 5.0
 #: No single pair of images of a scene is surer than this: walls and floors overlap at wrong poses, too. With .99, as
-#: elsewhere, four of 40 images of generated rooms were wrong at .97. With this none is, and all 20 of a real room
-#: stay at .95. Chosen on these.
+#: elsewhere, six of 20 images of a generated room were wrong at .95, before walls alone no longer joined blocks; with
+#: this none was, and all 20 of a real room stay at .95. Chosen on these.
 SCENE_CERTAIN = 0.9
 #: Of pairs that agree, all but the surest count by this share: what makes one err, such as a symmetry, makes many.
 SHARED_CAUSE = 0.3
+#: Two images of a scene share much where either has this share of so many points on the other. Two blocks of images
+#: agree if the mean log-odds of those pairs are above the last number: of the wrong joins of two generated rooms they
+#: are -2.1 and -1.5, at the right places -.7 and -.6.
+MUCH, FEW_POINTS, HELD_ODDS = 0.5, 150, -1.2
+#: Other places of a block that are looked at.
+MOST_PLACES = 3
 #: Cutoffs of the joint refinement's steps, in cells, and points of each surface that take part in a pair.
 JOINT_STEPS, JOINT_POINTS = (*(2.0,) * 3, *(1.2,) * 5, *(0.8,) * 8), 400
 
 #: Poses of pairs, by target and source.
 Overlaps: TypeAlias = Mapping[tuple[int, int], LocalPoses]
+#: Which features of a target and a source match.
+Matches: TypeAlias = dict[tuple[int, int], tuple[IntArray, IntArray]]
 #: How probable each of them is.
 Chances: TypeAlias = Mapping[tuple[int, int], FloatArray]
 
@@ -83,6 +97,8 @@ class JoinedScans:
         Rigid, to a common frame of each part.
     confidence : ndarray, shape (N,)
         That a shape lies right relative to the best held one of its part; 0 for shapes that nothing joins.
+    chances : mapping of (int, int) to ndarray, shape (p,)
+        How probable each pose of each pair is.
     kept : mapping of (int, int) to LocalPoses
         The pairs that hold them, each with one pose: the common one.
     parts : list of ndarray of int
@@ -93,54 +109,10 @@ class JoinedScans:
 
     transforms: FloatArray
     confidence: FloatArray
+    chances: Chances
     kept: Overlaps
     parts: list[IntArray]
     cuts: list[WeakCut]
-
-
-def without_scenes(
-    surfaces: Sequence[LocalSurface], overlaps: Overlaps
-) -> tuple[list[LocalSurface], Overlaps, BoolArray]:
-    """Return surfaces without lines of sight that most of their pairs contradict, and poses without what these say.
-
-    Also return which surfaces these are, shape (N,).
-
-    An object ends where a depth image of it does. A room does not: its image ends where what saw it had no more room,
-    and its rays are far from parallel. Where two such images overlap, each has much that is in front of the other or
-    beside it at the right pose. Of probable poses, then, overlap alone explains more than lines of sight do.
-
-    Parameters
-    ----------
-    surfaces : sequence of LocalSurface
-    overlaps : mapping of (int, int) to LocalPoses
-        What pairs i < j share.
-    """
-    gains = np.full((len(surfaces),) * 2, np.nan)
-    for (i, j), poses in overlaps.items():
-        seen, unseen = by_explanation(poses)
-        best = int(np.argmax(np.fmax(seen, unseen)))
-        if max(seen[best], unseen[best]) > 0.0:  # NaN where there is no line of sight
-            gains[i, j] = gains[j, i] = unseen[best] - seen[best]
-    has_pair = ~np.isnan(gains)
-    is_scene = np.array(
-        [
-            np.median(own[has] if has.any() else 0.0) > 0.0
-            for own, has in zip(gains, has_pair, strict=True)
-        ]
-    )
-    # Images of a scene come together. One among images of objects shows an object that another pose fits as well.
-    is_scene &= (has_pair & is_scene).sum(axis=1) > (has_pair & ~is_scene).sum(axis=1)
-    unknown = {
-        pair: replace(poses, in_front=nothing, beside=nothing)
-        for pair, poses in overlaps.items()
-        if is_scene[pair[0]] or is_scene[pair[1]]
-        for nothing in [read_only(np.full((len(poses), 2), np.nan))]
-    }
-    found = [
-        replace(one, sights=read_only(np.empty((0, 3)))) if scene else one
-        for one, scene in zip(surfaces, is_scene, strict=True)
-    ]
-    return found, {**overlaps, **unknown}, is_scene
 
 
 @one_blas_thread()
@@ -148,7 +120,8 @@ def join_scans(
     surfaces: Sequence[LocalSurface],
     overlaps: Overlaps,
     group: str,
-    is_scene: BoolArray | None = None,
+    *,
+    is_scene: bool = False,
 ) -> JoinedScans:
     """Join shapes by the pairs that overlap.
 
@@ -159,13 +132,14 @@ def join_scans(
     overlaps : mapping of (int, int) to LocalPoses
         What pairs i < j share.
     group : {"SO", "O"}
-    is_scene : ndarray of bool, shape (N,), optional
-        Images of a scene, see :func:`without_scenes`.
+    is_scene : bool
+        The shapes are images of a room or a street.
     """
-    scenes = np.zeros(len(surfaces), dtype=np.bool_) if is_scene is None else is_scene
-    most = {pair: SCENE_CERTAIN if scenes[[*pair]].any() else MOST_CERTAIN for pair in overlaps}
+    most = SCENE_CERTAIN if is_scene else MOST_CERTAIN
+    matches: Matches | None = {} if is_scene else None
     chances = {
-        pair: np.minimum(overlap_chances(poses), most[pair]) for pair, poses in overlaps.items()
+        pair: np.minimum(overlap_chances(poses, of_scene=is_scene), most)
+        for pair, poses in overlaps.items()
     }
     transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))
     num_before = len(surfaces) + 1
@@ -173,10 +147,10 @@ def join_scans(
     # Poses that were not refined yet may seem to contradict what was seen.
     while 1 < (num_blocks := len(np.unique(block))) < num_before:
         num_before = num_blocks
-        transforms, block = _joined(surfaces, overlaps, chances, transforms, block)
+        transforms, block = _joined(surfaces, overlaps, chances, transforms, block, matches)
         agreeing = _agreeing(surfaces, overlaps, chances, transforms)
         transforms = _refined(surfaces, list(agreeing), transforms)
-    cuts = weak_cuts(surfaces, overlaps, chances, agreeing, transforms, most)
+    cuts = weak_cuts(surfaces, overlaps, chances, agreeing, transforms, most, matches)
     kept = {}
     for i, j in agreeing:
         relative = np.linalg.inv(transforms[i]) @ transforms[j]
@@ -190,7 +164,12 @@ def join_scans(
     )
     confidence = _confidence(len(surfaces), cuts, parts)
     return JoinedScans(
-        transforms=transforms, confidence=confidence, kept=kept, parts=parts, cuts=cuts
+        transforms=transforms,
+        confidence=confidence,
+        chances=chances,
+        kept=kept,
+        parts=parts,
+        cuts=cuts,
     )
 
 
@@ -200,10 +179,12 @@ def _joined(
     chances: Chances,
     transforms: FloatArray,
     block: IntArray,
+    matches: Matches | None,
 ) -> tuple[FloatArray, IntArray]:
     """Return poses (N, 4, 4), and the block of each, by joining the two blocks that are surest to fit, repeatedly.
 
-    Blocks (N,) are those that are joined already, at the poses given.
+    Blocks (N,) are those that are joined already, at the poses given. ``matches`` are those of images of a scene, and
+    None of other shapes.
     """
     transforms, block = transforms.copy(), block.copy()
     probable = {pair: np.flatnonzero(own >= PROPOSED_CHANCE) for pair, own in chances.items()}
@@ -213,19 +194,27 @@ def _joined(
         if len(own)
     }
     known: dict[tuple[int, int], tuple[float, FloatArray]] = {}
+    refuted: dict[tuple[int, int], list[FloatArray]] = {}
     while True:
         blocks = ((int(block[i]), int(block[j])) for i, j in proposed)
         between = {(min(two), max(two)) for two in blocks if two[0] != two[1]}
-        for first, second in sorted(between - known.keys()):
-            ends = np.flatnonzero(block == first), np.flatnonzero(block == second)
-            known[first, second] = _best_place(surfaces, proposed, transforms, *ends)
+        for two in sorted(between - known.keys()):
+            ends = np.flatnonzero(block == two[0]), np.flatnonzero(block == two[1])
+            known[two] = _best_place(surfaces, proposed, transforms, *ends, refuted.get(two, []))
         best = max(sorted(between), key=lambda two: known[two][0], default=None)
         if best is None or known[best][0] < _weight(JOINING_CHANCE):
             return transforms, block
-        members = block == best[1]
-        transforms[members] = known[best][1] @ transforms[members]
+        members, others = block == best[1], block == best[0]
+        moved = transforms.copy()
+        moved[members] = known[best][1] @ transforms[members]
+        ends = np.flatnonzero(others), np.flatnonzero(members)
+        if matches is not None and not _holds(surfaces, moved, *ends, matches):
+            refuted.setdefault(best, []).append(known.pop(best)[1])
+            continue
+        transforms = moved
         block[members] = best[0]
         known = {two: place for two, place in known.items() if not {*two} & {*best}}
+        refuted = {two: moves for two, moves in refuted.items() if not {*two} & {*best}}
 
 
 def _best_place(
@@ -234,18 +223,52 @@ def _best_place(
     transforms: FloatArray,
     others: IntArray,
     members: IntArray,
+    refuted: Sequence[FloatArray],
 ) -> tuple[float, FloatArray]:
-    """Return how sure the best place of the members among the others is, and the move there (4, 4)."""
+    """Return how sure the best place of the members among the others is, and the move there (4, 4).
+
+    It is none of those that were refuted (4, 4); where these are many, no place is sure.
+    """
+    if len(refuted) == MOST_PLACES:
+        return -np.inf, np.eye(4)
     asked = _moves(proposed, transforms, {*members.tolist()}, {*others.tolist()})
     middle = _middle(surfaces, transforms, members)
     best = (-np.inf, np.eye(4))
     for weight, move in _places(asked, middle, surfaces[0].cell):
+        if any(np.array_equal(move, other) for other in refuted):
+            continue
         moved = transforms.copy()
         moved[members] = move @ moved[members]
         sure = weight - float(_contradictions(surfaces, moved, others, members))
         if sure > best[0]:
             best = sure, move
     return best
+
+
+def _holds(
+    surfaces: Sequence[LocalSurface],
+    transforms: FloatArray,
+    others: IntArray,
+    members: IntArray,
+    matches: Matches,
+) -> bool:
+    """Return whether pairs of two blocks that share much at these poses (N, 4, 4) mostly agree on what it is.
+
+    At a wrong place walls and floors lie on each other, but what stands at them does not. What the features of a pair
+    match is kept in ``matches``.
+    """
+    odds = []
+    for ends in itertools.product(others.tolist(), members.tolist()):
+        i, j = sorted(ends)
+        relative = np.linalg.inv(transforms[i]) @ transforms[j]
+        pose = surfaces[i], surfaces[j], relative[None, :3, :3], relative[None, :3, 3]
+        if closeness(*pose, num_points=FEW_POINTS)[0].max() >= MUCH:
+            if (i, j) not in matches:
+                distances = feature_distances(surfaces[i].features, surfaces[j].features)
+                matches[i, j] = match_features(distances)
+            found = evaluate_poses(*pose, matches=matches[i, j], num_points=FEW_POINTS)
+            odds.append(float(overlap_log_odds(found, of_scene=True)[0]))
+    return not odds or float(np.mean(odds)) >= HELD_ODDS
 
 
 def _agreeing(
@@ -323,17 +346,18 @@ def weak_cuts(
     chances: Chances,
     agreeing: Overlaps,
     transforms: FloatArray,
-    most: Mapping[tuple[int, int], float],
+    most: float,
+    matches: Matches | None,
 ) -> list[WeakCut]:
     """Return the weakest cut between every two shapes that hang together (a tree of them: Gomory and Hu 1961).
 
-    Transforms have shape (N, 4, 4). No pair counts as surer than ``most`` says.
+    Transforms have shape (N, 4, 4). No pair counts as surer than ``most`` says. ``matches`` as in :func:`_joined`.
     """
     num, cell = len(surfaces), surfaces[0].cell
     graph = _held_together(num, agreeing)
     for i, j in agreeing:
         same = _same_poses(overlaps[i, j], transforms[i], transforms[j], surfaces[j])
-        graph[i][j]["capacity"] = _weight(min(float(chances[i, j][same].sum()), most[i, j]))
+        graph[i][j]["capacity"] = _weight(min(float(chances[i, j][same].sum()), most))
     # Improbable poses do not add up: what makes one pair err, such as a symmetry, makes many.
     elsewhere = {}
     for (i, j), poses in overlaps.items():
@@ -361,12 +385,16 @@ def weak_cuts(
             )
             asked = _moves(elsewhere, transforms, {*halves[0]}, {*halves[1]})
             middle = _middle(surfaces, transforms, members)
-            places = _places(asked, middle, cell)
-            against, move = places[0] if places else (0.0, np.eye(4))
-            if places:
+            against, move = 0.0, np.eye(4)
+            for weight, other in _places(asked, middle, cell)[:MOST_PLACES]:
                 moved = transforms.copy()
-                moved[members] = move @ moved[members]
-                against -= float(_contradictions(surfaces, moved, members, others))
+                moved[members] = other @ moved[members]
+                if matches is None or _holds(surfaces, moved, others, members, matches):
+                    against, move = (
+                        weight - float(_contradictions(surfaces, moved, members, others)),
+                        other,
+                    )
+                    break
             cuts.append(
                 WeakCut(ends=(a, b), members=members, held=held, against=against, move=move)
             )
@@ -456,7 +484,7 @@ def _moves(
 def _places(
     asked: Sequence[tuple[float, FloatArray]], middle: FloatArray, cell: float
 ) -> list[tuple[float, FloatArray]]:
-    """Return distinct moves with the weight of all moves near each, less of the farther ones, the largest first."""
+    """Return distinct moves with what all moves near each amount to, less of the farther ones, the largest first."""
     if not asked:
         return []
     weights, moves = (
@@ -468,7 +496,7 @@ def _places(
     gaps = np.linalg.norm(middles[:, None] - middles, axis=2) / (2.0 * AGREE_CELLS * cell)
     near = (angles < 1.0) & (gaps < 1.0)
     # Less of what lies farther off: a stray one beside the right ones would count as much as these.
-    total = np.where(near, (1.0 - angles**2) * (1.0 - gaps**2), 0.0) @ weights
+    total = _together(np.where(near, (1.0 - angles**2) * (1.0 - gaps**2), 0.0) * weights)
     kept: list[int] = []
     for p in np.argsort(-total, kind="stable").tolist():
         if not near[p, kept].any():

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from collalign.confidence.overlap_model import overlap_chances
 from collalign.engine.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
@@ -24,7 +23,6 @@ from collalign.stages.incomplete.join import (
     JoinedScans,
     Overlaps,
     join_scans,
-    without_scenes,
 )
 from collalign.stages.incomplete.place import nearest_labels
 from collalign.stages.poses.placement import common_positions, with_origin
@@ -37,7 +35,7 @@ from data_tools.embedding.surface_points import surface_cells
 from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
-from data_tools.local_surface import PART_CELL, LocalSurface
+from data_tools.local_surface import PART_CELL, LocalSurface, shows_scene
 from data_tools.notes import Note
 from data_tools.options import CleaningOptions
 from data_tools.poses import AGREE_DEG, moved_by, pose_angle_deg, scales_of
@@ -117,22 +115,20 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             "incomplete: poses of shapes none of which is complete are found together, for at most "
             f"{MAX_ALL_PAIRS} shapes and without fixed poses"
         )
+    is_scene = shows_scene([item.local for item in shapes.samples if item.local is not None])
     with run.stage("incomplete shapes"):
-        surfaces = describe_surfaces(session, shapes, range(num))
+        surfaces = describe_surfaces(session, shapes, range(num), of_scene=is_scene)
         if surfaces.failures:
             if not reasons:
                 return None
             raise CollectionError(
                 "; ".join(f"{shapes.names[i]}: {why}" for i, why in surfaces.failures.items())
             )
-        described, overlaps, is_scene = without_scenes(
-            [surfaces[i] for i in range(num)], overlap_pairs(session, shapes, surfaces)
-        )
-        joined = join_scans(described, overlaps, session.options.group, is_scene)
+        described = [surfaces[i] for i in range(num)]
+        overlaps = overlap_pairs(session, shapes, surfaces)
+        joined = join_scans(described, overlaps, session.options.group, is_scene=is_scene)
     if not reasons:
-        if not _are_scans(joined, described, pairs):
-            return None
-        if is_scene.any() and _coincide(joined, described):
+        if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
         if not were_seen(shapes):
             joined = replace(joined, confidence=OVERLAP_ALONE * joined.confidence)
@@ -141,17 +137,27 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
 
 
-def _coincide(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
-    """Return whether the middles of joined surfaces lie together, as those of whole shapes do."""
+def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:
+    """Return whether overlaps hold most shapes, and the middles of the joined ones do not lie together.
+
+    Those of hollow shapes that are whole, such as bowls, do.
+    """
+    if (joined.confidence >= JOINING_CHANCE).sum() < MOST_SURE * len(joined.confidence):
+        return False
     part = joined.parts[0].tolist()
     middles = [moved_by(joined.transforms[i], surfaces[i].points.mean(axis=0)) for i in part]
     radii = [np.sqrt(surfaces[i].points.var(axis=0).sum()) for i in part]
     spread = np.sqrt(np.var(middles, axis=0).sum())
-    return bool(spread < LEAST_WIDER * np.median(radii))
+    return bool(spread >= LEAST_WIDER * np.median(radii))
 
 
 def _are_scans(
-    joined: JoinedScans, surfaces: Sequence[LocalSurface], pairs: Sequence[Pair]
+    joined: JoinedScans,
+    surfaces: Sequence[LocalSurface],
+    pairs: Sequence[Pair],
+    *,
+    are_seen: bool,
+    is_scene: bool,
 ) -> bool:
     """Return whether overlaps join most shapes surely, which match badly as wholes or were seen from all around.
 
@@ -159,10 +165,11 @@ def _are_scans(
     from one direction each, and which match badly as wholes, are scans even where hardly one is sure: poses as whole
     shapes would be wrong.
     """
-    num_seen = sum(bool(len(one.sights)) for one in surfaces)
     is_bad = median_mismatch(pairs) >= BADLY_MATCHED
-    if is_bad and num_seen > 0.5 * len(surfaces):
+    if is_bad and are_seen:
         return True
+    if is_scene:
+        return _are_images_of_scene(joined, surfaces)
     if (joined.confidence[joined.parts[0]] >= DOUBT).sum() < MOST_SURE * len(joined.confidence):
         return False
     sights = [
@@ -222,7 +229,7 @@ def _posed(
     pairs = [
         _pair(pair, poses, joined, rotations, labels)
         for pair, poses in overlaps.items()
-        if pair in joined.kept or overlap_chances(poses).max() >= JOINING_CHANCE
+        if pair in joined.kept or joined.chances[pair].max() >= JOINING_CHANCE
     ]
     solution = SynchronizationResult(
         rotations=read_only(rotations),
@@ -280,7 +287,7 @@ def _pair(
 ) -> AlignedPair:
     """Return a pair with its poses, the most probable first, and the map of its samples at the common ones."""
     i, j = ends
-    order = np.argsort(-overlap_chances(poses), kind="stable")
+    order = np.argsort(-joined.chances[ends], kind="stable")
     chosen = poses[order]
     angles = pose_angle_deg(chosen.rotations, rotations[i].T @ rotations[j])
     nearest = int(np.argmin(angles))
@@ -322,7 +329,7 @@ def _alternatives(
 
 
 def describe_file(
-    path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float
+    path: Origin, name: str, digest: str, cleaning: CleaningOptions, cell: float, *, of_scene: bool
 ) -> LocalSurface:
     """Read one surface and describe its neighbourhoods, unless it has changed since its digest was taken.
 
@@ -331,7 +338,8 @@ def describe_file(
     InputError
         If the surface has too few points.
     """
-    found = surface_cells(read_shape(path, cleaning, name=name, digest=digest), cell)
+    shape = read_shape(path, cleaning, name=name, digest=digest)
+    found = surface_cells(shape, cell, of_scene=of_scene)
     if found is None:
         raise InputError(f"{name}: too few points to describe neighbourhoods of {cell:.3g}")
     return found
@@ -343,7 +351,7 @@ def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> Loca
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-4", run=describe_file, reader=LocalSurface)
+DESCRIBING = Job(kind="surfaces", version="local-5", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
 OVERLAPPING = Job(kind="evidence", version="overlap-5", run=overlap_pair, reader=LocalPoses)
 
@@ -358,7 +366,7 @@ def common_cell(shapes: Shapes) -> float:
 
 
 def describe_surfaces(
-    session: AlignSession, shapes: Shapes, chosen: Sequence[int]
+    session: AlignSession, shapes: Shapes, chosen: Sequence[int], *, of_scene: bool
 ) -> Results[int, LocalSurface]:
     """Return the described surfaces of some shapes, by position; shapes of too few points are left out."""
     cell = common_cell(shapes)
@@ -370,8 +378,9 @@ def describe_surfaces(
             "digest": shapes.digests[i],
             "cleaning": shapes.cleaning[i].again,
             "cell": cell,
+            "of_scene": of_scene,
         }
-        key = DESCRIBING.key({"cell": cell}, shapes.keys[i])
+        key = DESCRIBING.key({"cell": cell, "of_scene": of_scene}, shapes.keys[i])
         wanted[i] = Wanted(key=key, label=shapes.names[i], arguments=arguments)
     return compute_surfaces(DESCRIBING, session, shapes, wanted)
 

@@ -3,6 +3,7 @@
 * ``run``: the entry; ``FORMATS`` lists all
 * ``formats``: landmarks and meshes
 * ``tables``: CSV, Parquet
+* ``scans``: poses for tools of scans, one cloud of all
 * ``request``: what a format is given
 * ``command``: prints and writes
 

@@ -21,6 +21,7 @@ from collalign.tools.export.formats import (
     write_transforms,
 )
 from collalign.tools.export.request import ExportRequest, Space, coordinates_note
+from collalign.tools.export.scans import write_merged, write_meshlab, write_open3d
 from collalign.tools.export.tables import write_csv, write_parquet
 from collalign.wording import note_text
 from data_tools.checks import check_choice
@@ -32,7 +33,7 @@ from data_tools.landmark_files import SemilandmarkRows
 from data_tools.notes import Note
 from data_tools.threads import one_blas_thread
 
-__all__ = ["FORMATS", "STATISTICS", "Space", "export", "export_notes", "usual_space"]
+__all__ = ["FORMATS", "SCANS", "STATISTICS", "Space", "export", "export_notes", "usual_space"]
 
 #: Writer of each format.
 FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
@@ -46,10 +47,15 @@ FORMATS: dict[str, Callable[[ExportRequest], tuple[Path, ...]]] = {
     "obj": mesh_writer("obj"),
     "stl": mesh_writer("stl"),
     "itk": write_transforms,
+    "open3d": write_open3d,
+    "meshlab": write_meshlab,
+    "merged": write_merged,
 }
 
 #: Formats that statistics read: specimens are reflected and keep their size in them, unless asked otherwise.
 STATISTICS = ("morphologika", "tps", "csv", "parquet")
+#: Formats of scans: poses that keep the sizes of the files, unless asked otherwise.
+SCANS = ("open3d", "meshlab", "merged")
 #: From where to where the transforms of a format go.
 _DIRECTIONS = {
     "itk": Note("directions-itk"),
@@ -83,10 +89,10 @@ def export(
         Folder for the files, made if it does not exist; files of an earlier export are replaced, others are not.
     space : {"aligned", "unscaled", "raw", "procrustes"}
         Coordinates of landmarks and meshes; see :class:`~collalign.tools.export.request.ExportRequest`. By default
-        formats for statistics (:data:`STATISTICS`) get "unscaled", reflected and of the files' sizes, the others
-        "aligned". A ShapeWorks project always holds raw and aligned coordinates.
+        formats for statistics (:data:`STATISTICS`) and those of scans (:data:`SCANS`) get "unscaled", reflected and
+        of the files' sizes, the others "aligned". A ShapeWorks project always holds raw and aligned coordinates.
     sources : path, optional
-        Folder of the original files where they have moved; only mesh formats and ShapeWorks read them.
+        Folder of the original files where they have moved; formats with meshes or points read them.
     semilandmarks : tuple of SemilandmarkRows
         Which landmarks are on curves: Slicer's markups have such a type.
     system : {"LPS", "RAS"}
@@ -163,8 +169,8 @@ def export(
 
 
 def usual_space(format: str, otherwise: Space = "aligned") -> Space:
-    """Return the coordinates of a format where none are asked for: those that statistics need, or others."""
-    return "unscaled" if format in STATISTICS else otherwise
+    """Return the coordinates of a format where none are asked for: of the files' sizes for statistics and scans."""
+    return "unscaled" if format in (*STATISTICS, *SCANS) else otherwise
 
 
 def export_notes(

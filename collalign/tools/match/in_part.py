@@ -20,7 +20,7 @@ from data_tools.errors import InputError
 from data_tools.io.objects import ShapeLike, as_origin
 from data_tools.io.shapes import read_alike
 from data_tools.io.source import location
-from data_tools.local_surface import PART_CELL
+from data_tools.local_surface import PART_CELL, shows_scene
 from data_tools.notes import percent
 from data_tools.partial_surface import MOST_POINTS
 from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
@@ -223,18 +223,22 @@ def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[
     """Return poses at the sizes of the files."""
     cell = PART_CELL * float(np.mean([centre_and_radius(shape)[1] for shape in (target, source)]))
     surfaces = [surface_cells(shape, cell) for shape in (target, source)]
+    of_scene = shows_scene([surface for surface in surfaces if surface is not None])
+    if of_scene:
+        surfaces = [surface_cells(shape, cell, of_scene=True) for shape in (target, source)]
     if surfaces[0] is None or surfaces[1] is None:
         return ()
     found = match_overlapping(surfaces[0], surfaces[1], group=group, num_candidates=NUM_POSES)
-    found = found[np.argsort(-overlap_chances(found), kind="stable")]
+    chances = overlap_chances(found, of_scene=of_scene)
+    order = np.argsort(-chances, kind="stable")
     return tuple(
         PartialPose(
             pose=Similarity(rotation=found.rotations[p], scale=1.0, shift=found.shifts[p]),
-            chance=float(chance),
+            chance=float(chances[p]),
             overlap_target=float(found.overlaps[p, 0]),
             overlap_source=float(found.overlaps[p, 1]),
         )
-        for p, chance in enumerate(overlap_chances(found))
+        for p in order.tolist()
     )
 
 

@@ -6,14 +6,15 @@ from scipy.spatial.transform import Rotation
 
 from collalign.confidence.overlap_model import overlap_chances
 from collalign.stages.incomplete import join
-from collalign.stages.incomplete.join import join_scans, without_scenes
+from collalign.stages.incomplete.join import join_scans
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from pairwise.features.overlap import LocalPoses
+from experiments.generated.rooms import depth_frames, room, way_round
+from pairwise.features.overlap import LocalPoses, closeness
 
 NUM = 8
 #: Share of consistent matches of a pair that is sure, and of one that is not.
@@ -168,70 +169,27 @@ def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypa
     assert joined.confidence[1:].min() > 0.95
 
 
-def seen_link(unseen_overlap, in_front, beside, consensus=0.2):
-    """What a pair of depth images says: one pose, how much overlaps, and what lines of sight contradict."""
-    return LocalPoses(
-        rotations=np.eye(3)[None],
-        shifts=np.zeros((1, 3)),
-        overlaps=np.full((1, 2), unseen_overlap),
-        mismatch=np.zeros(1),
-        consensus=np.array([consensus]),
-        in_front=np.full((1, 2), in_front),
-        beside=np.full((1, 2), beside),
-    )
-
-
-def known_sights(surfaces):
-    return [len(surface.sights) > 0 for surface in surfaces]
-
-
-def test_images_of_a_room_lose_their_lines_of_sight_and_those_of_an_object_keep_them(scans):
-    surfaces = scans[0]
-    pairs = [(i, j) for j in range(NUM) for i in range(j)]
-    room = {pair: seen_link(0.85, 0.02, 0.3) for pair in pairs}
-    found, poses, is_scene = without_scenes(surfaces, room)
-    assert known_sights(surfaces) == [True] * NUM
-    assert known_sights(found) == [False] * NUM
-    assert is_scene.all()
-    assert all(
-        np.isnan(one.in_front).all() and np.isnan(one.beside).all() for one in poses.values()
-    )
-    assert overlap_chances(room[0, 1])[0] < 0.5 < overlap_chances(poses[0, 1])[0]
-    thing = {pair: seen_link(0.5, 0.0, 0.0) for pair in pairs}
-    found, poses, is_scene = without_scenes(surfaces, thing)
-    assert known_sights(found) == [True] * NUM
-    assert not is_scene.any()
-    assert poses == thing
-
-
-def test_one_image_that_pairs_contradict_among_those_of_an_object_keeps_its_line_of_sight(scans):
-    surfaces = scans[0]
-    links = {
-        (i, j): seen_link(0.85, 0.02, 0.3) if i == 0 else seen_link(0.5, 0.0, 0.0)
-        for j in range(NUM)
-        for i in range(j)
-    }
-    found, poses, is_scene = without_scenes(surfaces, links)
-    assert known_sights(found) == [True] * NUM
-    assert not is_scene.any()
-    assert poses == links
-
-
-def test_pairs_without_lines_of_sight_say_nothing_about_scenes(scans):
-    surfaces = scans[0]
-    links = {(0, 1): seen_link(0.9, np.nan, np.nan), (1, 2): seen_link(0.1, 0.5, 0.5, 0.0)}
-    found, poses, is_scene = without_scenes(surfaces, links)
-    assert known_sights(found) == [True] * NUM
-    assert not is_scene.any()
-    assert poses == links
-
-
 def test_a_single_pair_of_images_of_a_scene_is_never_sure(scans):
     surfaces, poses = scans
     links = {(0, 1): link(poses, 0, 1, SURE)}
     sure, scene = (
-        join_scans(surfaces[:2], links, "SO", is_scene)
-        for is_scene in (None, np.array([True, True]))
+        join_scans(surfaces[:2], links, "SO", is_scene=is_scene) for is_scene in (False, True)
     )
     assert sure.confidence.min() > 0.95
     assert 0.85 < scene.confidence.max() <= 0.9 + 1e-9
+
+
+def test_walls_on_walls_hold_only_where_what_stands_there_agrees():
+    rng = np.random.default_rng(0)
+    way = way_round(20, rng)[[0, 1, 10]]
+    frames = depth_frames(room(rng), way, rng)
+    surfaces = [surface_cells(frame, 0.1, of_scene=True) for frame in frames]
+    assert join._holds(surfaces, way, np.array([0]), np.array([1]), {})
+    turned = way.copy()
+    turned[2] = np.diag([-1.0, -1.0, 1.0, 1.0]) @ way[2]  # the opposite wall on this one
+    relative = np.linalg.inv(turned[0]) @ turned[2]
+    pose = relative[None, :3, :3], relative[None, :3, 3]
+    assert closeness(surfaces[0], surfaces[2], *pose)[0].max() >= join.MUCH
+    assert not join._holds(surfaces, turned, np.array([0]), np.array([2]), {})
+    turned[2, :3, 3] += 50.0  # what shares nothing says nothing
+    assert join._holds(surfaces, turned, np.array([0]), np.array([2]), {})

@@ -19,7 +19,7 @@ from data_tools.landmark_files import read_landmarks
 from data_tools.landmark_tables import read_specimens
 from data_tools.notes import Note
 from tests.commands import read_json
-from tests.optional import optional_module
+from tests.optional import OPEN3D_EXTRA, optional_module
 from tests.view_problems import NUM_SAMPLES, view_of
 
 TABLES = (
@@ -239,6 +239,71 @@ def test_meshes_by_trimesh(view, tmp_path, format, space):
         raw_volume = trimesh.Trimesh(view.vertices[at], view.faces[at], process=False).volume
         turned = np.sign(np.linalg.det(T[:3, :3]))
         assert np.sign(mesh.volume) == np.sign(raw_volume) * (turned if space == "raw" else 1)
+
+
+def placed(pose, points):
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def poses_of_log(path):
+    """Read a trajectory: a line of three numbers and four of a pose, each."""
+    lines = [line.split() for line in path.read_text().splitlines()]
+    assert lines[::5] == [[str(n), str(n), str(n + 1)] for n in range(len(lines) // 5)]
+    return np.array(
+        [[[float(x) for x in row] for row in lines[n + 1 : n + 5]] for n in range(0, len(lines), 5)]
+    )
+
+
+@pytest.mark.parametrize("space", ["aligned", None])
+def test_poses_for_open3d_are_those_of_the_result(view, tmp_path, space):
+    log, graph, table = export(view, "open3d", tmp_path, space=space)
+    expected = view.transforms.copy()
+    if space is None:
+        expected[:, :3] /= view.scales[:, None, None]
+    np.testing.assert_allclose(poses_of_log(log), expected, rtol=1e-12)
+    nodes = read_json(graph)["nodes"]
+    poses = [np.array(node["pose"]).reshape(4, 4, order="F") for node in nodes]
+    np.testing.assert_allclose(poses, expected, rtol=1e-12)
+    assert [row["name"] for row in rows(table)] == list(view.names)
+
+
+def test_open3d_reads_its_poses(view, tmp_path):
+    open3d = optional_module("open3d", OPEN3D_EXTRA)
+    log, graph, _ = export(view, "open3d", tmp_path)
+    read = open3d.io.read_pose_graph(str(graph))
+    np.testing.assert_allclose([node.pose for node in read.nodes], poses_of_log(log), rtol=1e-9)
+    trajectory = open3d.io.read_pinhole_camera_trajectory(str(log))
+    read_back = [np.linalg.inv(camera.extrinsic) for camera in trajectory.parameters]
+    np.testing.assert_allclose(read_back, poses_of_log(log), rtol=1e-6, atol=1e-9)
+
+
+def test_a_meshlab_project_names_meshes_that_its_poses_place(view, tmp_path):
+    project, *meshes = export(view, "meshlab", tmp_path)
+    lines = project.read_text().splitlines()
+    assert (lines[0], lines[-1]) == (str(len(view)), "0")
+    assert lines[2::7] == lines[7::7] == ["#"] * len(view)
+    for at, mesh in enumerate(meshes):
+        assert tmp_path / lines[1 + 7 * at] == mesh
+        pose = np.array([line.split() for line in lines[3 + 7 * at : 7 + 7 * at]], dtype=float)
+        there = placed(pose, trimesh.load_mesh(mesh, process=False).vertices)
+        expected = placed(view.transforms[at] / view.scales[at], view.vertices[at])
+        np.testing.assert_allclose(there, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_one_cloud_has_a_label_of_each_point(view, tmp_path):
+    merged, table = export(view, "merged", tmp_path, space="aligned")
+    header, body = merged.read_bytes().split(b"end_header\n", 1)
+    assert b"property int label" in header
+    points = np.frombuffer(body, dtype="<f8,<f8,<f8,<i4")
+    labels = points["f3"]
+    assert np.bincount(labels).tolist() == [len(vertices) for vertices in view.vertices]
+    for at, row in enumerate(rows(table)):
+        assert row["name"] == view.names[at]
+        there = np.stack([points[f"f{axis}"][labels == int(row["label"])] for axis in range(3)], 1)
+        expected = placed(view.transforms[at], view.vertices[at])
+        np.testing.assert_allclose(there, expected, rtol=1e-5, atol=1e-6)
+    cloud = trimesh.load(merged)
+    assert len(cloud.vertices) == len(points)
 
 
 def test_meshes_are_whole_even_if_the_view_is_decimated(view, tmp_path):

@@ -12,6 +12,7 @@ from data_tools.embedding.surface_points import (
     spread_points,
     surface_cells,
 )
+from data_tools.local_surface import shows_scene
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
@@ -209,3 +210,38 @@ def test_a_clouds_rim_is_found_by_its_gaps():
     lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
     assert found.on_rim[lowest].mean() > 0.7
     assert found.on_rim[~lowest].mean() < 0.25
+
+
+def image_of_a_corner(rng, noise):
+    """Return what a camera sees of the corner of a room, triangles towards it, and where the camera is."""
+    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 60), np.linspace(-0.6, 0.6, 60))
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    walls = np.array([[0.6, 0.5, 1.0], [-0.7, 0.4, 1.0], [0.0, -0.9, 1.0]])
+    depths = (3.0 / np.maximum(rays @ walls.T, 0.1)).min(axis=1)
+    vertices = rays * (depths + noise * rng.standard_normal(len(depths)))[:, None]
+    at = (60 * np.arange(59)[:, None] + np.arange(59)).ravel()
+    faces = np.concatenate(
+        [np.stack([at, at + 61, at + 1], 1), np.stack([at, at + 60, at + 61], 1)]
+    )
+    return Shape.from_arrays(vertices, faces, name="corner")
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_an_image_of_a_room_is_described_on_the_side_of_the_camera(noise):
+    shape = image_of_a_corner(np.random.default_rng(0), noise)
+    found = surface_cells(shape, 0.1, of_scene=True)
+    towards = -found.points / np.linalg.norm(found.points, axis=1, keepdims=True)
+    assert np.quantile((found.normals * towards).sum(axis=1), 0.02) > 0.0
+    assert found.bulge < 0.0
+    assert not len(found.sights)
+
+
+def test_hollow_images_show_a_scene_and_bulging_ones_a_thing():
+    room = surface_cells(image_of_a_corner(np.random.default_rng(0), 0.01), 0.1)
+    thing = surface_cells(sphere(), 0.15)
+    assert thing.bulge > 0.9
+    assert shows_scene([room] * 3)
+    assert shows_scene([room, room, thing])
+    assert not shows_scene([room, thing, thing])
+    assert not shows_scene([thing] * 3)
+    assert not shows_scene([])
