@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from math import isfinite
+from pathlib import Path
 
 import numpy as np
 import pytest
