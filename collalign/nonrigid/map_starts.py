@@ -178,9 +178,16 @@ def _shares(values: FloatArray) -> FloatArray:
 
 
 class ShellRefiner:
-    """Refines maps between the dense samples of two meshes, prepared once for all candidates of the pair."""
+    """Refines maps between the dense samples of two meshes, prepared once for all candidates of the pair.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+        With triangles.
+    """
 
     def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
+        self.target, self.source = target, source
         self._target, self._source = _Skin(target), _Skin(source)
         last = min(len(target.eigenvalues), len(source.eigenvalues)) + 1
         self._sizes = zoomout_sizes(min(TUNED.num_shell, last), last, factor=1.5)

@@ -233,7 +233,9 @@ def laid(
     settled_map = with_pose_evidence(
         mapper, refined_with_evidence(target, source, found, coarse.origin), options
     )
-    limbs = limb_gap(target, source, found, chirality=chirality_of(settled_map, options))
+    limbs = limb_gap(
+        shells.target, shells.source, found, chirality=chirality_of(settled_map, options)
+    )
     return replace(settled_map, evidence=replace(settled_map.evidence, limbs=limbs))
 
 
@@ -384,7 +386,7 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     """
     weights = _weights(found)
     return np.array(
-        [(weights @ _same_places(target, found, number)).mean() for number in range(len(found))]
+        [(weights @ same_places(target, found, number)).mean() for number in range(len(found))]
     )
 
 
@@ -400,7 +402,7 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
         The candidate's position.
     """
     scores = np.array([one.score for one in found])
-    same = _same_places(target, found, number)
+    same = same_places(target, found, number)
     others = scores[same.mean(axis=1) < SAME_SHARE]
     lead = float(others.min() - scores[number]) if len(others) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
@@ -435,11 +437,11 @@ def point_terms(
     backward = found[number].functional_map.map_source_target
     points = source.vertices[source.dense]
     returned = np.linalg.norm(points[backward[forward]] - points, axis=1) / source.area**0.5
-    agreement = _weights(found) @ _same_places(target, found, number)
+    agreement = _weights(found) @ same_places(target, found, number)
     return np.column_stack([np.log(LEAST_AGREEMENT + agreement), -np.log(0.1 * NEAR + returned)])
 
 
-def _same_places(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
+def same_places(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
     """Return which points each candidate takes near to where one of them does, shape (candidates, s), as 0 and 1."""
     places = target.vertices[target.dense] / target.area**0.5
     images = np.stack([places[one.functional_map.map_target_source] for one in found])

@@ -8,6 +8,7 @@ A tip is a local maximum of the average geodesic distance that rises above the s
 Front and back of a body look alike to the inside, and so do left and right; which hand is which says both at once.
 Every way to match the tips is rated by the geodesic distances between them, and the best ones start a map each: the
 right one, those that exchange left and right of the arms, of the legs, or of both, and those that are upside down.
+Limbs may differ in length: what rates is where they branch off.
 
 **Sides.**
 Closeness to the tips tells where along a limb a point is, and n . (grad w_a x grad w_b) of the closeness to two tips
@@ -30,8 +31,10 @@ from data_tools.surface.topology import mesh_edges
 #: Least persistence of a tip, in units of sqrt(area), and how many are kept at most. Chosen on SHREC07's humans and
 #: armadillos, whose limbs have .08 to .6; fingers and ears have less or little more.
 LEAST_PERSISTENCE, MAX_TIPS = 0.06, 7
-#: Ways to match the tips that start a map: on those bodies the right one is among the first 24.
-NUM_MATCHES = 32
+#: Ways to match the tips that start a map: of 15 pairs of generated bipeds the right one is always among the first 2.
+NUM_MATCHES = 16
+#: Cost of the square of a change of a limb's length relative to that of a distance; .01 to .2 rank alike.
+LIMB_COST = 0.05
 #: Closeness to a tip is one over the square of this plus the distance, in units of sqrt(area).
 SOFTENING = 0.05
 
@@ -111,8 +114,9 @@ def _persistence(net: csr_array, heights: FloatArray) -> FloatArray:
 def tip_matches(target: Tips, source: Tips) -> list[tuple[IntArray, IntArray]]:
     """Return ways to match all tips of the surface that has fewer, the best first: positions on target and source.
 
-    The cost is the mean absolute logarithm of the ratios of distances between matched tips. Fewer than two tips match
-    nowhere.
+    Kinds differ most in the lengths of their limbs: a tip may be farther from all others than its match is. The cost
+    is what such changes of length leave of the differences between distances (squares), and a little for the changes.
+    Fewer than two tips match nowhere.
     """
     is_fewer = len(target.vertices) < len(source.vertices)
     fewer, more = (target, source) if is_fewer else (source, target)
@@ -121,7 +125,10 @@ def tip_matches(target: Tips, source: Tips) -> list[tuple[IntArray, IntArray]]:
         return []
     ways = np.array(list(permutations(range(len(more.vertices)), num)))
     a, b = np.triu_indices(num, 1)
-    ratios = np.log(more.between[ways[:, a], ways[:, b]] / fewer.between[a, b])
-    best = np.argsort(np.abs(ratios).mean(axis=1), kind="stable")[:NUM_MATCHES]
+    differences = more.between[ways[:, a], ways[:, b]] - fewer.between[a, b]
+    ends = np.eye(num)[a] + np.eye(num)[b]
+    longer = np.linalg.solve(ends.T @ ends + LIMB_COST * np.eye(num), ends.T @ differences.T).T
+    left = ((differences - longer @ ends.T) ** 2).sum(axis=1) + LIMB_COST * (longer**2).sum(axis=1)
+    best = np.argsort(left, kind="stable")[:NUM_MATCHES]
     every = np.arange(num)
     return [(every, ways[i]) if is_fewer else (ways[i], every) for i in best]
