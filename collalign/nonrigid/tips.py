@@ -31,10 +31,11 @@ from data_tools.surface.topology import mesh_edges
 #: Least persistence of a tip, in units of sqrt(area), and how many are kept at most. Chosen on SHREC07's humans and
 #: armadillos, whose limbs have .08 to .6; fingers and ears have less or little more.
 LEAST_PERSISTENCE, MAX_TIPS = 0.06, 7
-#: Ways to match the tips that start a map: of 15 pairs of generated bipeds the right one is always among the first 2.
-NUM_MATCHES = 16
-#: Cost of the square of a change of a limb's length relative to that of a distance; .01 to .2 rank alike.
-LIMB_COST = 0.05
+#: Ways to match the tips that start a map: on 20 pairs of humans and armadillos and 15 of bipeds the right one
+#: is among the first 26.
+NUM_MATCHES = 32
+#: Cost of the square of a change of a limb's length relative to that of a distance. On these pairs .5 to 3 are alike.
+LIMB_COST = 1.0
 #: Closeness to a tip is one over the square of this plus the distance, in units of sqrt(area).
 SOFTENING = 0.05
 
