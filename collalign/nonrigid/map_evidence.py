@@ -111,7 +111,10 @@ class _Limbs:
 
     def _extent_across(self, places: FloatArray) -> FloatArray:
         """Return the variance of the samples' places in each neighbourhood in its two shortest directions, (c,)."""
-        return np.asarray(np.linalg.eigvalsh(self._covariance(places, places))[:, :2].sum(axis=1))
+        shortest = np.linalg.eigvalsh(self._covariance(places, places))[:, :2].sum(axis=1)
+        return np.asarray(
+            np.maximum(shortest, 0.0)
+        )  # of images in one place it is 0 up to rounding
 
 
 @lru_cache(maxsize=4)

@@ -50,8 +50,9 @@ Front and back of a body look alike to the inside of its surface: half turns abo
 *Generated bipeds* are one template of stretched, thickened and bent bones (`experiments/generated/bipeds.py`), each
 decimated by itself, with dense truth. The first set has people, children, apes and armadillos. The kinds kept apart
 are gibbons, kangaroos, giants and elves, with people: only the cost of a limb's length, by which ends of limbs are
-matched, was set while looking at them. People and armadillos of SHREC07 are evaluated at 14 landmarks that were chosen
-by hand, cats with dogs at 200 points, registered meshes at {NUM_EVALUATED}. Errors are geodesic, over the square root of the target's area.
+matched, was set while looking at them. People and armadillos of SHREC07 are evaluated at 14 landmarks that were
+chosen by hand, cats with dogs at 200 points, registered meshes at {NUM_EVALUATED}. Errors are geodesic, over the
+square root of the target's area.
 
 A map is *flipped* where it is nearer to the mirrored truth. The right map is *among the candidates* where one of them
 has a mean error below {FOUND_MEAN}. A map is *sure* where it is stated {SURE} or more, and right where its mean error

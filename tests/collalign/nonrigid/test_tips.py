@@ -1,5 +1,7 @@
 """Ends of limbs are found in any posture, matched by distances, and start maps that keep front and back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -115,6 +117,8 @@ def test_a_half_turn_leaves_more_across_limbs_than_the_right_map_and_other_sides
     gap = limb_gap(target, source, right, chirality=1.0)
     assert 0.0 < gap < 0.5 * limb_gap(target, source, turned, chirality=1.0)
     assert gap < limb_gap(target, source, right, chirality=-1.0)
+    nowhere = replace(right, map_target_source=np.zeros_like(right.map_target_source))
+    assert gap < limb_gap(target, source, nowhere, chirality=1.0) <= 1.0
     as_reflection = limb_gap(target, source, mirrored, chirality=-1.0)
     assert as_reflection < limb_gap(target, source, mirrored, chirality=1.0)
     assert as_reflection == pytest.approx(gap, abs=0.1)
