@@ -244,7 +244,8 @@ def _skeleton() -> dict[str, tuple[str, FloatArray, FloatArray]]:
             continue
         for side, sign in (("left", 1.0), ("right", -1.0)):
             of = f"{side} {parent}" if _BONES[parent][1][1] else parent
-            found[f"{side} {name}"] = (of, *(one * [1.0, sign, 1.0] for one in ends))
+            at_side = np.array([1.0, sign, 1.0])
+            found[f"{side} {name}"] = (of, ends[0] * at_side, ends[1] * at_side)
     return found
 
 
