@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import combinations, permutations
 from pathlib import Path
 
@@ -167,13 +167,17 @@ def _bipeds(name: str) -> tuple[Dataset, tuple[Pair, ...]]:
     ]
     data = Dataset(
         names=tuple(body.shape.name for body in bodies),
-        loaders=tuple(lambda shape=body.shape: shape for body in bodies),
+        loaders=tuple(partial(_itself, body.shape) for body in bodies),
         landmark_vertices=np.stack([body.places[points] for body in bodies]),
         mirror=np.roll(np.arange(len(points)), NUM_HALF_POINTS),
     )
     return data, tuple(
         (a, b) for a, b in permutations(data.names, 2) if a.split()[0] != b.split()[0]
     )
+
+
+def _itself(shape: Shape) -> Shape:
+    return shape
 
 
 def _animals(folder: Path) -> Dataset:
