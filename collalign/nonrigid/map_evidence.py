@@ -112,9 +112,7 @@ class _Limbs:
     def _extent_across(self, places: FloatArray) -> FloatArray:
         """Return the variance of the samples' places in each neighbourhood in its two shortest directions, (c,)."""
         shortest = np.linalg.eigvalsh(self._covariance(places, places))[:, :2].sum(axis=1)
-        return np.asarray(
-            np.maximum(shortest, 0.0)
-        )  # of images in one place it is 0 up to rounding
+        return np.asarray(np.maximum(shortest, 0.0))  # rounding may leave less than 0
 
 
 @lru_cache(maxsize=4)
