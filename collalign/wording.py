@@ -285,6 +285,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "left-out-of-statistics": lambda of: (
         f"Left out of the statistics: {_with(of, map(reason_text, of.values['reasons']))}."
     ),
+    "map-half-turned": "The map may be half turned: the other way round, with {exchanged} exchanged, it fits nearly "
+    "as well. Compare the picture with the second candidate, or align both shapes in a folder with others "
+    "(--deformable).",
     "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
     "specimens (Rsq {r2:.3f}).",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "

@@ -15,6 +15,7 @@ _FOLDERS = {
     "figure3": "figures",
     "figure5": "figures",
     "maps": "maps",
+    "bodies": "maps",
     "consistent_maps": "maps",
     "theorem3": "figures",
     "figure13": "figures",

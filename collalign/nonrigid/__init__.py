@@ -1,7 +1,8 @@
 """Maps of deformable surfaces, arrays in, results out (Maron et al. 2016, section 6.1, and beyond).
 
 * ``spectral_shape``: what a map needs of a surface
-* ``map_starts``: first maps, from signs of eigenfunctions
+* ``tips``: ends of limbs, and ways to match them
+* ``map_starts``: first maps, from signs of eigenfunctions and from matched tips
 * ``functional_map``: ZoomOut
 * ``refine``: to dense samples and all vertices
 * ``portfolio``: candidate maps, best first

@@ -101,6 +101,10 @@ class MapTuning(NamedTuple):
     """... which so many are."""
     num_posed: int = 6
     """Candidates from poses, and of those that are smooth from the start, that are refined with all samples."""
+    tip_side_weight: float = 0.3
+    """Weight of the sides of limbs relative to closeness to tips; the shares of either sum to one."""
+    num_tipped: int = 10
+    """Candidates that matched tips start, of 32 matches, that are refined with all samples."""
     posed_handicap: float = 0.7
     """How much better the score of maps that only poses lead to must be than that of maps from within: chosen on the
     60 pairs of SHREC07's ants, teddy bears and glasses on which maps are published."""

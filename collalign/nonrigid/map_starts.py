@@ -1,4 +1,4 @@
-"""Where searches for maps start: signs of the lowest eigenfunctions, and smooth shells.
+"""Where searches for maps start: signs of the lowest eigenfunctions, matched tips, and smooth shells.
 
 **Signs.**
 Each start is a map of the source's samples into the target's samples, together with the Procrustes energy in the
@@ -30,7 +30,8 @@ from collalign.nonrigid.functional_map import (
     zoomout_sizes,
 )
 from collalign.nonrigid.map_options import TUNED
-from collalign.nonrigid.spectral_shape import SpectralShape
+from collalign.nonrigid.spectral_shape import SpectralShape, orientation_form
+from collalign.nonrigid.tips import tip_matches
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.rotations import nearest_orthogonal
 from data_tools.surface.shape import vertex_normals
@@ -135,10 +136,58 @@ def _signs_have_injective_map(allowed: BoolArray) -> bool:
     return bool((matched >= 0).all())
 
 
+def tip_starts(
+    target: SpectralShape, source: SpectralShape, num: int, *, mirrored: bool
+) -> list[tuple[IntArray, IntArray]]:
+    """Return maps of the first ``num`` dense samples, there and back, that matched tips ask for (:mod:`.tips`).
+
+    With ``mirrored`` each match starts a map of either orientation, without it one that keeps left and right.
+    """
+    matches = tip_matches(target.tips, source.tips)
+    if not matches:
+        return []
+    of_target, of_source = _TipRows(target, num), _TipRows(source, num)
+    return [
+        mutual_nearest_rows(of_target.rows(to), of_source.rows(of, sign))
+        for to, of in matches
+        for sign in ((1.0, -1.0) if mirrored else (1.0,))
+    ]
+
+
+class _TipRows:
+    """How close the first dense samples of a mesh are to its tips, and on which side of the limbs they are."""
+
+    def __init__(self, spectral: SpectralShape, num: int) -> None:
+        closeness, samples = spectral.tips.closeness, spectral.dense[:num]
+        self._closeness = closeness[samples]
+        self._sides = orientation_form(spectral.working_shape, closeness)[samples]
+
+    def rows(self, tips: IntArray, sign: float = 1.0) -> FloatArray:
+        """Return what is compared of the samples where these tips are matched, shape (num, c)."""
+        a, b = np.triu_indices(len(tips), 1)
+        sides = sign * self._sides[:, tips[a], tips[b]]
+        return np.hstack(
+            [_shares(self._closeness[:, tips]), TUNED.tip_side_weight * _shares(sides)]
+        )
+
+
+def _shares(values: FloatArray) -> FloatArray:
+    """Return values (n, m) such that the absolute ones of each row sum to one."""
+    total = np.abs(values).sum(axis=1, keepdims=True)
+    return np.asarray(values / np.where(total > 0, total, 1.0))
+
+
 class ShellRefiner:
-    """Refines maps between the dense samples of two meshes, prepared once for all candidates of the pair."""
+    """Refines maps between the dense samples of two meshes, prepared once for all candidates of the pair.
+
+    Parameters
+    ----------
+    target, source : SpectralShape
+        With triangles.
+    """
 
     def __init__(self, target: SpectralShape, source: SpectralShape) -> None:
+        self.target, self.source = target, source
         self._target, self._source = _Skin(target), _Skin(source)
         last = min(len(target.eigenvalues), len(source.eigenvalues)) + 1
         self._sizes = zoomout_sizes(min(TUNED.num_shell, last), last, factor=1.5)

@@ -21,9 +21,15 @@ from collalign.nonrigid.functional_map import (
     HarmonicRefiner,
     mutual_nearest_rows,
 )
-from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, measure_evidence
+from collalign.nonrigid.map_evidence import MIXED_ORIENTATION, limb_gap, measure_evidence
 from collalign.nonrigid.map_options import TUNED, NonrigidOptions
-from collalign.nonrigid.map_starts import ShellRefiner, candidate_mask, sign_starts, wave_gaps
+from collalign.nonrigid.map_starts import (
+    ShellRefiner,
+    candidate_mask,
+    sign_starts,
+    tip_starts,
+    wave_gaps,
+)
 from collalign.nonrigid.pose_maps import (
     NUM_FUNCTIONS,
     NUM_POINTS,
@@ -37,8 +43,8 @@ from collalign.nonrigid.spectral_shape import SpectralShape
 from data_tools.arrays import FloatArray, IntArray
 from pairwise.local_search import LocalMinima
 
-#: Origin of maps that only poses lead to.
-FROM_POSES = "poses"
+#: Origin of maps that only poses lead to, and of those that matched tips do.
+FROM_POSES, FROM_TIPS = "poses", "tips"
 #: Weights of the Dirichlet energy in the last iterations, on all samples.
 SETTLING = (SMOOTHNESS,) * 3
 #: The same on the way from a rough start.
@@ -64,8 +70,8 @@ def find_candidates(
 ) -> list[Refined]:
     """Return distinct refined candidates, best evidence first.
 
-    Starts from within and, where there are normals, from poses (shapes of a class may look alike where their insides
-    differ) are screened with few samples and functions; the best of each are refined with all.
+    Starts from within and, where there are normals, from matched tips and from poses (shapes of a class may look
+    alike where their insides differ) are screened with few samples and functions; the best are refined with all.
     """
     coarse = _likely(screened_from_within(target, source, options), options)
     if not has_normals(target, source):
@@ -74,7 +80,11 @@ def find_candidates(
         PoseMapper(sampled_surface(target), sampled_surface(source)),
         ShellRefiner(target, source),
     )
-    coarse += _others(_likely(screened_from_poses(mapper, options), options), coarse)
+    for screened in (
+        screened_from_tips(mapper, target, source, options),
+        screened_from_poses(mapper, options),
+    ):
+        coarse += _others(_likely(screened, options), coarse)
     return distinct_maps([laid(shells, mapper, one, options) for one in coarse])
 
 
@@ -133,6 +143,19 @@ def screened_from_within(
     return of_both_orientations(distinct_maps(screened), options.num_candidates)
 
 
+def screened_from_tips(
+    mapper: PoseMapper, target: SpectralShape, source: SpectralShape, options: NonrigidOptions
+) -> list[Refined]:
+    """Return maps at few samples that matched tips of two meshes start, best evidence first."""
+    few = at_few_samples(mapper)
+    harmonic = HarmonicRefiner(few.target.spectral, few.source.spectral)
+    starts = tip_starts(
+        target, source, len(few.target.points), mirrored=options.orientation == "any"
+    )
+    maps = [harmonic.refine(*start, ANNEALED) for start in starts]
+    return _best_posed(few, maps, options, FROM_TIPS)[: TUNED.num_tipped]
+
+
 def screened_from_poses(mapper: PoseMapper, options: NonrigidOptions) -> list[Refined]:
     """Return maps at few samples that poses start, those of :func:`posed_candidates` and smooth ones."""
     few = at_few_samples(mapper)
@@ -154,7 +177,7 @@ def posed_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]
     for start in axis_poses(few.target, few.source, mirrored=options.orientation == "any"):
         plain = few.map_from(start)
         maps += [plain, few.oriented(plain, preserving=bool(np.linalg.det(start) > 0))]
-    return _best_posed(few, maps, options)
+    return _best_posed(few, maps, options)[: TUNED.num_posed]
 
 
 def smooth_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined]:
@@ -163,7 +186,7 @@ def smooth_candidates(few: PoseMapper, options: NonrigidOptions) -> list[Refined
     poses = axis_poses(few.target, few.source, mirrored=options.orientation == "any")
     return _best_posed(
         few, [harmonic.refine(*few.closest_points(pose), ANNEALED) for pose in poses], options
-    )
+    )[: TUNED.num_posed]
 
 
 def at_few_samples(mapper: PoseMapper) -> PoseMapper:
@@ -174,16 +197,16 @@ def at_few_samples(mapper: PoseMapper) -> PoseMapper:
 
 
 def _best_posed(
-    few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions
+    few: PoseMapper, maps: list[FunctionalMap], options: NonrigidOptions, origin: str = FROM_POSES
 ) -> list[Refined]:
     target, source = few.target.spectral, few.source.spectral
     found = [
-        with_pose_evidence(few, refined_with_evidence(target, source, one, FROM_POSES), options)
+        with_pose_evidence(few, refined_with_evidence(target, source, one, origin), options)
         for one in maps
     ]
     if options.orientation == "preserving":
         found = [candidate for candidate in found if candidate.evidence.orientation > 0]
-    return distinct_maps(found)[: TUNED.num_posed]
+    return distinct_maps(found)
 
 
 def with_pose_evidence(mapper: PoseMapper, candidate: Refined, options: NonrigidOptions) -> Refined:
@@ -207,9 +230,13 @@ def laid(
         *_at_all_samples(target, source, coarse), chirality=chirality_of(coarse, options)
     )
     found = HarmonicRefiner(target, source).refine(*maps, SETTLING)
-    return with_pose_evidence(
+    settled_map = with_pose_evidence(
         mapper, refined_with_evidence(target, source, found, coarse.origin), options
     )
+    limbs = limb_gap(
+        shells.target, shells.source, found, chirality=chirality_of(settled_map, options)
+    )
+    return replace(settled_map, evidence=replace(settled_map.evidence, limbs=limbs))
 
 
 def mended(
@@ -359,7 +386,7 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     """
     weights = _weights(found)
     return np.array(
-        [(weights @ _same_places(target, found, number)).mean() for number in range(len(found))]
+        [(weights @ same_places(target, found, number)).mean() for number in range(len(found))]
     )
 
 
@@ -375,7 +402,7 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
         The candidate's position.
     """
     scores = np.array([one.score for one in found])
-    same = _same_places(target, found, number)
+    same = same_places(target, found, number)
     others = scores[same.mean(axis=1) < SAME_SHARE]
     lead = float(others.min() - scores[number]) if len(others) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
@@ -410,11 +437,11 @@ def point_terms(
     backward = found[number].functional_map.map_source_target
     points = source.vertices[source.dense]
     returned = np.linalg.norm(points[backward[forward]] - points, axis=1) / source.area**0.5
-    agreement = _weights(found) @ _same_places(target, found, number)
+    agreement = _weights(found) @ same_places(target, found, number)
     return np.column_stack([np.log(LEAST_AGREEMENT + agreement), -np.log(0.1 * NEAR + returned)])
 
 
-def _same_places(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
+def same_places(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
     """Return which points each candidate takes near to where one of them does, shape (candidates, s), as 0 and 1."""
     places = target.vertices[target.dense] / target.area**0.5
     images = np.stack([places[one.functional_map.map_target_source] for one in found])

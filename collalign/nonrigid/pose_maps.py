@@ -29,6 +29,7 @@ from collalign.nonrigid.spectral_shape import (
     outward,
     smoothed_curvature,
 )
+from collalign.nonrigid.tips import Tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import heat_kernel_signature, standardised
 from data_tools.embedding.working_surface import WorkingSurface
@@ -124,6 +125,7 @@ def spectral_samples(**known: Any) -> SpectralShape:
         waves=nothing,
         samples=none,
         dense=read_only(np.arange(num)),
+        tips=Tips.none(),
         notes=(),
         **kept,
     )

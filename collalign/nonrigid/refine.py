@@ -22,6 +22,7 @@ from collalign.nonrigid.functional_map import (
 from collalign.nonrigid.map_evidence import paired_forms
 from collalign.nonrigid.map_options import TUNED
 from collalign.nonrigid.spectral_shape import SpectralShape
+from collalign.nonrigid.tips import edge_net
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.topology import mesh_edges
 
@@ -156,9 +157,12 @@ class _Net:
 
     def __init__(self, spectral: SpectralShape) -> None:
         edges, places = mesh_edges(spectral.faces), spectral.vertices / spectral.area**0.5
-        surface = csr_array((_lengths(places, edges), edges.T), shape=(len(places),) * 2)
         _, _, nearest = dijkstra(
-            surface, directed=False, indices=spectral.dense, min_only=True, return_predecessors=True
+            edge_net(places, spectral.faces),
+            directed=False,
+            indices=spectral.dense,
+            min_only=True,
+            return_predecessors=True,
         )
         sample = np.zeros(len(places), dtype=np.int64)
         sample[spectral.dense] = np.arange(len(spectral.dense))

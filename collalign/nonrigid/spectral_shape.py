@@ -9,6 +9,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.tips import Tips, find_tips
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.invariants import NUM_SPECTRUM, wave_kernel_signature
 from data_tools.embedding.sampling import farthest_points
@@ -150,6 +151,8 @@ class SpectralShape:
         Working vertices: geodesic farthest points in order, and Euclidean farthest points.
     orientation : ndarray, shape (len(dense), q, q)
         Orientation form of the lowest functions; NaN for a point cloud.
+    tips : Tips
+        Ends of limbs; a point cloud has none.
     notes : tuple of Note
         What a user should know about the preparation.
     """
@@ -172,6 +175,7 @@ class SpectralShape:
     samples: IntArray
     dense: IntArray
     orientation: FloatArray
+    tips: Tips
     notes: tuple[Note, ...]
 
     @property
@@ -248,6 +252,7 @@ def prepare_surface(shape: Shape, options: SurfaceOptions | None = None) -> Spec
         samples=samples,
         dense=dense,
         orientation=read_only(orientation),
+        tips=find_tips(working, surface.agd, surface.area) if working.is_mesh else Tips.none(),
         notes=(*notes, *surface.notes),
     )
 

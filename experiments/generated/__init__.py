@@ -1,1 +1,1 @@
-"""Generated collections that experiments are measured on: bending animals, assembled objects, rooms."""
+"""Generated collections that experiments are measured on: animals, bodies of several kinds, objects, rooms."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, field
-from itertools import combinations
+from functools import cache, partial
+from itertools import combinations, permutations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from data_tools.arrays import IntArray
 from data_tools.embedding.sampling import farthest_points
@@ -20,6 +22,7 @@ from experiments.datasets import (
     read_registered_folder,
     read_shrec07_class,
 )
+from experiments.generated.bipeds import KINDS, KINDS_APART, biped, template_points
 
 #: Classes of SHREC07 on which the paper shows maps.
 SHREC07_CLASSES = ("ant", "teddy", "glasses")
@@ -35,8 +38,12 @@ SAME_PLACES = {
 MIRRORED_PLACES = (1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13)
 #: Cats and dogs with a dense map between the two, of which so many farthest points of the first cat are landmarks.
 ANIMALS, NUM_ANIMAL_POINTS = "cat and dog", 200
+#: Generated bodies of several kinds: those that constants may be chosen on, and those kept apart, with people.
+BIPEDS, BIPEDS_APART = "generated bipeds", "generated bipeds, kinds kept apart"
+#: Bodies of each kind, and half the points of the template at which their maps are evaluated.
+NUM_OF_KIND, NUM_HALF_POINTS = 4, 100
 #: Sets that are evaluated at landmarks.
-LANDMARKED = (*SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS)
+LANDMARKED = (*SHREC07_CLASSES, *OTHER_CLASSES, BODIES, ANIMALS, BIPEDS, BIPEDS_APART)
 #: Folder of each set.
 FOLDERS = {
     BODIES: "shrec07_dev",
@@ -101,9 +108,12 @@ def read_map_set(root: Path, name: str) -> MapSet:
     root : Path
         Folder of the public collections.
     name : str
-        One of ``FOLDERS``. SCAPE has the pairs of its query file, the classes of SHREC07 those of the published
-        errors; of bodies of two kinds each is matched once; of the others all pairs are taken.
+        One of ``FOLDERS``, or generated bipeds. SCAPE has the pairs of its query file, the classes of SHREC07 those
+        of the published errors; of bodies of two kinds each is matched once; of the others all pairs are taken.
     """
+    if name in (BIPEDS, BIPEDS_APART):
+        data, pairs = _bipeds(name)
+        return MapSet(name=name, folder=root, data=data, pairs=pairs)
     folder = root / FOLDERS[name]
     if name == "scape":
         data = read_registered_archive(folder)
@@ -137,6 +147,37 @@ def _bodies(folder: Path) -> Dataset:
         landmark_vertices=np.concatenate(marks),
         mirror=np.array(MIRRORED_PLACES),
     )
+
+
+@cache
+def _bipeds(name: str) -> tuple[Dataset, tuple[Pair, ...]]:
+    """Return generated bodies with the same points of the template on all, and all pairs of two kinds."""
+    kinds = KINDS if name == BIPEDS else {"person": KINDS["person"], **KINDS_APART}
+    template = template_points()
+    places = cKDTree(template)
+    left = farthest_points(
+        Shape.from_arrays(template[template[:, 1] > 0]), NUM_HALF_POINTS, metric="euclidean"
+    )
+    half = template[template[:, 1] > 0][left]
+    points = places.query(np.concatenate([half, half * [1.0, -1.0, 1.0]]))[1]
+    bodies = [
+        biped(kinds[kind], np.random.default_rng([SEED, number, at]), f"{kind} {at}")
+        for number, kind in enumerate(kinds)
+        for at in range(1, NUM_OF_KIND + 1)
+    ]
+    data = Dataset(
+        names=tuple(body.shape.name for body in bodies),
+        loaders=tuple(partial(_itself, body.shape) for body in bodies),
+        landmark_vertices=np.stack([body.places[points] for body in bodies]),
+        mirror=np.roll(np.arange(len(points)), NUM_HALF_POINTS),
+    )
+    return data, tuple(
+        (a, b) for a, b in permutations(data.names, 2) if a.split()[0] != b.split()[0]
+    )
+
+
+def _itself(shape: Shape) -> Shape:
+    return shape
 
 
 def _animals(folder: Path) -> Dataset:

@@ -190,7 +190,7 @@ def weigh_pair(
 
 
 #: Weighs poses of a pair. The version changes whenever the same surfaces and poses would give other candidates.
-WEIGHING = Job(kind="evidence", version="evidence-8", run=weigh_pair, reader=PairEvidence)
+WEIGHING = Job(kind="evidence", version="evidence-9", run=weigh_pair, reader=PairEvidence)
 
 
 def weigh_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> list[Pair]:

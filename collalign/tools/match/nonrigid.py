@@ -15,11 +15,13 @@ from collalign.nonrigid.functional_map import HarmonicRefiner
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import (
+    SAME_SHARE,
     Refined,
     agreements,
     find_candidates,
     has_normals,
     mended,
+    same_places,
     sharpened,
     trust_of,
 )
@@ -38,6 +40,7 @@ from data_tools.io.shapes import read_shape
 from data_tools.io.source import Origin
 from data_tools.notes import Note, percent
 from data_tools.options import AS_STORED
+from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -56,7 +59,7 @@ class NonrigidCandidate:
         Vertex of the target file for each of ``NonrigidMatch.dense_source``.
     evidence : Evidence
     origin : str
-        "signs" or "poses"; in experiments also the paper's "relaxation".
+        "signs", "tips" or "poses"; in experiments also the paper's "relaxation".
     """
 
     functional_map: FloatArray
@@ -192,6 +195,10 @@ def _lines(point_map: IntArray) -> bytes:
     return "".join(f"{index}\n" for index in point_map.tolist()).encode("ascii")
 
 
+#: Maps this far from each other, in degrees, are half turns of each other.
+HALF_TURN_DEG = 120.0
+#: Of a map that is stated less a user hears that it may be half turned.
+SURE = 0.9
 #: Weight of the orientation, at most 1, relative to the logarithm of the agreement. Chosen on 49 pairs.
 #: It does not see half turns of upright bodies.
 ORIENTATION_WEIGHT = 0.4
@@ -323,12 +330,42 @@ def match_of(
         vertex_confidence=read_only(
             np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)
         ),
-        notes=tuple(
-            replace(note, shapes=(s.name, *note.shapes))
-            for s in (target, source)
-            for note in s.notes
+        notes=(
+            *(
+                replace(note, shapes=(s.name, *note.shapes))
+                for s in (target, source)
+                for note in s.notes
+            ),
+            *(_half_turned(target, source, found) if confidence < SURE else ()),
         ),
     )
+
+
+def _half_turned(
+    target: SpectralShape, source: SpectralShape, found: list[Refined]
+) -> tuple[Note, ...]:
+    """Return a note if the best different map that keeps left and right is a half turn of the first one."""
+    shares = same_places(target, found, 0).mean(axis=1)
+    others = [
+        one
+        for one, share in zip(found, shares, strict=True)
+        if share < SAME_SHARE and one.evidence.orientation > 0
+    ]
+    if not others:
+        return ()
+    places = target.vertices[target.dense] - target.mass @ target.vertices
+    own, other = (
+        places[one.functional_map.map_target_source]
+        for one in (found[0], min(others, key=lambda one: one.score))
+    )
+    turn = nearest_orthogonal(other.T @ own, determinant=1.0)
+    if rotation_angle_deg(turn) < HALF_TURN_DEG:
+        return ()
+    axis = np.linalg.eigh(turn + turn.T)[1][:, -1]
+    longest = np.linalg.svd(places, full_matrices=False)[2][0]
+    is_long = abs(float(axis @ longest)) > np.cos(np.pi / 4)
+    ends = "front and back" if is_long else "the two ends"
+    return (Note("map-half-turned", (source.name, target.name), {"exchanged": ends}),)
 
 
 def chosen_first(

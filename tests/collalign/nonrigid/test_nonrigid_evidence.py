@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collalign.confidence.map_model import FLOOR, STRETCH_WEIGHT, Evidence
+from collalign.confidence.map_model import FLOOR, LIMB_WEIGHT, STRETCH_WEIGHT, Evidence
 from collalign.nonrigid.map_evidence import _commutativity_gap, _curvature_gap
 from collalign.nonrigid.map_starts import candidate_mask
 from experiments.maps.paper_chain import agd_gaps
@@ -26,6 +26,7 @@ def test_the_score_adds_logarithms_and_counts_curvature_twice():
     assert evidence(orientation=0.25).score - base == pytest.approx(0.75)
     assert evidence(curvature=0.0).score - base == pytest.approx(2.0 * np.log(FLOOR / 0.1))
     assert evidence(stretch=4.0).score - base == pytest.approx(STRETCH_WEIGHT * np.log(4.0))
+    assert evidence(limbs=0.2).score - base == pytest.approx(LIMB_WEIGHT * np.log(0.2))
     assert evidence(curvature=np.nan, orientation=np.nan).score == pytest.approx(2.0 * np.log(0.1))
 
 

@@ -1,9 +1,11 @@
 """Parts of non-rigid matching: curvature, orientation, masks, the graph operator, evidence, evaluation."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import measure_evidence
@@ -15,6 +17,7 @@ from collalign.nonrigid.spectral_shape import (
     signed_volume,
     smoothed_curvature,
 )
+from collalign.tools.match import nonrigid as match_tool
 from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.surface.laplacian import cotangent_laplacian
 
@@ -82,3 +85,40 @@ def test_both_orientations_are_kept():
     assert [c.score for c in of_both_orientations(many, 4)] == [0.0, 1.0, 3.0, 4.0]
     assert [c.score for c in of_both_orientations(many[:3], 2)] == [0.0, 1.0]
     assert [c.score for c in of_both_orientations(many[3:5], 4)] == [3.0, 4.0]
+
+
+def candidate_at(places, images, score):
+    """A candidate map of points whose images are these places."""
+    forward = cKDTree(places).query(images)[1]
+    return SimpleNamespace(
+        functional_map=SimpleNamespace(map_target_source=forward),
+        evidence=SimpleNamespace(orientation=0.6),
+        score=score,
+    )
+
+
+def test_a_rival_that_is_a_half_turn_is_named_by_what_it_exchanges(rng):
+    places = rng.standard_normal((200, 3)) * [1.0, 1.0, 4.0]
+    places = np.concatenate([places, *(places * signs for signs in ((-1, -1, 1), (1, -1, -1)))])
+    body = SimpleNamespace(
+        name="ape", vertices=places, dense=np.arange(600), area=100.0, mass=np.full(600, 1 / 600)
+    )
+    own, about_long, upside_down, near = (
+        candidate_at(places, places[:200] * signs, score)
+        for signs, score in (
+            ((1, 1, 1), -5.0),
+            ((-1, -1, 1), -4.5),
+            ((1, -1, -1), -4.8),
+            ((1.001, 1, 1), -4.9),
+        )
+    )
+    person = SimpleNamespace(name="person")
+    (note,) = match_tool._half_turned(body, person, [own, about_long])
+    assert note.code == "map-half-turned"
+    assert note.shapes == ("person", "ape")
+    assert note.values == {"exchanged": "front and back"}
+    (note,) = match_tool._half_turned(body, person, [own, about_long, upside_down])
+    assert note.values == {"exchanged": "the two ends"}
+    assert match_tool._half_turned(body, person, [own, near]) == ()
+    about_long.evidence.orientation = -0.6
+    assert match_tool._half_turned(body, person, [own, about_long]) == ()

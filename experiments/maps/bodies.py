@@ -1,0 +1,157 @@
+"""Maps between bodies of different kinds: is the right map among the candidates, is it chosen, is it known to be."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from collalign.confidence.map_model import NEAR
+from collalign.engine.records import Record
+from collalign.nonrigid.map_options import NonrigidOptions
+from collalign.nonrigid.portfolio import Refined, trust_of
+from collalign.tools.match.nonrigid import finished, vertex_maps
+from data_tools.arrays import IntArray
+from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.maps.map_cells import (
+    NUM_EVALUATED,
+    QUICK_SURFACE,
+    Prepared,
+    error_measure,
+    map_set,
+    mirror_of,
+    prepared,
+)
+from experiments.maps.map_sets import (
+    ANIMALS,
+    BIPEDS,
+    BIPEDS_APART,
+    BODIES,
+    FOLDERS,
+    SEED,
+    read_map_set,
+    some_pairs,
+)
+from experiments.maps.paper_chain import in_files
+from experiments.tables import Column, Row, Table
+
+#: Pairs of each set, at most.
+SETS = {BIPEDS: 20, BIPEDS_APART: 40, BODIES: 20, ANIMALS: 9, "scape": 12, "tosca": 6}
+#: Raised when the maps change.
+VERSION = "1"
+#: Maps that are stated to be right, and how large the mean error of one may be that counts as right.
+SURE, RIGHT_MEAN = 0.9, 0.1
+#: A candidate between kinds whose landmarks lie elsewhere counts as the right one up to this mean error.
+FOUND_MEAN = 0.15
+
+_ABOUT = f"""
+Front and back of a body look alike to the inside of its surface: half turns about the long axis keep orientation.
+*Generated bipeds* are one template of stretched, thickened and bent bones (`experiments/generated/bipeds.py`), each
+decimated by itself, with dense truth. The first set has people, children, apes and armadillos. The kinds kept apart
+are gibbons, kangaroos, giants and elves, with people: only the cost of a limb's length, by which ends of limbs are
+matched, was set while looking at them. People and armadillos of SHREC07 are evaluated at 14 landmarks that were
+chosen by hand, cats with dogs at 200 points, registered meshes at {NUM_EVALUATED}. Errors are geodesic, over the
+square root of the target's area.
+
+A map is *flipped* where it is nearer to the mirrored truth. The right map is *among the candidates* where one of them
+has a mean error below {FOUND_MEAN}. A map is *sure* where it is stated {SURE} or more, and right where its mean error
+is below {RIGHT_MEAN}. CPU time is of a pair, without the preparation of the two surfaces.
+"""
+
+
+def measure_body_map(cell: Cell) -> Record:
+    """Match one pair and compare all candidates with the truth.
+
+    Settings: ``set``, ``target``, ``source``, ``surface``, ``points``.
+
+    Returns
+    -------
+    dict
+        ``error`` and ``mirrored`` (NaN where unknown) of the map of all vertices, ``candidates`` (m,) with the mean
+        errors of the maps of samples, ``confidence``, ``share`` of points within .1, ``seconds``.
+    """
+    settings = cell.settings
+    maps = map_set(cell.data, settings["set"])
+    to, of = (prepared(cell.data, settings, settings[role]) for role in ("target", "source"))
+    started = time.process_time()
+    found = finished(to.spectral, of.spectral, NonrigidOptions())
+    forward = vertex_maps(to.spectral, of.spectral, found[0])[0]
+    seconds = time.process_time() - started
+    mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
+    errors_of = error_measure(maps, settings, mirror)
+    errors = errors_of(forward)
+    return {
+        "error": float(errors.direct.mean()),
+        "mirrored": float("nan") if errors.mirrored is None else float(errors.mirrored.mean()),
+        "share": float((errors.direct <= NEAR).mean()),
+        "candidates": np.array([errors_of(_images(one, to, of)).direct.mean() for one in found]),
+        "confidence": trust_of(to.spectral, of.spectral, found)[0],
+        "seconds": seconds,
+    }
+
+
+def _images(candidate: Refined, to: Prepared, of: Prepared) -> IntArray:
+    """Return the vertex of the target's file for each of the source's by a map of dense samples."""
+    samples = to.spectral.dense[candidate.functional_map.map_target_source]
+    return in_files(samples[of.spectral.nearest_dense], to.spectral, of.spectral)
+
+
+def row_of(name: str, records: list[Record]) -> Row:
+    """Return the row of one set."""
+    error, mirrored, sure = (
+        np.array([record[key] for record in records]) for key in ("error", "mirrored", "confidence")
+    )
+    stated = sure >= SURE
+    return {
+        "set": name,
+        "pairs": len(records),
+        "mean": float(error.mean()),
+        "median": float(np.median(error)),
+        "flipped": 100.0 * float((mirrored < error).mean()),
+        "found": 100.0 * float(np.mean([r["candidates"].min() < FOUND_MEAN for r in records])),
+        "sure": int(stated.sum()),
+        "right": 100.0 * float((error[stated] < RIGHT_MEAN).mean()) if stated.any() else None,
+        "seconds": float(np.median([record["seconds"] for record in records])),
+    }
+
+
+COLUMNS = (
+    Column(key="set", title="set"),
+    Column(key="pairs", title="pairs"),
+    Column(key="mean", title="mean error", format=".3f"),
+    Column(key="median", title="median pair", format=".3f"),
+    Column(key="flipped", title="flipped, %", format=".0f"),
+    Column(key="found", title="right map among the candidates, %", format=".0f"),
+    Column(key="sure", title="sure maps"),
+    Column(key="right", title="of these right, %", format=".0f"),
+    Column(key="seconds", title="CPU, s a pair", format=".1f", clock=True),
+)
+
+
+def measure(bench: Bench) -> Outcome:
+    """Map the pairs of all sets; with ``--quick`` one pair of generated bodies."""
+    bench.seeds.add(SEED)
+    rows = []
+    for name, num in {BIPEDS: 1}.items() if bench.quick else SETS.items():
+        pairs = some_pairs(read_map_set(bench.data, name).pairs, num, SEED)
+        surface: dict[str, Any] = QUICK_SURFACE if bench.quick else {}
+        common = {"set": name, "points": NUM_EVALUATED, "surface": surface}
+        cells = {
+            f"{name}: {target} {source}": common | {"target": target, "source": source}
+            for target, source in pairs
+        }
+        rows.append(
+            row_of(name, list(bench.measure(measure_body_map, cells, version=VERSION).values()))
+        )
+    return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),))
+
+
+EXPERIMENT = Experiment(
+    name="bodies",
+    title="Maps between bodies of different kinds: front and back",
+    about=_ABOUT,
+    measure=measure,
+    seen=("shrec07", "scape"),
+    collections=("shrec07_dev", FOLDERS[ANIMALS], FOLDERS["scape"], FOLDERS["tosca"]),
+)
