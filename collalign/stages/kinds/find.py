@@ -18,10 +18,10 @@ from collalign.stages.kinds.grouping import (
     group_shapes,
 )
 from collalign.stages.kinds.pose_free import kind_descriptors
-from collalign.stages.match_pairs import match_pairs
+from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, FloatArray, IntArray
-from data_tools.errors import CollectionError, OptionsError
+from data_tools.errors import OptionsError
 
 #: Shapes, the nearest before any are matched, that each is matched with.
 NUM_NEAR = 6
@@ -166,10 +166,7 @@ def _least_mismatches(
 ) -> dict[tuple[int, int], float]:
     """Return the least mismatch of pairs, by the positions of their shapes; of those that could be matched."""
     decided = with_decided_group(session, group)
-    try:
-        pairs, _ = match_pairs(decided, shapes, normalised(np.array(edges)))
-    except CollectionError:  # not one could be matched: nothing is known of them
-        return {}
+    pairs = pairs_that_match(decided, shapes, normalised(np.array(edges)))
     least = {
         (min(one.target, one.source), max(one.target, one.source)): np.nanmin(
             one.mismatches, initial=np.inf
