@@ -38,6 +38,7 @@ from collalign.stages.kinds.plan import (
     looks_for_kinds,
     options_of_kind,
     plan_kinds,
+    read_all_kinds,
     settled_kinds,
 )
 from collalign.stages.match_pairs import num_reused_pairs
@@ -51,7 +52,7 @@ from collalign.stages.own_knowledge import (
     with_marks,
     with_own_samples,
 )
-from collalign.stages.pieces import Pieces, assembled_shapes, pieces_that_match
+from collalign.stages.pieces import Pieces, pieces_that_match
 from collalign.stages.poses.placement import common_positions
 from collalign.stages.posing import pose_all
 from collalign.stages.shape_stage import decided_reading, prepare_shapes
@@ -230,17 +231,9 @@ def align_listing(
         with steps.timed(session, times_s, "kinds"):
             files = dict(zip(listing.names, listing.files, strict=True))
             given = own_points(own, files, asked.cleaning)
-            own_session = with_own_samples(task.session, given)
-            shapes = prepare_shapes(own_session, listing, given)
-            decided = decided_reading(own_session, shapes)
-            if decided is not own_session:  # walls in some files make no other kind of them
-                own_session, shapes = decided, prepare_shapes(decided, listing, given)
-                options = replace(asked, cleaning=decided.options.cleaning)
-                task = replace(task, session=replace(session, options=options))
-            if whole := assembled_shapes(own_session, shapes):  # large boxes look alike
-                shapes = prepare_shapes(
-                    own_session, listing, given, pieces=dict.fromkeys(whole, "all")
-                )
+            read_by, shapes = read_all_kinds(with_own_samples(session, given), listing, given)
+            options = replace(asked, cleaning=read_by.options.cleaning)
+            task = replace(task, session=replace(session, options=options))
             plan, excluded = plan_kinds(session, shapes, former, labels), shapes.excluded
             at = {name: i for i, name in enumerate(listing.names)}
             task = replace(task, listing=listing.some(at[name] for name in shapes.names))
