@@ -334,10 +334,13 @@ def _align_kinds(task: _Task, plan: KindPlan, *, are_given: bool) -> Collection:
             ),
         )
     result = join_kinds(names, found, frames, distinct_called(called), confidence)
+    asked = task.session.options
+    named = [direction for direction in ("up", "front") if getattr(asked, direction)]
+    said = kind_notes(result.kinds, result.names, are_given=are_given, named=named)
     return replace(
         result,
-        notes=(*kind_notes(result.kinds, result.names, are_given=are_given), *result.notes),
-        options=replace(task.session.options, cleaning=found[of_reference].options.cleaning),
+        notes=(*said, *result.notes),
+        options=replace(asked, cleaning=found[of_reference].options.cleaning),
     )
 
 
