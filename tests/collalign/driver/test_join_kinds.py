@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.join_kinds import in_frame, join_kinds, kind_notes, unknown_trust
+from collalign.driver.join_kinds import in_frame, join_kinds, kind_notes, unknown_trust
 from collalign.products.trust import KINDS
 from collalign.stages.kinds.kind_frames import KindFrame
 from data_tools.datasets.synthetic import demo_collection
