@@ -16,6 +16,7 @@ from data_tools.surface.topology import boundary_edges
 from experiments.calibration import CALIBRATIONS, calibrate, ellipsoids, few_radii
 from experiments.calibration.evidence import WeighedPair, fit_logit, share_right
 from experiments.calibration.fragments import broken, closed
+from experiments.calibration.kinds import Evidence, fit_weights, left_out, mean_purity
 from experiments.calibration.scan import Calibration, Finding, scan
 
 
@@ -90,7 +91,13 @@ def test_a_closed_piece_has_no_border_and_winds_outwards():
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "collection"),
-    [("model", "glasses"), ("sides", "teeth"), ("evidence", "glasses"), ("margins", "chair")],
+    [
+        ("model", "glasses"),
+        ("sides", "teeth"),
+        ("evidence", "glasses"),
+        ("margins", "chair"),
+        ("kinds", "generated"),
+    ],
 )
 def test_quick_calibrations_measure_every_constant(shared_data, name, collection):
     rows = calibrate(name, shared_data, [collection], quick=True).rows
@@ -101,6 +108,29 @@ def test_quick_calibrations_measure_every_constant(shared_data, name, collection
     if name == "model":
         assert 0 < float(str(rows[0]["measured"])) < 0.35
         assert 0 <= float(str(rows[1]["measured"])) < 1
+
+
+def evidence_of_kinds(called, rng):
+    """Evidence of five shapes each of four kinds, which only that of the first weight tells apart."""
+    kinds = np.repeat([f"{called}: {k}" for k in range(4)], 5)
+    apart = (kinds[:, None] != kinds).astype(float)
+    values = {}
+    for name, told in (("MISMATCH", 1.0), ("SHELLS", 0.0)):
+        noise = 0.15 * rng.standard_normal(apart.shape)
+        values[name] = told * apart + noise + noise.T
+    return Evidence(kinds=kinds, values=values)
+
+
+def test_what_tells_kinds_apart_has_the_weight_and_kinds_left_out_are_told_apart_too():
+    rng = np.random.default_rng(0)
+    drawn = [evidence_of_kinds(called, rng) for called in "abc"]
+    names = ("MISMATCH", "SHELLS")
+    fitted = fit_weights(drawn, names)
+    assert fitted.weights[0] < -1.0
+    assert abs(fitted.weights[1]) < 0.2 * abs(fitted.weights[0])
+    assert mean_purity(drawn, left_out(drawn, names)) > 0.9
+    nothing = [np.zeros((20, 20))] * 3
+    assert mean_purity(drawn, nothing) == 0.25
 
 
 def test_radii_of_few_templates_are_fitted_to_ranks_and_hold_on_average():
