@@ -203,7 +203,9 @@ def align_listing(
             files = dict(zip(listing.names, listing.files, strict=True))
             given = own_points(own, files, asked.cleaning)
             read_by, shapes = read_all_kinds(with_own_samples(session, given), listing, given)
-            options = replace(asked, cleaning=read_by.options.cleaning)
+            # Which piece is the object is decided kind by kind: others may be of one piece.
+            walls = read_by.options.cleaning.inner
+            options = replace(asked, cleaning=replace(asked.cleaning, inner=walls))
             task = replace(task, session=replace(session, options=options))
             plan, excluded = plan_kinds(session, shapes, former, labels), shapes.excluded
             at = {name: i for i, name in enumerate(listing.names)}

@@ -15,6 +15,7 @@ from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from experiments.generated.assembled import assembled_objects
 from tests.commands import read_json, run_command
 from tests.notes import codes, only
 
@@ -218,3 +219,20 @@ def test_up_of_one_shape_is_that_of_its_kind_and_of_kinds_posed_against_it(plant
         away_deg = np.degrees(np.arccos(np.clip(common[2], -1.0, 1.0)))
         assert away_deg < (15 if n > 2 else 20)
     assert "kinds-posed" in codes(found.notes)
+
+
+def test_objects_of_components_are_read_as_suits_their_kind(planted):
+    """Hammers of four pieces among blobs of one: no piece is the object because it is most like a blob."""
+    hammers = assembled_objects("hammers", 4, np.random.default_rng(0))
+    given = {f"hammer{n}": shape for n, shape in enumerate(hammers)}
+    given |= {f"blob{n}": planted.shapes[n] for n in range(3)}
+    kinds = {name: name[:-1] for name in given}
+    alone = align_collection(
+        {name: shape for name, shape in given.items() if "hammer" in name},
+        options=OPTIONS,
+        run=ALONE,
+        progress=False,
+    )
+    mixed = align_collection(given, kinds=kinds, options=OPTIONS, run=ALONE, progress=False)
+    assert mixed.assembled == alone.assembled != ()
+    assert mixed.kinds[0].cleaning == alone.options.cleaning
