@@ -34,6 +34,8 @@ _FOLDERS = {
     "confidence": "confidence",
     "ablation": "collections",
     "scoreboard": "collections",
+    "kinds": "collections",
+    "library": "collections",
     "speed": "peers",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)

@@ -149,6 +149,20 @@ def match_pairs(
     return pairs, failed
 
 
+def pairs_that_match(session: AlignSession, shapes: Shapes, edges: IntArray) -> list[Pair]:
+    """Match pairs of which perhaps none can be matched; the list is empty then.
+
+    Parameters
+    ----------
+    session, shapes, edges
+        As of :func:`match_pairs`. There may be no edges.
+    """
+    try:
+        return match_pairs(session, shapes, edges)[0] if len(edges) else []
+    except CollectionError:
+        return []
+
+
 def num_reused_pairs(session: AlignSession, shapes: Shapes, pairs: Sequence[Pair]) -> int:
     """Return how many of the pairs the store held before this run."""
     keys = (pair_key(shapes.keys[p.target], shapes.keys[p.source], session.options) for p in pairs)

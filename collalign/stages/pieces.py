@@ -12,7 +12,7 @@ from collalign.options import AUTO, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints, Shapes
 from collalign.stages.choose_pairs import choose_pairs, describe_shapes
-from collalign.stages.match_pairs import match_pairs
+from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.steps import with_decided_group
 from data_tools.arrays import BoolArray, IntArray
 from data_tools.options import Components
@@ -92,11 +92,12 @@ def consistent_readings(
     has_two : ndarray of bool, shape (N,)
         The shapes of which there are two readings.
     by_largest, by_all : mapping of (int, int) to float
-        How well each pair with such a shape tells poses apart by either reading.
+        How well each pair with such a shape tells poses apart by either reading; one that cannot be matched does not.
     """
     told: list[dict[int, tuple[float, float]]] = [{} for _ in has_two]
-    for i, j in sorted(by_largest.keys() & by_all.keys()):
-        told[i][j] = told[j][i] = by_largest[i, j], by_all[i, j] + LEAST_GAIN
+    for i, j in sorted(by_largest.keys() | by_all.keys()):
+        either = by_largest.get((i, j), 0.0), by_all.get((i, j), 0.0) + LEAST_GAIN
+        told[i][j] = told[j][i] = either
     is_whole = np.array(
         [
             two and sum(all_ - one for one, all_ in own.values()) >= 0.0
@@ -121,7 +122,7 @@ def _scores(
     """Return how well each pair with an assembled shape tells poses apart, by the positions of the shapes."""
     edges = choose_pairs(session, shapes, describe_shapes(shapes), Constraints())
     asked: IntArray = edges[[bool({shapes.names[i] for i in edge} & assembled) for edge in edges]]
-    pairs, _ = match_pairs(with_decided_group(session, session.options.group), shapes, asked)
+    pairs = pairs_that_match(with_decided_group(session, session.options.group), shapes, asked)
     return {(pair.target, pair.source): tells_apart(pair) for pair in pairs}
 
 

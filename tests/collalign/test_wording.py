@@ -147,7 +147,7 @@ EXAMPLES = [
     Note("kind-of", PAIR, {"of_kind": "kind 2", "of_code": "copies", "kind": "identical"}),
     Note("kinds-found", values={"num": 2, "groups": ("kind 1 (a, b)", "c"), "confidence": 0.9}),
     Note("kinds-given", values={"num": 2, "groups": ("chairs (a, b)", "mugs (c)")}),
-    Note("kinds-apart", values={"kinds": ("mugs", "vases")}),
+    Note("kinds-apart", values={"kinds": ("mugs", "vases"), "named": ("up",)}),
     Note("kinds-posed", values={"kinds": ("mugs",), "shares": (0.7,)}),
     Note("size-not-tested", PAIR, {"times": (1e3, 25.4)}),
 ]

@@ -8,11 +8,13 @@ import pytest
 import collalign
 from collalign import AlignOptions, RunOptions, align_collection, load
 from collalign.output.members import statistics_members
+from collalign.products.named_frame import NamedFrame
 from data_tools.datasets.synthetic import deformed_family, planted_collection
 from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.io.shapes import write_mesh
 from data_tools.options import SamplingOptions
-from data_tools.rotations import rotation_angle_deg
+from data_tools.rotations import random_rotation, rotation_angle_deg
+from experiments.generated.assembled import assembled_objects
 from tests.commands import read_json, run_command
 from tests.notes import codes, only
 
@@ -162,3 +164,41 @@ def test_the_helper_notices_a_wrong_pose(found, planted):
     wrong = found.transforms.copy()
     wrong[0, :3, :3] = wrong[0, :3, :3] @ np.diag([1.0, -1.0, -1.0])
     assert worst_within_deg(replace(found, transforms=wrong), planted) > 90
+
+
+def test_up_of_one_shape_is_that_of_its_kind_and_of_kinds_posed_against_it(planted):
+    """Three and two blobs that a caller calls two kinds; up is said for a shape of the second one."""
+    given = {str(n): planted.shapes[n] for n in range(5)}
+    up = random_rotation(np.random.default_rng(4))[2]
+    found = align_collection(
+        given,
+        kinds={str(n): "first" if n < 3 else "second" for n in range(5)},
+        options=replace(OPTIONS, reference="3", up=",".join(map(repr, up.tolist()))),
+        run=ALONE,
+        progress=False,
+    )
+    assert found.kinds[1].frame == 1.0 > found.kinds[0].frame > 0.0
+    assert NamedFrame.of(found.options).up == "z"
+    for n in range(5):
+        own_up = planted.relative_rotation(n, 3) @ up
+        common = found.rotations[found.names.index(str(n))] @ own_up
+        away_deg = np.degrees(np.arccos(np.clip(common[2], -1.0, 1.0)))
+        assert away_deg < (15 if n > 2 else 20)
+    assert "kinds-posed" in codes(found.notes)
+
+
+def test_objects_of_components_are_read_as_suits_their_kind(planted):
+    """Hammers of four pieces among blobs of one: no piece is the object because it is most like a blob."""
+    hammers = assembled_objects("hammers", 4, np.random.default_rng(0))
+    given = {f"hammer{n}": shape for n, shape in enumerate(hammers)}
+    given |= {f"blob{n}": planted.shapes[n] for n in range(3)}
+    kinds = {name: name[:-1] for name in given}
+    alone = align_collection(
+        {name: shape for name, shape in given.items() if "hammer" in name},
+        options=OPTIONS,
+        run=ALONE,
+        progress=False,
+    )
+    mixed = align_collection(given, kinds=kinds, options=OPTIONS, run=ALONE, progress=False)
+    assert mixed.assembled == alone.assembled != ()
+    assert mixed.kinds[0].cleaning == alone.options.cleaning

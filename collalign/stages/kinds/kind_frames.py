@@ -12,11 +12,10 @@ from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
-from collalign.stages.match_pairs import match_pairs
+from collalign.stages.match_pairs import pairs_that_match
 from collalign.stages.poses.placement import place_and_scale
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.errors import CollectionError
 from data_tools.poses import APART_DEG
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 
@@ -127,10 +126,7 @@ def _votes(
         for one, other in _neighbours(kinds, log_odds)
     }
     every = normalised(np.array([pair for some in edges.values() for pair in some]).reshape(-1, 2))
-    try:
-        matched, _ = match_pairs(session, shapes, every) if len(every) else ([], [])
-    except CollectionError:  # not one could be matched: no kinds share a frame
-        matched = []
+    matched = pairs_that_match(session, shapes, every)
     by_ends = {(pair.target, pair.source): pair for pair in matched}
     found = dict[tuple[int, int], tuple[FloatArray, float]]()
     for (one, other), some in edges.items():

@@ -12,9 +12,13 @@ from collalign.products.pair import FormerPairs
 from collalign.products.shapes import Shapes
 from collalign.stages.kinds.find import alikeness, find_kinds
 from collalign.stages.kinds.grouping import FEWEST_OF_KIND
+from collalign.stages.pieces import assembled_shapes
+from collalign.stages.shape_stage import decided_reading, prepare_shapes
 from data_tools.arrays import FloatArray, IntArray
+from data_tools.embedding.sampling import OwnPoints
 from data_tools.errors import InputError, OptionsError
 from data_tools.io.files import distinct_forms
+from data_tools.io.listing import FolderListing
 from data_tools.names import by_known_names
 
 
@@ -100,6 +104,30 @@ def looks_for_kinds(options: AlignOptions, num_shapes: int) -> bool:
         and not options.deformable
         and num_shapes >= 2 * FEWEST_OF_KIND
     )
+
+
+def read_all_kinds(
+    session: AlignSession, listing: FolderListing, own: Mapping[str, OwnPoints]
+) -> tuple[AlignSession, Shapes]:
+    """Return the shapes of all kinds as they are told apart, and the session that reads all of them alike.
+
+    Walls in some files make no other kind of them. Objects that are assembled of components are read by all of
+    these: large boxes look alike.
+
+    Parameters
+    ----------
+    session : Session
+    listing : FolderListing
+    own : mapping of str to OwnPoints
+        Samples and invariants that are given, by name.
+    """
+    shapes = prepare_shapes(session, listing, own)
+    decided = decided_reading(session, shapes)
+    if decided is not session:
+        shapes = prepare_shapes(decided, listing, own)
+    if assembled := assembled_shapes(decided, shapes):
+        shapes = prepare_shapes(decided, listing, own, pieces=dict.fromkeys(assembled, "all"))
+    return decided, shapes
 
 
 def plan_kinds(

@@ -35,6 +35,14 @@ def test_a_shape_is_read_like_those_that_it_is_compared_with():
     assert whole == [True, *[False] * 4], "of one piece there is but one reading"
 
 
+def test_what_cannot_be_matched_by_one_reading_tells_nothing_by_it():
+    pairs = dict.fromkeys(itertools.combinations(range(4), 2), 1.0)
+    two = np.ones(4, dtype=bool)
+    assert consistent_readings(two, {}, pairs).all()
+    assert not consistent_readings(two, pairs, {}).any()
+    assert consistent_readings(two, {}, {}).all(), "all pieces are the shape"
+
+
 def test_kinds_are_read_each_as_suits_it():
     def told(good):
         return lambda i, j: 0.0 if (i < 3) != (j < 3) else 3.0 if (i < 3) == good else 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions, align_collection
-from collalign.join_kinds import in_frame, join_kinds, kind_notes, unknown_trust
+from collalign.driver.join_kinds import in_frame, join_kinds, kind_notes, unknown_trust
 from collalign.products.trust import KINDS
 from collalign.stages.kinds.kind_frames import KindFrame
 from data_tools.datasets.synthetic import demo_collection
@@ -107,7 +107,8 @@ def test_what_is_said_of_kinds_depends_on_who_said_them(whole):
     (note, _) = kind_notes(found.kinds, found.names, are_given=False)
     assert note.values["confidence"] == 0.8
     apart = [found.kinds[0], dataclasses.replace(found.kinds[1], frame=0.0)]
-    assert codes(kind_notes(apart, found.names, are_given=True)) == ["kinds-given", "kinds-apart"]
+    (_, note) = kind_notes(apart, found.names, are_given=True, named=["up"])
+    assert (note.code, note.values) == ("kinds-apart", {"kinds": ("second",), "named": ("up",)})
     alone = [found.kinds[0], dataclasses.replace(found.kinds[1], shapes=np.array([1]))]
     assert only(kind_notes(alone, found.names, are_given=True), "kind-alone").shapes == ("b",)
 

@@ -153,7 +153,9 @@ def join_kinds(
     )
 
 
-def kind_notes(kinds: Sequence[Kind], names: Sequence[str], *, are_given: bool) -> tuple[Note, ...]:
+def kind_notes(
+    kinds: Sequence[Kind], names: Sequence[str], *, are_given: bool, named: Sequence[str] = ()
+) -> tuple[Note, ...]:
     """Return what to say about kinds: which there are, how sure that is, and whose frames are known.
 
     Parameters
@@ -163,6 +165,8 @@ def kind_notes(kinds: Sequence[Kind], names: Sequence[str], *, are_given: bool) 
         Of all shapes.
     are_given : bool
         Whether the caller said which shapes are of which kind.
+    named : sequence of str
+        Directions that the caller named on a shape of one kind: up, front.
     """
     several = [kind for kind in kinds if not kind.is_alone]
     groups = tuple(
@@ -183,7 +187,7 @@ def kind_notes(kinds: Sequence[Kind], names: Sequence[str], *, are_given: bool) 
         notes.append(Note("kinds-posed", values={"kinds": called, "shares": shares}))
     apart = tuple(kind.called for kind in several if kind.frame == 0.0)
     if apart:
-        notes.append(Note("kinds-apart", values={"kinds": apart}))
+        notes.append(Note("kinds-apart", values={"kinds": apart, "named": tuple(named)}))
     return tuple(notes)
 
 
