@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 
 from collalign import RunOptions, align_collection
+from collalign.confidence.reliability_model import RIGHT, STEPS
 from collalign.engine.records import Record
 from collalign.output.collection import Collection
 from data_tools.arrays import FloatArray
@@ -290,6 +292,13 @@ def _columns() -> tuple[Column, ...]:
 
 
 COLUMNS = _columns()
+RELIABILITY = (
+    Column(key="from", title="stated at", format=".3f"),
+    Column(key="shapes", title="shapes"),
+    Column(key="right", title="right"),
+    Column(key="expected", title="expected", format=".3f"),
+    Column(key="code", title="in the code", format=".3f"),
+)
 
 
 def row_of(name: str, records: list[Record], code: str, before: Mapping[str, str] | None) -> Row:
@@ -335,6 +344,29 @@ def read_before(file: Path) -> dict[str, dict[str, str]]:
         return {row["set"]: row for row in csv.DictReader(stream)}
 
 
+def reliability_rows(stated: FloatArray, errors_deg: FloatArray) -> tuple[Row, ...]:
+    """Return how many shapes (n,) are right by what they are stated at, and what to expect of each step.
+
+    Expected is the share with one right and one wrong shape added, never falling with the confidence (isotonic
+    regression).
+    """
+    known = ~np.isnan(errors_deg) & ~np.isnan(stated)
+    step = np.searchsorted(STEPS, stated[known] + np.finfo(np.float32).eps, side="right") - 1
+    shapes = np.bincount(step, minlength=len(STEPS))
+    right = np.bincount(step, weights=errors_deg[known] <= GROSS_DEG, minlength=len(STEPS))
+    expected = isotonic_regression((right + 1.0) / (shapes + 2.0), weights=shapes + 2.0).x
+    return tuple(
+        {
+            "from": STEPS[k],
+            "shapes": int(shapes[k]),
+            "right": int(right[k]),
+            "expected": value,
+            "code": now,
+        }
+        for k, (value, now) in enumerate(zip(expected.tolist(), RIGHT, strict=True))
+    )
+
+
 def measure(bench: Bench) -> Outcome:
     """Measure all sets; with ``--quick`` one draw of one generated family."""
     sets = {"generated families": (("chairs",), _family)} if bench.quick else SETS
@@ -368,6 +400,18 @@ def measure(bench: Bench) -> Outcome:
             table(by_set | {"all sets": [*records]}),
             table(
                 {label: (label,) for label in records}, "collections", "Collection by collection."
+            ),
+            Table(
+                columns=RELIABILITY,
+                rows=reliability_rows(
+                    *(
+                        np.concatenate([one[key] for of in records.values() for one in of])
+                        for key in ("stated", "shape_deg")
+                    )
+                ),
+                name="reliability",
+                caption="Shapes by what they are stated at, each row up to the next one: the share that is right, as "
+                "these shapes let expect it, and as `collection.select(right=...)` does.",
             ),
         )
     )

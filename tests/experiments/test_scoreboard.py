@@ -146,6 +146,23 @@ def test_truth_folders_are_read_with_poses_or_landmarks(tmp_path, rng):
         read_truth_folder(tmp_path)
 
 
+def test_shapes_are_counted_by_what_they_are_stated_at_and_surer_ones_are_expected_no_worse():
+    stated = np.repeat([0.2, 0.92, 0.97, np.nan, 0.999], [6, 8, 8, 3, 10])
+    errors_deg = np.repeat([90.0, 1.0, 90.0, 1.0, np.nan], [6, 8, 2, 19, 0])
+    rows = {row["from"]: row for row in scoreboard.reliability_rows(stated, errors_deg)}
+    counted = {start: (row["shapes"], row["right"]) for start, row in rows.items()}
+    assert counted[0.0] == (6, 0)
+    assert counted[0.9] == (8, 8)
+    assert counted[0.95] == (8, 6)
+    assert counted[0.995] == (10, 10)
+    assert rows[0.0]["expected"] == 1 / 8
+    assert (
+        rows[0.9]["expected"] == rows[0.95]["expected"] == (9 + 7 + 1) / 22
+    )  # with .99, of which there is none
+    expected = [row["expected"] for row in rows.values()]
+    assert expected == sorted(expected)
+
+
 def test_the_smallest_scoreboard_is_measured_and_written(tmp_path):
     bench = Bench(
         data=tmp_path, store=Store.memory(), quick=True, quiet=True, results=tmp_path / "results"
