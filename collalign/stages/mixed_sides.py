@@ -49,14 +49,14 @@ from pairwise.dense import DensePoints, refine_pose
 LOOKS = ((2, 1, 4), (6, 3, 15))
 #: Of several poses of a kind, the one that fits best after so many steps is refined to the end.
 FIRST_STEPS = 4
-#: Most confidence in a pose whose mirror image is as likely, or if one place of each surface tells its side; and in
-#: those of a folder so small that surfaces alone named the sides.
+#: Chance that the side of a pose is right whose mirror image is as likely, or if one place of each surface tells it;
+#: and of those of a folder so small that surfaces alone named the sides. Confidences are multiplied by it.
 ONE_OF_TWO, OF_FEW = 0.5, 0.8
 #: Codes of notes that say that both sides are there, and that fits showed it; and of all that are about mixed sides.
 MIXED, BY_FIT = "left-right-mixed", "sides-by-fit"
 ABOUT_MIXED = {MIXED, BY_FIT, "sides-by-surface", "sides-in-one-place", "few-for-sides"}
-#: The group; notes that say why, none where the user decided; and the most that may be stated of shapes whose side is
-#: in doubt, by position.
+#: The group; notes that say why, none where the user decided; and the chance that the side of a shape is right, where
+#: that is in doubt, by position.
 GroupChoice: TypeAlias = tuple[Literal["SO", "O"], tuple[Note, ...], Mapping[int, float]]
 
 
@@ -357,7 +357,7 @@ def sides_of_result(
     reflected : ndarray of bool, shape (N,)
         By the poses.
     limits : mapping of int to float
-        The most that is stated of shapes whose side is in doubt.
+        The chances of sides that are in doubt.
     """
     meant = [note for note in notes if note.code == MIXED]
     if not meant:

@@ -202,17 +202,19 @@ def _likelier_as_parts(run: Run, missing: Mapping[int, str], answer: Answer) -> 
     if not _looks_for_extra(run) or were_seen(decided.shapes):
         return {}
     kept = _complete(run, missing)
-    is_doubtful = posed.solution.confidence < AS_LIKELY
+    confidence = posed.confidence_but_for_sides
     doubtful = [
         n
         for n, item in enumerate(decided.shapes.samples)
-        if is_doubtful[n] and item.rim != "closed" and kept[n] not in run.constraints.fixed
+        if confidence[n] < AS_LIKELY
+        and item.rim != "closed"
+        and kept[n] not in run.constraints.fixed
     ]
     if not doubtful or 2 * len(doubtful) >= len(kept):
         return {}
     with run.stage("incomplete shapes"):
         chances = chances_as_parts(decided, posed, doubtful)
-    return {kept[n]: LIKELIER for n in doubtful if chances[n] > posed.solution.confidence[n]}
+    return {kept[n]: LIKELIER for n in doubtful if chances[n] > confidence[n]}
 
 
 def _finished(run: Run, missing: Mapping[int, str], answer: Answer) -> Answer:

@@ -160,7 +160,7 @@ class Posed:
 
     ``matched`` are the pairs as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
-    ``side_limits`` are the most that may be stated of shapes whose side is in doubt.
+    ``side_limits`` are the chances that the side of a shape is right, where that is in doubt.
     ``seem_incomplete`` says of some shapes why they may be incomplete, though they were posed with the others.
     ``limited_by`` are the codes of what limits confidences, empty where nothing does.
     """

@@ -56,9 +56,13 @@ def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
 
 
 def invariant_quantiles(samples: Samples) -> FloatArray:
-    """Return quantiles of each invariant of the dense points, relative to the size of the shape, shape (6 m,)."""
+    """Return quantiles of each invariant of the dense points, relative to the size of the shape, shape (6 m,).
+
+    Without dense points, of the samples.
+    """
     size = float(np.linalg.norm(samples.positions)) or 1.0
-    values = samples.dense_invariants * (len(samples.positions) ** 0.5 / size)
+    known = samples.dense_invariants if len(samples.dense_positions) else samples.invariants
+    values = known * (len(samples.positions) ** 0.5 / size)
     return np.quantile(values, _LEVELS, axis=0).ravel()
 
 

@@ -434,7 +434,7 @@ def with_trust(
     ``seem_incomplete``, and ``side``.
 
     The odds of the rivals share what the reported pose leaves, by what they cost on dense points. ``side_limits`` are
-    the most that may be stated of shapes whose side is in doubt.
+    the chances that the side of a shape is right, where that is in doubt.
     """
     confidence, codes = confidence_and_limits(trust)
     limited_by = [*codes]
@@ -442,9 +442,8 @@ def with_trust(
         limit = float(half_sure(confidence[i]))
         if confidence[i] > limit:
             confidence[i], limited_by[i] = limit, code
-    for i, limit in side_limits.items():
-        if confidence[i] > limit:
-            confidence[i], limited_by[i] = limit, "side"
+    for i, chance in side_limits.items():
+        confidence[i], limited_by[i] = chance * confidence[i], "side"
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
         share = np.exp(-RIVAL_POWER * (excess - excess.min())) if len(excess) else excess

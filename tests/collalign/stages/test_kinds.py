@@ -174,6 +174,16 @@ def test_descriptors_do_not_depend_on_pose_size_or_side(mixed, rng):
     assert kind_descriptors([replace(one, local=None) for one in samples]) is None
 
 
+def test_kinds_of_shapes_without_dense_points_are_described_by_their_samples(mixed):
+    options = replace(OPTIONS, sampling=SamplingOptions(num_points=32, num_dense_points=0))
+    with Session.open(options, RunOptions(jobs=1)) as session:
+        samples = prepared(session, mixed[0].shapes[:3]).samples
+    assert not len(samples[0].dense_positions)
+    found = kind_descriptors(samples)
+    assert found.invariants.shape[1] == 6 * samples[0].invariants.shape[1] > 0
+    assert np.ptp(found.invariants, axis=0).max() > 0
+
+
 def test_two_kinds_are_found_and_one_is_not_split(mixed):
     planted, kinds = mixed
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:

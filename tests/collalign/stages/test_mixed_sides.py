@@ -120,7 +120,7 @@ def test_of_too_few_shapes_surfaces_name_the_sides_and_confidence_is_limited(tmp
     assert found.reflected.tolist() == [i == 1 for i in range(5)]
     assert only(found.notes, "few-for-sides").values["most"] == OF_FEW
     assert "open-borders" not in codes(found.notes)
-    assert found.confidence.max() == OF_FEW
+    assert 0.9 * OF_FEW < found.confidence.max() < OF_FEW
 
 
 def test_sides_that_one_place_tells_leave_every_pose_in_doubt(tmp_path):
@@ -134,7 +134,7 @@ def test_sides_that_one_place_tells_leave_every_pose_in_doubt(tmp_path):
         write_mesh(tmp_path / f"{i}.ply", noisy)
     found = align_collection(tmp_path, options=OPTIONS, run=ONE)
     assert only(found.notes, "sides-in-one-place").values["most"] == ONE_OF_TWO
-    assert found.confidence.max() == ONE_OF_TWO
+    assert 0.8 * ONE_OF_TWO < found.confidence.max() < ONE_OF_TWO
 
 
 def test_points_without_triangles_are_not_mirrored_but_in_doubt(tmp_path):
