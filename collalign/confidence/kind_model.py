@@ -24,14 +24,14 @@ LEAST = 0.02
 MOST_ALIKE = 1.0
 #: ... and the mean log-odds of the nearest kin within each are above those by this, and by :data:`FEW` over the
 #: members of the smaller group: single shapes may be odd.
-LEAST_GAP, FEW = 2.6, 2.0
+LEAST_GAP, FEW = 5.8, 2.0
 #: What the log-odds of the nearest kin of a single shape count as, which nobody knows.
 LONE_KIN = 1.5
 #: The same before pairs are matched, where a second look follows.
 LEAST_FREE_GAP = 1.0
 #: The odds that two groups are of different kinds: even at a gap of :data:`EVEN_GAP`, and e times as much for each
 #: unit of :data:`UNIT_GAP`.
-EVEN_GAP, UNIT_GAP = 1.2, 0.9
+EVEN_GAP, UNIT_GAP = 4.4, 0.9
 
 
 def free_log_odds(shells: FloatArray, descriptors: FloatArray) -> FloatArray:
