@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
-from pairwise.features.depth_images import conflict
+from pairwise.features.depth_images import FRONT_UNIT, conflict
 from pairwise.features.overlap import LocalPoses
 
 #: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line
@@ -19,6 +19,10 @@ SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
 #: Log-odds of a pose of two images of a scene: per mismatch, per logarithm of consensus plus the last number, and of
 #: "no pose is right". ``python -m experiments calibrate scenes`` fits them, and says how they do on kinds left out.
 SCENE_WEIGHTS = (-1.7, 3.0, -5.5, 0.03)
+#: Log-odds of a pose of a part on its whole, and of "no pose is right": per logarithm of 1 / (share of the part off
+#: the whole + the last number), of 1 + share of the whole in front of what the part saw over .01, and of the share of
+#: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
+WHOLE_WEIGHTS = (2.4, -1.0, 3.5, 1.5, 0.02)
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
@@ -48,6 +52,24 @@ def overlap_log_odds(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray
     return np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen)
 
 
+def on_whole_log_odds(poses: LocalPoses) -> FloatArray:
+    """Return the log-odds of poses of a part on its whole against that none of them is right, shape (p,)."""
+    *weights, least = WHOLE_WEIGHTS
+    return on_whole_evidence(poses, least) @ np.array(weights)
+
+
+def on_whole_evidence(poses: LocalPoses, least: float) -> FloatArray:
+    """Return what the first four of :data:`WHOLE_WEIGHTS` weigh, shape (p, 4)."""
+    in_front = np.nan_to_num(poses.in_front[:, 0])
+    columns = (
+        -np.log(1.0 - poses.overlaps[:, 1] + least),
+        np.log1p(in_front / FRONT_UNIT),
+        np.log(np.maximum(poses.overlaps[:, 0], LEAST_SHARE)),
+        np.ones(len(poses)),
+    )
+    return np.column_stack(columns)
+
+
 def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
     """Return the log-odds against poses that conflict so much with lines of sight, of any shape."""
     return np.asarray(SIGHT_WEIGHTS[1] * conflicts)
@@ -55,7 +77,11 @@ def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
 
 def overlap_chances(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray:
     """Return how probable each pose is, shape (p,); what they leave is that none is right."""
-    odds = overlap_log_odds(poses, of_scene=of_scene)
+    return chances_of(overlap_log_odds(poses, of_scene=of_scene))
+
+
+def chances_of(odds: FloatArray) -> FloatArray:
+    """Return how probable poses of log-odds (p,) against none are, shape (p,)."""
     top = max(float(odds.max(initial=0.0)), 0.0)
     weights = np.exp(odds - top)
     return np.asarray(np.minimum(weights / (weights.sum() + np.exp(-top)), MOST_CERTAIN))
