@@ -545,6 +545,7 @@ def _given(
     near_deg: float = 0.0,
     num_weights: int = 0,
     num_zero: int = 0,
+    num_ordered: int = 0,
 ) -> str:
     words = []
     if num_invariants:
@@ -557,6 +558,8 @@ def _given(
         )
     if num_weights:
         words.append(f"weights of {num_weights} pairs, {num_zero} left out")
+    if num_ordered:
+        words.append(f"the order of {num_ordered} scans")
     return f"Given by you: {'; '.join(words)}."
 
 

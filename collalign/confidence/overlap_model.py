@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.arrays import FloatArray
+from data_tools.poses import pose_angle_deg
 from pairwise.features.depth_images import FRONT_UNIT, conflict
 from pairwise.features.overlap import LocalPoses
 
@@ -23,6 +24,10 @@ SCENE_WEIGHTS = (-1.7, 3.0, -5.5, 0.03)
 #: the whole + the last number), of 1 + share of the whole in front of what the part saw over .01, and of the share of
 #: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
 WHOLE_WEIGHTS = (2.4, -1.0, 3.5, 1.5, 0.02)
+#: Scans that were taken one after the other overlap: by so much their poses are more probable than those of any two.
+ORDER_ODDS = 2.0
+#: A rough pose is right within so many degrees. By so much poses within them are more probable, and others less.
+ROUGH_DEG, ROUGH_ODDS = 30.0, 3.0
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01
 #: No pose of a pair is surer than this: what looks alike may not be the same place.
@@ -75,9 +80,28 @@ def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
     return np.asarray(SIGHT_WEIGHTS[1] * conflicts)
 
 
-def overlap_chances(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray:
-    """Return how probable each pose is, shape (p,); what they leave is that none is right."""
-    return chances_of(overlap_log_odds(poses, of_scene=of_scene))
+def hinted_log_odds(
+    rotations: FloatArray, *, in_order: bool, rough: FloatArray | None = None
+) -> FloatArray:
+    """Return by how much hints make poses of a pair more probable, rotations (p, 3, 3), as log-odds, shape (p,).
+
+    The scans were taken one after the other, if they are ``in_order``; one of the rough rotations (m, 3, 3) is right.
+    """
+    odds = np.full(len(rotations), ORDER_ODDS if in_order else 0.0)
+    if rough is not None:
+        is_near = pose_angle_deg(rotations[:, None], rough).min(axis=1) <= ROUGH_DEG
+        odds += np.where(is_near, ROUGH_ODDS, -ROUGH_ODDS)
+    return odds
+
+
+def overlap_chances(
+    poses: LocalPoses, *, of_scene: bool = False, hinted: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return how probable each pose is, shape (p,); what they leave is that none is right.
+
+    Hints add their log-odds (p,).
+    """
+    return chances_of(overlap_log_odds(poses, of_scene=of_scene) + hinted)
 
 
 def chances_of(odds: FloatArray) -> FloatArray:
