@@ -57,9 +57,10 @@ def part_scans(model: Shape, num: int, rng: np.random.Generator) -> list[PartSca
             continue
         num_strays = int(STRAYS * len(view))
         strays = centre + radius * rng.uniform(-1.5, 1.5, (num_strays, 3))
-        pose = np.eye(4)
+        pose: FloatArray = np.eye(4)
         pose[:3, :3], pose[:3, 3] = random_rotation(rng), radius * rng.standard_normal(3)
-        points = moved_by(np.linalg.inv(pose), np.concatenate([view, strays]))
+        every = np.concatenate([view, strays])
+        points = moved_by(np.asarray(np.linalg.inv(pose), dtype=np.float64), every)
         found.append(PartScan(points=points, num_strays=num_strays, pose=pose))
     return found
 
@@ -68,7 +69,7 @@ def is_right(model: Shape, pose: FloatArray, truth: FloatArray) -> bool:
     """Return whether a pose (4, 4) on a model is the true one, up to the model's symmetry."""
     cell = PART_CELL * centre_and_radius(model)[1]
     surface, _ = spread_over_triangles(model, 0.25 * cell)
-    few = surface[:: -(-len(surface) // 1500)]
+    few = np.asarray(surface[:: -(-len(surface) // 1500)], dtype=np.float64)
     placed = moved_by(pose @ np.linalg.inv(truth), few)
     off = float(np.linalg.norm(placed - few, axis=1).mean())
     if pose_angle_deg(pose[:3, :3], truth[:3, :3]) < RIGHT_DEG and off < RIGHT_CELLS * cell:

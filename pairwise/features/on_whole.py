@@ -18,7 +18,7 @@ from data_tools.poses import Similarity
 from data_tools.threads import one_blas_thread
 from pairwise.features.depth_images import sight_conflicts
 from pairwise.features.overlap import LocalPoses, closeness, evaluate_poses
-from pairwise.features.point_pairs import voted_poses
+from pairwise.features.point_pairs import pair_vote_poses
 from pairwise.features.poses import (
     FIRST_STEPS,
     LAST_STEPS,
@@ -111,7 +111,7 @@ def _refined(whole: TwoScales, part: TwoScales, flip: float, num: int) -> LocalP
     """Return refined poses of a part on a whole, as those of the part itself where it is a mirror image."""
     to, of = whole.coarse, part.coarse
     cell = max(to.cell, of.cell)
-    rotations, shifts, votes = voted_poses(to, of)
+    rotations, shifts, votes = pair_vote_poses(to, of)
     likely = poses_apart(rotations, shifts, votes, of, cell, NUM_PROPOSED)
     matches = match_features(feature_distances(to.features, of.features))
     agreed = consensus_poses(to, of, matches, num)

@@ -51,7 +51,7 @@ class _Pairs(NamedTuple):
     turns: FloatArray
 
 
-def voted_poses(
+def pair_vote_poses(
     whole: LocalSurface, part: LocalSurface
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rigid poses of a part on a whole, rotations (p, 3, 3), shifts (p, 3), and their votes (p,).
@@ -93,7 +93,7 @@ def voted_poses(
     about = _about_first((step + 0.5) / TUNED.num_turns * 2.0 * np.pi)
     rotations = np.swapaxes(frames[place], 1, 2) @ about @ own_frames[reference]
     shifts = places[place] - (rotations @ points[reference][:, :, None])[:, :, 0]
-    return rotations, shifts, np.take_along_axis(flat, best, axis=1).ravel()
+    return rotations, shifts, np.asarray(np.take_along_axis(flat, best, axis=1).ravel())
 
 
 def _pairs(

@@ -250,14 +250,16 @@ def _chance_of_first(poses: Sequence[PartialPose], free_axis: FloatArray | None)
 def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> _Found:
     """Return poses at the sizes of the files.
 
-    Where one shape is closed and the other is not, all of the other one may lie on it. That, or what both share:
-    whichever is surer.
+    Where one shape is closed and the other is not, all of the other one may lie on it. If that is in doubt, it is
+    that or what both share: whichever is surer.
     """
+    on_whole = _Found(())
+    if is_closed(target) != is_closed(source):
+        on_whole = _poses_of_part(target, source, group)
+    if on_whole.confidence >= DOUBT:
+        return on_whole
     shared = _Found(_poses_by_overlap(target, source, group))
-    if is_closed(target) == is_closed(source):
-        return shared
-    on_whole = _poses_of_part(target, source, group)
-    return shared if shared.confidence > on_whole.confidence else on_whole
+    return on_whole if on_whole.confidence > shared.confidence else shared
 
 
 def _poses_of_part(target: Shape, source: Shape, group: str) -> _Found:

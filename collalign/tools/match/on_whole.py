@@ -27,10 +27,11 @@ def both_scales(whole: Shape, part: Shape) -> tuple[TwoScales, TwoScales] | None
     if not part.is_mesh:
         part = without_outliers(part, fewest_points=FEWEST_POINTS)
     cell = PART_CELL * centre_and_radius(whole)[1]
-    scales = [
-        [surface_cells(shape, size) for size in (cell, 0.5 * cell)] for shape in (whole, part)
+    both = [
+        TwoScales(coarse, fine)
+        for shape in (whole, part)
+        if (coarse := surface_cells(shape, cell)) and (fine := surface_cells(shape, 0.5 * cell))
     ]
-    both = [TwoScales(*found) for found in scales if found[0] is not None and found[1] is not None]
     return (both[0], both[1]) if len(both) == 2 else None
 
 

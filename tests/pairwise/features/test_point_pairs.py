@@ -7,7 +7,7 @@ from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.local_surface import LocalSurface
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
-from pairwise.features.point_pairs import TUNED, voted_poses
+from pairwise.features.point_pairs import TUNED, pair_vote_poses
 
 TURN, SHIFT = random_rotation(np.random.default_rng(4)), np.array([1.0, 2.0, -3.0])
 
@@ -29,7 +29,7 @@ def are_near(rotations, shifts, part, cell):
 
 def test_most_votes_are_for_the_pose_of_the_part():
     whole, part = whole_and_part(3)
-    rotations, shifts, votes = voted_poses(whole, part)
+    rotations, shifts, votes = pair_vote_poses(whole, part)
     near = are_near(rotations, shifts, part, whole.cell)
     assert near[np.argmax(votes)]
     assert near.mean() > 0.3
@@ -40,10 +40,10 @@ def test_most_votes_are_for_the_pose_of_the_part():
 def test_a_part_of_another_surface_gets_fewer_votes():
     whole, part = whole_and_part(3)
     other, _ = whole_and_part(5)
-    assert voted_poses(whole, part)[2].mean() > 1.2 * voted_poses(other, part)[2].mean()
+    assert pair_vote_poses(whole, part)[2].mean() > 1.2 * pair_vote_poses(other, part)[2].mean()
 
 
 def test_the_same_surfaces_get_the_same_votes_to_the_bit():
-    first, second = (voted_poses(*whole_and_part(3)) for _ in range(2))
+    first, second = (pair_vote_poses(*whole_and_part(3)) for _ in range(2))
     for one, other in zip(first, second, strict=True):
         np.testing.assert_array_equal(one, other)
