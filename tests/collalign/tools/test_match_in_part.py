@@ -7,9 +7,11 @@ from collalign import match_in_part
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
+from data_tools.io.shapes import write_ply
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
+from tests.commands import read_json, run_command
 
 AS_FILED = SamplingOptions(normalisation="none")
 
@@ -82,9 +84,8 @@ def test_a_model_is_placed_on_its_scan_as_the_scan_is_on_it(views):
     assert found.record()["free_axis"] is None
 
 
-@pytest.mark.parametrize("is_target", [True, False])
-def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
-    rng = np.random.default_rng(3)
+def stepped_shaft():
+    """Return a closed surface of revolution about the third axis."""
     heights, angles = np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 2 * np.pi, 49)[:-1])
     radii = 0.15 + 0.1 * (heights > 0.6) + 0.05 * heights
     rim = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=2)
@@ -100,7 +101,13 @@ def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
         np.stack([np.full(around, top), ring + 39, after + 39], 1),
     ]
     vertices = np.concatenate([vertices, [[0, 0, 0], [0, 0, 1]]])
-    shaft = Shape.from_arrays(vertices, np.concatenate(sides + caps), name="shaft")
+    return Shape.from_arrays(vertices, np.concatenate(sides + caps), name="shaft")
+
+
+@pytest.mark.parametrize("is_target", [True, False])
+def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
+    rng = np.random.default_rng(3)
+    shaft = stepped_shaft()
     turn = random_rotation(rng)
     scan = range_view(shaft, np.array([1.0, 0.2, 0.4]), noise=0.002, rng=rng) @ turn.T
     model = (shaft.vertices, shaft.faces)
@@ -111,3 +118,17 @@ def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
     assert np.linalg.norm(np.cross(found.free_axis[0], axis)) < 0.03
     assert found.confidence > found.poses[0].chance
     assert set(found.record()["free_axis"]) == {"point", "direction"}
+
+
+def test_a_free_rotation_is_said_and_written(tmp_path):
+    rng = np.random.default_rng(3)
+    shaft = stepped_shaft()
+    write_ply(tmp_path / "shaft.ply", shaft.vertices, shaft.faces)
+    scan = range_view(shaft, np.array([1.0, 0.2, 0.4]), noise=0.002, rng=rng)
+    np.savetxt(tmp_path / "scan.xyz", scan)
+    words = "match", tmp_path / "shaft.ply", tmp_path / "scan.xyz", "--partial"
+    said = run_command(*words, "--sampling.normalisation", "none", "--out", tmp_path / "out")
+    assert "scan may be turned as you like about an axis along" in said.out
+    axis = read_json(tmp_path / "out" / "match.json")["free_axis"]
+    assert abs(axis["direction"][2]) > 0.99
+    assert np.hypot(*axis["point"][:2]) < 0.03
