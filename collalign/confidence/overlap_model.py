@@ -25,8 +25,10 @@ SCENE_WEIGHTS = (-1.7, 3.0, -5.5, 0.03)
 #: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
 WHOLE_WEIGHTS = (2.4, -1.0, 3.5, 1.5, 0.02)
 #: Scans that were taken one after the other overlap: by so much their poses are more probable than those of any two.
+#: Chosen: if nine of ten of them overlap, and half of all pairs, it is 2.2. On 14 images of a corridor 3 joins alike.
 ORDER_ODDS = 2.0
 #: A rough pose is right within so many degrees. By so much poses within them are more probable, and others less.
+#: Chosen: one in a hundred random rotations is so near, which would be 4.6 if wrong poses were random.
 ROUGH_DEG, ROUGH_ODDS = 30.0, 3.0
 #: Shares of matches below this count as this: a match more or less says nothing.
 LEAST_SHARE = 0.01

@@ -12,6 +12,9 @@ from pairwise.features.on_whole import TwoScales, free_axis
 
 #: Clouds of so many points have stray points left out: what lies off a scan hides from where it was seen.
 FEWEST_POINTS = 100
+#: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
+#: two ends of a dumbbell are below two.
+MOST_LARGER = 3.0
 
 
 def is_closed(shape: Shape) -> bool:
@@ -22,11 +25,14 @@ def is_closed(shape: Shape) -> bool:
 def both_scales(whole: Shape, part: Shape) -> tuple[TwoScales, TwoScales] | None:
     """Return the surfaces of a whole and of a part, in cells of the whole's size, without stray points of a cloud.
 
-    None where there are too few points.
+    None where there are too few points, or the part is much larger than the whole.
     """
     if not part.is_mesh:
         part = without_outliers(part, fewest_points=FEWEST_POINTS)
-    cell = PART_CELL * centre_and_radius(whole)[1]
+    radius = centre_and_radius(whole)[1]
+    if centre_and_radius(part)[1] > MOST_LARGER * radius:
+        return None
+    cell = PART_CELL * radius
     both = [
         TwoScales(coarse, fine)
         for shape in (whole, part)

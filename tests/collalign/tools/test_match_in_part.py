@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from collalign import match_in_part
+from collalign.tools.match.on_whole import both_scales, is_closed
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
@@ -82,6 +83,17 @@ def test_a_model_is_placed_on_its_scan_as_the_scan_is_on_it(views):
     assert found.poses[0].overlap_target > 0.95 > found.poses[0].overlap_source
     assert found.free_axis is None
     assert found.record()["free_axis"] is None
+
+
+def test_a_scan_in_another_unit_is_no_part_of_its_model(views):
+    _, second, *_, whole = views
+    scan = Shape.from_arrays(second)
+    assert both_scales(whole, scan) is not None
+    assert both_scales(whole, Shape.from_arrays(1000.0 * second)) is None
+    assert both_scales(whole, Shape.from_arrays(0.001 * second)) is None
+    assert is_closed(whole)
+    assert not is_closed(scan)
+    assert not is_closed(Shape.from_arrays(whole.vertices, whole.faces[:-400]))
 
 
 def stepped_shaft():
