@@ -124,7 +124,7 @@ class Own:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The names of what is given."""
-        return tuple(name for name in GIVEN if getattr(self, name))
+        return tuple(name for name in (*GIVEN, "order") if getattr(self, name))
 
 
 class OwnKeywords(TypedDict, total=False):

@@ -53,6 +53,7 @@ def test_the_order_of_scans_is_checked_and_called_like_the_shapes():
     assert with_known_names(Own(order=["S3", "s-1"]), NAMES).order == ("s03", "s01")
     assert Own(order=["a", "b", "c"]).some({"a", "c"}).order == ("a", "c")
     assert Own(order=["a", "b", "c"]).some({"a"}).order == ()
+    assert Own(order=["a", "b"]).kinds == ("order",)
     for wrong in ("s1,s2", ["s1"], ["s1", "s1"], [1, 2]):
         with pytest.raises(InputError, match=r"^order: expected "):
             Own(order=wrong)
