@@ -291,6 +291,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "(--deformable).",
     "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
     "specimens (Rsq {r2:.3f}).",
+    "free-rotation": "{shapes} may be turned as you like about an axis along {axis}, in coordinates of the target: "
+    "it lies on the target all the way round.",
     "mirror-fits-better": "The mirror image of {shapes} fits much better, with an energy of {energy:.4g}. If one "
     "shape is of the other side, or was reflected, use --group O.",
     "mirror-part-fits-better": lambda of: (
@@ -543,6 +545,7 @@ def _given(
     near_deg: float = 0.0,
     num_weights: int = 0,
     num_zero: int = 0,
+    num_ordered: int = 0,
 ) -> str:
     words = []
     if num_invariants:
@@ -555,6 +558,8 @@ def _given(
         )
     if num_weights:
         words.append(f"weights of {num_weights} pairs, {num_zero} left out")
+    if num_ordered:
+        words.append(f"the order of {num_ordered} scans")
     return f"Given by you: {'; '.join(words)}."
 
 

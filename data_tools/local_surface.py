@@ -167,6 +167,10 @@ class LocalSurface:
         histograms[:, 2 * NUM_BINS :] = histograms[:, : 2 * NUM_BINS - 1 : -1]
         return replace(self, normals=read_only(-self.normals), histograms=read_only(histograms))
 
+    def seen_from_behind(self) -> LocalSurface:
+        """Return the surface as what is on its other side would have seen it."""
+        return replace(self.reversed(), sights=read_only(-self.sights))
+
 
 def shows_scene(surfaces: Sequence[LocalSurface]) -> bool:
     """Return whether most surfaces were seen from one direction each, and most of these are hollow from there.

@@ -47,6 +47,7 @@ from collalign.wording import note_records, note_text
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import PlantedCollection, demo_collection, write_collection
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.files import natural_key
 from data_tools.io.listing import FolderListing, hash_shape, read_folder
 from data_tools.io.objects import list_shapes
 from data_tools.io.output_folder import OutputFolder, refuse_overlap
@@ -90,6 +91,9 @@ class Given:
         What says which shapes are of one kind, where you know it: folder, or a column of --labels.
     own : Path, optional
         JSON file with candidate poses and weights of pairs, samples and descriptors of your own.
+    order : str
+        Scans in the order in which they were taken, for --incomplete all: their names with commas between them, or
+        "names" if it is that of their names, with numbers as numbers.
     """
 
     recursive: Flag = False
@@ -102,6 +106,7 @@ class Given:
     marks: Path | None = None
     kinds_by: str = ""
     own: Path | None = None
+    order: str = ""
 
 
 def align(
@@ -141,6 +146,7 @@ def align(
     listing = every.without(given.exclude)
     own, of_own = (Own(), set[Path]()) if given.own is None else read_own(given.own, listing.names)
     inputs |= of_own
+    own = replace(own, order=_order(given.order, listing.names))
     if given.marks is not None:
         own, of_marks = read_marks(own, given.marks, listing, options.cleaning)
         inputs |= of_marks
@@ -173,6 +179,13 @@ def align(
         collection = _with_notes_of(collection, table)
         written = _save(collection, output, table, run, report=report)
     return _finish(collection, written)
+
+
+def _order(asked: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of scans in the order that is asked for, if one is."""
+    if asked == "names":
+        return tuple(sorted(names, key=natural_key))
+    return tuple(name.strip() for name in asked.split(",")) if asked else ()
 
 
 def add(

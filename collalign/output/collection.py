@@ -190,7 +190,7 @@ class Collection(CollectionData):
         As asked for.
     own : tuple of str
         What the caller gave in addition to shapes and options: "invariants", "samples", "candidates",
-        "correspondences", "pair_weights".
+        "correspondences", "pair_weights", "order".
     group : str
         "SO" or "O": whether shapes could be reflected, as asked for or, with ``options.group`` "auto", as decided.
     run : RunRecord

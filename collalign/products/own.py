@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, TypedDict
 
@@ -47,11 +47,15 @@ class Own:
         that takes b's nearest to a's, both about their centroids (Kabsch 1976), is a candidate of the pair.
     pair_weights : mapping of (str, str) to float
         How much more or less than the others pairs count in synchronization; 0 leaves a pair out.
+    order : sequence of str
+        Scans of one object or room in the order in which they were taken: those that follow each other probably
+        overlap. With ``incomplete="all"``, where candidates are rough poses, too: both make poses more probable.
 
     Raises
     ------
     InputError
-        If poses are no rotations, or a pair is none of two shapes, or is weighed twice.
+        If poses are no rotations, a pair is none of two shapes, or is weighed twice, or the order is no list of
+        different names.
     OptionsError
         If a weight is no number, or negative.
     """
@@ -63,6 +67,7 @@ class Own:
     candidates: Mapping[Names, ArrayLike] = field(default_factory=dict)
     correspondences: Mapping[Names, ArrayLike] = field(default_factory=dict)
     pair_weights: Mapping[Names, float] = field(default_factory=dict)
+    order: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_number("invariants_weight", self.invariants_weight)
@@ -83,6 +88,12 @@ class Own:
                 object.__setattr__(
                     self, name, {_composed(names): value for names, value in given.items()}
                 )
+        order = self.order
+        if isinstance(order, str) or not all(isinstance(name, str) for name in order):
+            raise InputError(f"order: expected the names of scans, got {order!r}")
+        if len(order) == 1 or len({*map(composed, order)}) < len(order):
+            raise InputError(f"order: expected two or more different names, got {', '.join(order)}")
+        object.__setattr__(self, "order", tuple(map(composed, order)))
         for pair, weight in self.pair_weights.items():
             check_number(f"pair_weights[{', '.join(pair)}]", weight)
             if pair[::-1] in self.pair_weights:
@@ -107,12 +118,13 @@ class Own:
             name: {pair: value for pair, value in getattr(self, name).items() if {*pair} <= known}
             for name in OF_PAIRS
         }
-        return replace(self, **own, **of_pairs)
+        order = tuple(name for name in self.order if name in known)
+        return replace(self, **own, **of_pairs, order=order if len(order) > 1 else ())
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """The names of what is given."""
-        return tuple(name for name in GIVEN if getattr(self, name))
+        return tuple(name for name in (*GIVEN, "order") if getattr(self, name))
 
 
 class OwnKeywords(TypedDict, total=False):
@@ -125,6 +137,7 @@ class OwnKeywords(TypedDict, total=False):
     candidates: Mapping[Names, ArrayLike]
     correspondences: Mapping[Names, ArrayLike]
     pair_weights: Mapping[Names, float]
+    order: Sequence[str]
 
 
 def _composed(names: str | Names) -> str | Names:

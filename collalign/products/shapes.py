@@ -230,6 +230,8 @@ class Constraints:
         ``R_i_j`` of pairs i < j that the caller proposes.
     weights : mapping of (int, int) to float
         How much pairs i < j count in synchronization; 0 leaves a pair out.
+    order : tuple of int
+        Scans in the order in which they were taken; empty where nobody said.
     rotation : ndarray, shape (3, 3), optional
         ``R_common_reference``, where no shape is fixed; by default the reference is not rotated.
     origin : ndarray, shape (3,), optional
@@ -243,6 +245,7 @@ class Constraints:
     reference: int = 0
     candidates: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
     weights: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    order: tuple[int, ...] = ()
     rotation: FloatArray | None = None
     origin: FloatArray | None = None
 
@@ -260,6 +263,7 @@ class Constraints:
             weights={
                 (at[i], at[j]): of for (i, j), of in self.weights.items() if i in at and j in at
             },
+            order=tuple(at[i] for i in self.order if i in at),
             rotation=self.rotation,
             origin=self.origin,
         )

@@ -60,7 +60,8 @@ def with_known_names(own: Own, names: Sequence[str]) -> Own:
         given = getattr(own, argument)
         called = known_names(argument, (name for pair in given for name in pair), names)
         found[argument] = {(called[a], called[b]): value for (a, b), value in given.items()}
-    return replace(own, **found)
+    order = known_names("order", own.order, names)
+    return replace(own, **found, order=tuple(order[name] for name in own.order))
 
 
 def own_points(
@@ -196,8 +197,13 @@ def given_constraints(
         sizes stay, a given pose mirrors a shape and the options' group forbids that, or matched vertices are none of
         a file's, or on a line.
     OptionsError
-        If directions are to turn a frame that poses set by hand fix.
+        If directions are to turn a frame that poses set by hand fix, or there is an order, but nobody said that the
+        shapes are scans.
     """
+    if own.order and options.incomplete != ALL:
+        raise OptionsError(
+            "order: only scans of one object or room have an order in which they were taken; say incomplete=all"
+        )
     for argument, names in (
         ("fixed", {*fixed}),
         ("kept", {*kept}),
@@ -258,6 +264,7 @@ def given_constraints(
         reference=at[options.reference] if options.reference else 0,
         candidates=candidates,
         weights=weights,
+        order=tuple(at[name] for name in own.order if name in at),
         rotation=frame_rotation(options) if options.rotates_frame and not fixed else None,
         origin=None if whole else frame_origin(options),
     )
@@ -316,6 +323,8 @@ def own_notes(
             "num_weights": len(known.weights),
             "num_zero": list(known.weights.values()).count(0.0),
         }
+    if known.order:
+        said["num_ordered"] = len(known.order)
     return (Note("given", values=said),) if said else ()
 
 

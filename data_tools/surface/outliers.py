@@ -55,7 +55,12 @@ class StrayTuning(NamedTuple):
 STRAYS = StrayTuning()
 
 
-def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Shape:
+def without_outliers(
+    shape: Shape,
+    options: CleaningOptions | None = None,
+    *,
+    fewest_points: int = STRAYS.fewest_points,
+) -> Shape:
     """Leave out vertices far from all others, and stray points near a cloud.
 
     The hole that vertices of a mesh leave is closed by its own corners.
@@ -66,6 +71,8 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
         A clean mesh or point cloud.
     options : CleaningOptions, optional
         What the rest is cleaned by.
+    fewest_points : int
+        Clouds of fewer points keep their stray points.
 
     Returns
     -------
@@ -78,7 +85,7 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
         far, nearest = _out_of_place(shape.vertices, faces, far, radius)
         faces = nearest[faces]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    strays = np.zeros_like(far) if shape.is_mesh else _strays(shape.vertices, ~far)
+    strays = np.zeros_like(far) if shape.is_mesh else _strays(shape.vertices, ~far, fewest_points)
     if not (far | strays).any():
         return shape
     kept = np.flatnonzero(~(far | strays))
@@ -103,10 +110,10 @@ def without_outliers(shape: Shape, options: CleaningOptions | None = None) -> Sh
     return clean(rest, options)
 
 
-def _strays(points: FloatArray, kept: BoolArray) -> BoolArray:
+def _strays(points: FloatArray, kept: BoolArray, fewest_points: int) -> BoolArray:
     """Return which of the kept points of a cloud lie off its surface: few, whose nearest neighbours are far."""
     strays = np.zeros(len(points), dtype=np.bool_)
-    if kept.sum() < STRAYS.fewest_points:
+    if kept.sum() < fewest_points:
         return strays
     cloud = points[kept]
     tree = cKDTree(cloud)

@@ -25,6 +25,7 @@ from experiments.calibration import (
     registration,
     scenes,
     sides,
+    wholes,
 )
 from experiments.calibration.scan import Constant
 from experiments.tables import Column, Table
@@ -44,6 +45,7 @@ CALIBRATIONS = {
     "registration": registration.CALIBRATION,
     "scenes": scenes.CALIBRATION,
     "sides": sides.CALIBRATION,
+    "wholes": wholes.CALIBRATION,
 }
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 import numpy as np
@@ -77,6 +78,15 @@ class LocalPoses:
     def overlap(self) -> FloatArray:
         """Geometric mean of both overlaps, shape (p,)."""
         return np.asarray(np.sqrt(self.overlaps.prod(axis=1)))
+
+    @classmethod
+    def joined(cls, several: Sequence[LocalPoses]) -> LocalPoses:
+        """Return the poses of several in one."""
+        arrays = {
+            one.name: read_only(np.concatenate([getattr(poses, one.name) for poses in several]))
+            for one in fields(cls)
+        }
+        return cls(**arrays)
 
     def __len__(self) -> int:
         return len(self.shifts)

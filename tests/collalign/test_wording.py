@@ -45,6 +45,7 @@ EXAMPLES = [
     Note("few-points", PAIR, {"num": 64, "counts": (18, 9)}),
     Note("sides-in-one-place", values={"most": 0.5}),
     Note("given", values={"num_invariants": 1, "weight": 0.4, "num_samples": 9}),
+    Note("given", values={"num_ordered": 4}),
     Note(
         "given",
         values={"num_posed": 2, "num_near": 1, "near_deg": 20.0, "num_weights": 3, "num_zero": 1},

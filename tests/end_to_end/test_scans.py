@@ -21,10 +21,11 @@ from collalign.stages.match_pairs import match_pairs
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.datasets.synthetic import deformed_family, range_view
 from data_tools.datasets.synthetic_shapes import blob, crown
-from data_tools.errors import InputError
+from data_tools.errors import InputError, OptionsError
 from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
+from tests.commands import read_json, run_command
 from tests.finished_runs import angles_deg
 from tests.notes import codes
 from tests.products import pair_of, samples_at
@@ -52,9 +53,10 @@ def aligned(tmp_path_factory):
     """Aligns; all runs match the same pairs once."""
     run = RunOptions(jobs=1, store=tmp_path_factory.mktemp("store") / "store.sqlite")
 
-    def align(clouds, fixed=None, **options):
+    def align(clouds, fixed=None, order=(), **options):
+        asked = replace(OPTIONS, **options)
         return align_collection(
-            clouds, options=replace(OPTIONS, **options), fixed=fixed, run=run, progress=False
+            clouds, options=asked, fixed=fixed, run=run, progress=False, order=order
         )
 
     return align
@@ -226,3 +228,28 @@ def test_cells_hardly_depend_on_which_shapes_there_are():
     assert 0.9 < first / PART_CELL < 1.1
     tenfold = SimpleNamespace(samples=[samples_at(np.eye(3), scale=16.0)])
     assert common_cell(tenfold) == pytest.approx(16.0 * first)
+
+
+def test_the_order_of_scans_is_a_hint(views, aligned):
+    names = [f"view{i}" for i in (2, 0, 1)]
+    few = {name: views[0][name] for name in names}
+    found = aligned(few, incomplete="all", order=names)
+    [given] = [note for note in found.notes if note.code == "given"]
+    assert given.values["num_ordered"] == 3
+    with pytest.raises(OptionsError, match="order: only scans"):
+        aligned(few, order=names)
+
+
+def test_the_order_of_scans_is_told_on_the_command_line(views, tmp_path):
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    for name, points in list(views[0].items())[:3]:
+        np.savetxt(folder / f"{name}.xyz", points)
+    words = "align", folder, "--out", tmp_path / "out", "--scaling", "rigid", "--group", "SO"
+    words = *words, "--incomplete", "all", "--jobs", "1", "--no-report", "--order"
+    said = run_command(*words, "view0,view9", ends=2)
+    assert "order: no shape is called 'view9'" in said.err
+    run_command(*words, "view0", ends=2)
+    run_command(*words, "names")
+    notes = read_json(tmp_path / "out" / "alignment.json")["notes"]
+    assert [note["values"]["num_ordered"] for note in notes if note["code"] == "given"] == [3]

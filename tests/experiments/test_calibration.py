@@ -147,3 +147,9 @@ def test_a_quick_calibration_of_scenes_needs_no_data():
     (row,) = calibrate("scenes", Path(), ["room"], quick=True).rows
     assert row["constant"] == "SCENE_WEIGHTS"
     assert isfinite(float(str(row["best"])))
+
+
+def test_a_quick_calibration_of_wholes_needs_no_data():
+    (row,) = calibrate("wholes", Path(), ["hammers"], quick=True).rows
+    assert row["constant"] == "WHOLE_WEIGHTS"
+    assert isfinite(float(str(row["best"])))

@@ -122,6 +122,7 @@ def join_scans(
     group: str,
     *,
     is_scene: bool = False,
+    hinted: Chances | None = None,
 ) -> JoinedScans:
     """Join shapes by the pairs that overlap.
 
@@ -134,11 +135,16 @@ def join_scans(
     group : {"SO", "O"}
     is_scene : bool
         The shapes are images of a room or a street.
+    hinted : mapping of (int, int) to ndarray, shape (p,), optional
+        Log-odds that hints of the caller add to poses of pairs.
     """
+    hinted = hinted or {}
     most = SCENE_CERTAIN if is_scene else MOST_CERTAIN
     matches: Matches | None = {} if is_scene else None
     chances = {
-        pair: np.minimum(overlap_chances(poses, of_scene=is_scene), most)
+        pair: np.minimum(
+            overlap_chances(poses, of_scene=is_scene, hinted=hinted.get(pair, 0.0)), most
+        )
         for pair, poses in overlaps.items()
     }
     transforms, block = np.tile(np.eye(4), (len(surfaces), 1, 1)), np.arange(len(surfaces))

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from collalign.confidence.overlap_model import hinted_log_odds
 from collalign.engine.job import Job, Results, Wanted
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Alternative, Pair, median_mismatch
-from collalign.products.shapes import Incomplete, Shapes
+from collalign.products.shapes import Constraints, Incomplete, Shapes
 from collalign.products.trust import DOUBT
 from collalign.stages.choose_pairs import MAX_ALL_PAIRS
 from collalign.stages.incomplete.add import incomplete_note, label_map
@@ -126,7 +127,10 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
             )
         described = [surfaces[i] for i in range(num)]
         overlaps = overlap_pairs(session, shapes, surfaces)
-        joined = join_scans(described, overlaps, session.options.group, is_scene=is_scene)
+        hinted = hints_of(overlaps, constraints)
+        joined = join_scans(
+            described, overlaps, session.options.group, is_scene=is_scene, hinted=hinted
+        )
     if not reasons:
         if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
@@ -135,6 +139,19 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
     posed = _posed(run, pairs, overlaps, joined, reasons or dict.fromkeys(range(num), SCAN))
     overlap_alone = not reasons and not were_seen(shapes)
     return replace(posed, limited_by=(("overlap-alone",) * num if overlap_alone else ()))
+
+
+def hints_of(overlaps: Overlaps, constraints: Constraints) -> dict[tuple[int, int], FloatArray]:
+    """Return the log-odds that the order of the scans and rough poses add to the poses of pairs."""
+    after = {frozenset(two) for two in itertools.pairwise(constraints.order)}
+    rough = constraints.candidates
+    return {
+        pair: hinted_log_odds(
+            poses.rotations, in_order=frozenset(pair) in after, rough=rough.get(pair)
+        )
+        for pair, poses in overlaps.items()
+        if frozenset(pair) in after or pair in rough
+    }
 
 
 def _are_images_of_scene(joined: JoinedScans, surfaces: Sequence[LocalSurface]) -> bool:

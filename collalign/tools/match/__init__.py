@@ -2,6 +2,7 @@
 
 * ``rigid``: the best pose
 * ``in_part``: surfaces that share a part
+* ``on_whole``: a scan on its model
 * ``nonrigid``: a map of bending shapes
 * ``pictures``: of maps
 * ``command``: prints and writes

@@ -254,6 +254,9 @@ def _match_partial(target: Path, source: Path, out: Path | None, options: TwoSha
     add_to_summary(**found.record())
     say("\n".join([words, *rows]))
     _say_rescaled(found, found.source)
+    if found.free_axis is not None:
+        values = {"axis": " ".join(f"{value:.3g}" for value in found.free_axis[1])}
+        say(f"Note: {note_text(Note('free-rotation', (found.source,), values))}")
     if found.mirror_fits_better:
         note = Note("mirror-part-fits-better", (found.source,), {"chance": found.mirror_chance})
         say(f"Note: {note_text(note)}")

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
 from collalign.confidence.incomplete_model import PAIR_WEIGHT
-from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances
+from collalign.confidence.overlap_model import (
+    MOST_CERTAIN,
+    chances_of,
+    on_whole_log_odds,
+    overlap_chances,
+)
 from collalign.options import TwoShapeKeywords, TwoShapeOptions
 from collalign.products.trust import DOUBT
+from collalign.tools.match.on_whole import axis_of_freedom, both_scales, is_closed
 from data_tools.arrays import FloatArray
 from data_tools.checks import as_options
 from data_tools.embedding.surface_points import centre_and_radius, spread_points, surface_cells
@@ -26,6 +32,7 @@ from data_tools.partial_surface import MOST_POINTS
 from data_tools.poses import AGREE_DEG, Similarity, pose_angle_deg, scales_of
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
+from pairwise.features.on_whole import match_on_whole
 from pairwise.features.overlap import match_overlapping
 from pairwise.partial_match import match_partial
 
@@ -67,6 +74,9 @@ class PartialMatch:
         The best one first, in the shapes' own coordinates.
     mirror_chance : float
         How probable a pose of the source's mirror image is, at the sizes of the files; NaN where nobody asked.
+    free_axis : ndarray, shape (2, 3), or None
+        A point, in coordinates of the target, and the direction of the axis about which the source may be turned as
+        you like, such as that of a shaft.
     """
 
     target_file: str
@@ -75,6 +85,7 @@ class PartialMatch:
     source: str
     poses: tuple[PartialPose, ...]
     mirror_chance: float = np.nan
+    free_axis: FloatArray | None = None
 
     @property
     def mirror_fits_better(self) -> bool:
@@ -96,8 +107,8 @@ class PartialMatch:
 
     @property
     def confidence(self) -> float:
-        """The chance that the answer is right: that of all poses of its rotation."""
-        return _chance_of_first(self.poses)
+        """The chance that the answer is right: that of all poses of its rotation, or turned about a free axis."""
+        return _chance_of_first(self.poses, self.free_axis)
 
     def __repr__(self) -> str:
         best = self.poses[0]
@@ -116,6 +127,9 @@ class PartialMatch:
             "mirror_chance": None if np.isnan(self.mirror_chance) else self.mirror_chance,
             "transform": self.transform.tolist(),
             "scale": float(scales_of(self.transform)),
+            "free_axis": None
+            if self.free_axis is None
+            else {"point": self.free_axis[0].tolist(), "direction": self.free_axis[1].tolist()},
             "candidates": [
                 {
                     "transform": transform.tolist(),
@@ -140,7 +154,8 @@ def match_in_part(
 
     Neither centroids nor sizes of different parts say anything. Poses on which neighbourhoods of both surfaces agree
     are found at the sizes of the files first. If none of them is convincing, they are looked for at other sizes as
-    well. Sizes stay if ``options.sampling.normalisation`` is "none", as for scans of one object.
+    well. Sizes stay if ``options.sampling.normalisation`` is "none", as for scans of one object. A scan is placed on
+    a closed mesh by all of its points. What the mesh has in front of what the scan saw counts against a pose.
 
     Parameters
     ----------
@@ -164,14 +179,15 @@ def match_in_part(
     options = as_options("options", options, TwoShapeOptions, keywords)
     origins = as_origin(target, "target"), as_origin(source, "source")
     to, of = read_alike(origins, options.cleaning)
-    poses = _posed(to, of, options.group, known_sizes=options.sampling.normalisation == "none")
+    found = _posed(to, of, options.group, known_sizes=options.sampling.normalisation == "none")
     target_file, source_file = (location(origin) for origin in origins)
     return PartialMatch(
         target_file=target_file,
         source_file=source_file,
         target=to.name,
         source=of.name,
-        poses=poses,
+        poses=found.poses,
+        free_axis=found.free_axis,
     )
 
 
@@ -189,38 +205,90 @@ def with_mirror_chance(found: PartialMatch, options: TwoShapeOptions) -> Partial
     to, of = read_alike((Path(found.target_file), Path(found.source_file)), options.cleaning)
     mirrored = (
         one.chance
-        for one in _poses_by_neighbourhoods(to, of, "O")
+        for one in _poses_by_neighbourhoods(to, of, "O").poses
         if np.linalg.det(one.pose.rotation) < 0
     )
     return replace(found, mirror_chance=float(sum(mirrored)))
 
 
-def _posed(
-    target: Shape, source: Shape, group: str, *, known_sizes: bool
-) -> tuple[PartialPose, ...]:
-    """Return distinct poses of a source on a target, the most probable first."""
-    poses = _poses_by_neighbourhoods(target, source, group)
-    is_convincing = bool(poses) and _chance_of_first(poses) >= DOUBT
-    if not known_sizes and not is_convincing:
-        poses = _poses_of_any_size(target, source, group)
-    if not poses:
+class _Found(NamedTuple):
+    """Distinct poses, the most probable first, and the axis (2, 3) about which the source turns freely, if any."""
+
+    poses: tuple[PartialPose, ...]
+    free_axis: FloatArray | None = None
+
+    @property
+    def confidence(self) -> float:
+        """How probable the first pose is; 0 where there is none."""
+        return _chance_of_first(self.poses, self.free_axis) if self.poses else 0.0
+
+
+def _posed(target: Shape, source: Shape, group: str, *, known_sizes: bool) -> _Found:
+    """Return poses of a source on a target."""
+    found = _poses_by_neighbourhoods(target, source, group)
+    if not known_sizes and found.confidence < DOUBT:
+        found = _Found(_poses_of_any_size(target, source, group))
+    if not found.poses:
         raise InputError(
             f"{source.name} on {target.name}: no pose was found, because no parts of the surfaces match"
         )
-    return poses
+    return found
 
 
-def _chance_of_first(poses: Sequence[PartialPose]) -> float:
-    """Return how probable the first pose is, poses of the same rotation counted together."""
+def _chance_of_first(poses: Sequence[PartialPose], free_axis: FloatArray | None) -> float:
+    """Return how probable the first pose is: poses of its rotation, or turned about a free axis, together."""
     rotations = np.stack([found.pose.rotation for found in poses])
     chances = np.array([found.chance for found in poses])
-    return min(
-        float(chances[pose_angle_deg(rotations, rotations[0]) <= AGREE_DEG].sum()), MOST_CERTAIN
-    )
+    same = pose_angle_deg(rotations, rotations[0]) <= AGREE_DEG
+    if free_axis is not None:
+        turns = rotations @ rotations[0].T
+        kept = (turns @ free_axis[1]) @ free_axis[1] >= np.cos(np.radians(AGREE_DEG))
+        same |= kept & (np.linalg.det(turns) > 0)
+    return min(float(chances[same].sum()), MOST_CERTAIN)
 
 
-def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
-    """Return poses at the sizes of the files."""
+def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> _Found:
+    """Return poses at the sizes of the files.
+
+    Where one shape is closed and the other is not, all of the other one may lie on it. If that is in doubt, it is
+    that or what both share: whichever is surer.
+    """
+    on_whole = _Found(())
+    if is_closed(target) != is_closed(source):
+        on_whole = _poses_of_part(target, source, group)
+    if on_whole.confidence >= DOUBT:
+        return on_whole
+    shared = _Found(_poses_by_overlap(target, source, group))
+    return on_whole if on_whole.confidence > shared.confidence else shared
+
+
+def _poses_of_part(target: Shape, source: Shape, group: str) -> _Found:
+    """Return poses of that shape which is not closed on the one that is."""
+    is_source_part = is_closed(target)
+    whole, part = (target, source) if is_source_part else (source, target)
+    surfaces = both_scales(whole, part)
+    if surfaces is None:
+        return _Found(())
+    side_known = part.is_mesh  # the normals of a cloud may be on either side
+    found = match_on_whole(*surfaces, group=group, num_candidates=NUM_POSES, side_known=side_known)
+    chances = chances_of(on_whole_log_odds(found))
+    order = np.argsort(-chances, kind="stable").tolist()
+    best = found.rotations[order[0]], found.shifts[order[0]]
+    axis = None
+    if np.linalg.det(best[0]) > 0:
+        axis = axis_of_freedom(*surfaces, *best, side_known=side_known)
+    if axis is not None and not is_source_part:
+        axis = np.stack([best[0].T @ (axis[0] - best[1]), best[0].T @ axis[1]])
+    rotations, shifts, overlaps = found.rotations, found.shifts, found.overlaps
+    if not is_source_part:
+        rotations = np.swapaxes(rotations, 1, 2)
+        shifts = -(rotations @ shifts[:, :, None])[:, :, 0]
+        overlaps = overlaps[:, ::-1]
+    return _Found(_listed(rotations, shifts, overlaps, chances), axis)
+
+
+def _poses_by_overlap(target: Shape, source: Shape, group: str) -> tuple[PartialPose, ...]:
+    """Return poses on which both share much."""
     cell = PART_CELL * float(np.mean([centre_and_radius(shape)[1] for shape in (target, source)]))
     surfaces = [surface_cells(shape, cell) for shape in (target, source)]
     of_scene = shows_scene([surface for surface in surfaces if surface is not None])
@@ -230,15 +298,21 @@ def _poses_by_neighbourhoods(target: Shape, source: Shape, group: str) -> tuple[
         return ()
     found = match_overlapping(surfaces[0], surfaces[1], group=group, num_candidates=NUM_POSES)
     chances = overlap_chances(found, of_scene=of_scene)
-    order = np.argsort(-chances, kind="stable")
+    return _listed(found.rotations, found.shifts, found.overlaps, chances)
+
+
+def _listed(
+    rotations: FloatArray, shifts: FloatArray, overlaps: FloatArray, chances: FloatArray
+) -> tuple[PartialPose, ...]:
+    """Return poses, the most probable first."""
     return tuple(
         PartialPose(
-            pose=Similarity(rotation=found.rotations[p], scale=1.0, shift=found.shifts[p]),
+            pose=Similarity(rotation=rotations[p], scale=1.0, shift=shifts[p]),
             chance=float(chances[p]),
-            overlap_target=float(found.overlaps[p, 0]),
-            overlap_source=float(found.overlaps[p, 1]),
+            overlap_target=float(overlaps[p, 0]),
+            overlap_source=float(overlaps[p, 1]),
         )
-        for p in order.tolist()
+        for p in np.argsort(-chances, kind="stable").tolist()
     )
 
 

@@ -1,9 +1,16 @@
 """How probable poses of two surfaces are by what both share, and that none of them may be right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from collalign.confidence.overlap_model import MOST_CERTAIN, overlap_chances, overlap_log_odds
+from collalign.confidence.overlap_model import (
+    MOST_CERTAIN,
+    on_whole_log_odds,
+    overlap_chances,
+    overlap_log_odds,
+)
 from pairwise.features.overlap import LocalPoses
 
 
@@ -69,3 +76,20 @@ def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
 def test_no_pose_is_certain_and_no_poses_have_no_chances():
     assert overlap_chances(poses_of((1.0, 1.0)))[0] <= MOST_CERTAIN
     assert overlap_chances(poses_of()).shape == (0,)
+
+
+def test_poses_on_a_whole_are_judged_by_what_lies_on_it_what_hides_it_and_how_much_it_covers():
+    def odds(source, covered, in_front):
+        poses = poses_of((0.5, 0.1))
+        poses = replace(
+            poses,
+            overlaps=np.array([[covered, source]]),
+            in_front=np.array([[in_front, np.nan]]),
+        )
+        return float(on_whole_log_odds(poses)[0])
+
+    assert odds(1.0, 0.3, 0.0) > odds(0.8, 0.3, 0.0)
+    assert odds(1.0, 0.3, 0.0) > odds(1.0, 0.3, 0.2)
+    assert odds(1.0, 0.3, 0.0) > odds(1.0, 0.1, 0.0)
+    assert odds(1.0, 0.3, np.nan) == odds(1.0, 0.3, 0.0), "nothing is known of what is hidden"
+    assert odds(0.3, 0.3, 0.0) < 0 < odds(1.0, 0.4, 0.0)

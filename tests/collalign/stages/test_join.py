@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.confidence.overlap_model import overlap_chances
+from collalign.confidence.overlap_model import ORDER_ODDS, ROUGH_ODDS, overlap_chances
+from collalign.products.shapes import Constraints
 from collalign.stages.incomplete import join
 from collalign.stages.incomplete.join import join_scans
+from collalign.stages.incomplete.scans import hints_of
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
@@ -193,3 +195,36 @@ def test_walls_on_walls_hold_only_where_what_stands_there_agrees():
     assert not join._holds(surfaces, turned, np.array([0]), np.array([2]), {})
     turned[2, :3, 3] += 50.0  # what shares nothing says nothing
     assert join._holds(surfaces, turned, np.array([0]), np.array([2]), {})
+
+
+def test_a_hint_joins_what_is_nearly_sure_and_no_hint_joins_what_is_not(scans):
+    surfaces, poses = scans
+    chain = {(i, i + 1): link(poses, i, i + 1, 0.02 if i == 4 else SURE) for i in range(NUM - 1)}
+    assert len(join_scans(surfaces, chain, "SO").parts) == 2
+    hinted = {(4, 5): np.array([2.0])}
+    joined = join_scans(surfaces, chain, "SO", hinted=hinted)
+    assert len(joined.parts) == 1
+    assert errors_deg(joined, poses).max() < 4.0
+    against = {(3, 4): np.array([-9.0])}
+    assert len(join_scans(surfaces, chain, "SO", hinted=against).parts) == 3
+    hopeless = chain | {(4, 5): link(poses, 4, 5, 1e-4)}
+    few = join_scans(surfaces, hopeless, "SO", hinted={(4, 5): np.array([0.5])})
+    assert len(few.parts) == 2
+
+
+def test_the_order_and_rough_poses_speak_for_pairs_of_scans(scans):
+    _, poses = scans
+    wrong = Rotation.from_rotvec([0.0, 0.0, 1.5]).as_matrix()
+    overlaps = {
+        (i, j): link(poses, i, j, 0.1, 0.1, wrong=wrong) for i, j in [(0, 1), (0, 2), (1, 2)]
+    }
+    assert hints_of(overlaps, Constraints()) == {}
+    ordered = hints_of(overlaps, Constraints(order=(2, 0, 1)))
+    assert ordered.keys() == {(0, 1), (0, 2)}
+    assert (ordered[0, 1] == ORDER_ODDS).all()
+    rough = {(1, 2): overlaps[1, 2].rotations[:1]}
+    odds = hints_of(overlaps, Constraints(candidates=rough))
+    assert odds.keys() == {(1, 2)}
+    assert odds[1, 2].tolist() == [ROUGH_ODDS, -ROUGH_ODDS]
+    both = hints_of(overlaps, Constraints(candidates=rough, order=(1, 2)))
+    np.testing.assert_allclose(both[1, 2], odds[1, 2] + ORDER_ODDS)

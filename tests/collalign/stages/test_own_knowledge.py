@@ -47,3 +47,15 @@ def test_reference_and_incomplete_shapes_are_called_like_the_shapes():
 def test_names_of_no_shape_are_refused(given):
     with pytest.raises(InputError, match=r"pair_weights: no shape is called '(s4|x)'"):
         with_known_names(Own(pair_weights=given), NAMES)
+
+
+def test_the_order_of_scans_is_checked_and_called_like_the_shapes():
+    assert with_known_names(Own(order=["S3", "s-1"]), NAMES).order == ("s03", "s01")
+    assert Own(order=["a", "b", "c"]).some({"a", "c"}).order == ("a", "c")
+    assert Own(order=["a", "b", "c"]).some({"a"}).order == ()
+    assert Own(order=["a", "b"]).kinds == ("order",)
+    for wrong in ("s1,s2", ["s1"], ["s1", "s1"], [1, 2]):
+        with pytest.raises(InputError, match=r"^order: expected "):
+            Own(order=wrong)
+    with pytest.raises(InputError, match="order: no shape is called 'x'"):
+        with_known_names(Own(order=["s1", "x"]), NAMES)

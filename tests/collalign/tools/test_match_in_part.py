@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from collalign import match_in_part
+from collalign.tools.match.on_whole import both_scales, is_closed
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
+from data_tools.io.shapes import write_ply
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation, rotation_angle_deg
+from data_tools.surface.shape import Shape
+from tests.commands import read_json, run_command
 
 AS_FILED = SamplingOptions(normalisation="none")
 
@@ -69,3 +73,74 @@ def test_too_few_points_give_no_pose(rng):
     few = rng.random((20, 3))
     with pytest.raises(InputError, match="no pose was found"):
         match_in_part(few, few, sampling=AS_FILED)
+
+
+def test_a_model_is_placed_on_its_scan_as_the_scan_is_on_it(views):
+    _, second, turn, shift, whole = views
+    found = match_in_part(second, whole, sampling=AS_FILED)
+    assert rotation_angle_deg(found.transform[:3, :3], turn) < 3
+    np.testing.assert_allclose(found.transform[:3, 3], shift, atol=0.1)
+    assert found.poses[0].overlap_target > 0.95 > found.poses[0].overlap_source
+    assert found.free_axis is None
+    assert found.record()["free_axis"] is None
+
+
+def test_a_scan_in_another_unit_is_no_part_of_its_model(views):
+    _, second, *_, whole = views
+    scan = Shape.from_arrays(second)
+    assert both_scales(whole, scan) is not None
+    assert both_scales(whole, Shape.from_arrays(1000.0 * second)) is None
+    assert both_scales(whole, Shape.from_arrays(0.001 * second)) is None
+    assert is_closed(whole)
+    assert not is_closed(scan)
+    assert not is_closed(Shape.from_arrays(whole.vertices, whole.faces[:-400]))
+
+
+def stepped_shaft():
+    """Return a closed surface of revolution about the third axis."""
+    heights, angles = np.meshgrid(np.linspace(0, 1, 40), np.linspace(0, 2 * np.pi, 49)[:-1])
+    radii = 0.15 + 0.1 * (heights > 0.6) + 0.05 * heights
+    rim = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=2)
+    vertices, around = rim.reshape(-1, 3), len(angles)
+    first = (np.arange(around)[:, None] * 40 + np.arange(39)).ravel()
+    second = (first + 40) % len(vertices)
+    sides = [np.stack([first, second, second + 1], 1), np.stack([first, second + 1, first + 1], 1)]
+    ring = np.arange(around) * 40
+    bottom, top = len(vertices), len(vertices) + 1
+    after = np.roll(ring, -1)
+    caps = [
+        np.stack([np.full(around, bottom), after, ring], 1),
+        np.stack([np.full(around, top), ring + 39, after + 39], 1),
+    ]
+    vertices = np.concatenate([vertices, [[0, 0, 0], [0, 0, 1]]])
+    return Shape.from_arrays(vertices, np.concatenate(sides + caps), name="shaft")
+
+
+@pytest.mark.parametrize("is_target", [True, False])
+def test_the_axis_of_a_shaft_is_named_and_its_turns_count_together(is_target):
+    rng = np.random.default_rng(3)
+    shaft = stepped_shaft()
+    turn = random_rotation(rng)
+    scan = range_view(shaft, np.array([1.0, 0.2, 0.4]), noise=0.002, rng=rng) @ turn.T
+    model = (shaft.vertices, shaft.faces)
+    found = match_in_part(*((model, scan) if is_target else (scan, model)), sampling=AS_FILED)
+    assert found.free_axis is not None
+    axis = np.array([0, 0, 1.0]) if is_target else turn @ [0, 0, 1.0]
+    assert abs(found.free_axis[1] @ axis) > 0.99
+    assert np.linalg.norm(np.cross(found.free_axis[0], axis)) < 0.03
+    assert found.confidence > found.poses[0].chance
+    assert set(found.record()["free_axis"]) == {"point", "direction"}
+
+
+def test_a_free_rotation_is_said_and_written(tmp_path):
+    rng = np.random.default_rng(3)
+    shaft = stepped_shaft()
+    write_ply(tmp_path / "shaft.ply", shaft.vertices, shaft.faces)
+    scan = range_view(shaft, np.array([1.0, 0.2, 0.4]), noise=0.002, rng=rng)
+    np.savetxt(tmp_path / "scan.xyz", scan)
+    words = "match", tmp_path / "shaft.ply", tmp_path / "scan.xyz", "--partial"
+    said = run_command(*words, "--sampling.normalisation", "none", "--out", tmp_path / "out")
+    assert "scan may be turned as you like about an axis along" in said.out
+    axis = read_json(tmp_path / "out" / "match.json")["free_axis"]
+    assert abs(axis["direction"][2]) > 0.99
+    assert np.hypot(*axis["point"][:2]) < 0.03

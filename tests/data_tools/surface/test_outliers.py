@@ -101,6 +101,17 @@ def test_strays_near_a_cloud_are_left_out_and_thinly_scanned_sides_stay(rng):
     assert found.notes[0].code == "stray-points-left-out"
 
 
+def test_strays_of_a_small_cloud_stay_unless_they_are_asked_for(rng):
+    points = rng.normal(size=(300, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    strays = rng.normal(size=(6, 3))
+    strays *= 1.6 / np.linalg.norm(strays, axis=1, keepdims=True)
+    cloud = Shape.from_arrays(np.concatenate([points, strays]))
+    assert without_outliers(cloud) is cloud
+    kept = without_outliers(cloud, fewest_points=100).source_indices
+    assert set(range(300)) == {*kept.tolist()}
+
+
 @pytest.mark.parametrize(("num_points", "num_strays"), [(1500, 150), (40_000, 4_000)])
 def test_many_strays_that_are_near_each_other_are_left_out(num_points, num_strays, rng):
     points = blob(rng, num_vertices=num_points).vertices

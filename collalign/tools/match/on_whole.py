@@ -1,0 +1,53 @@
+"""A scan on its model: poses of an open shape on a closed one, on which all of it lies."""
+
+from __future__ import annotations
+
+from data_tools.arrays import FloatArray
+from data_tools.embedding.surface_points import centre_and_radius, surface_cells
+from data_tools.local_surface import PART_CELL
+from data_tools.surface.outliers import without_outliers
+from data_tools.surface.shape import Shape
+from data_tools.surface.topology import is_open_surface
+from pairwise.features.on_whole import TwoScales, free_axis
+
+#: Clouds of so many points have stray points left out: what lies off a scan hides from where it was seen.
+FEWEST_POINTS = 100
+#: A part is no larger than so many times its whole, by root mean square radii: what is, is in another unit. Even the
+#: two ends of a dumbbell are below two.
+MOST_LARGER = 3.0
+
+
+def is_closed(shape: Shape) -> bool:
+    """Return whether a shape is a mesh without a rim."""
+    return shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
+
+
+def both_scales(whole: Shape, part: Shape) -> tuple[TwoScales, TwoScales] | None:
+    """Return the surfaces of a whole and of a part, in cells of the whole's size, without stray points of a cloud.
+
+    None where there are too few points, or the part is much larger than the whole.
+    """
+    if not part.is_mesh:
+        part = without_outliers(part, fewest_points=FEWEST_POINTS)
+    radius = centre_and_radius(whole)[1]
+    if centre_and_radius(part)[1] > MOST_LARGER * radius:
+        return None
+    cell = PART_CELL * radius
+    both = [
+        TwoScales(coarse, fine)
+        for shape in (whole, part)
+        if (coarse := surface_cells(shape, cell)) and (fine := surface_cells(shape, 0.5 * cell))
+    ]
+    return (both[0], both[1]) if len(both) == 2 else None
+
+
+def axis_of_freedom(
+    whole: TwoScales, part: TwoScales, rotation: FloatArray, shift: FloatArray, *, side_known: bool
+) -> FloatArray | None:
+    """Return the axis (2, 3) about which a part turns freely on a whole: a point and the direction; mostly None.
+
+    The part is at a pose of determinant 1, and the axis in coordinates of the whole.
+    """
+    sides = (part,) if side_known else (part, part.seen_from_behind())
+    axes = (free_axis(whole.coarse, side.coarse, rotation, shift) for side in sides)
+    return next((axis for axis in axes if axis is not None), None)
