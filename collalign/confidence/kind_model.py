@@ -10,61 +10,44 @@ import numpy as np
 
 from data_tools.arrays import FloatArray
 
-#: Log-odds that two matched shapes are of one kind: a constant, and the weights of the least mismatch of their
-#: neighbourhoods at any of their poses, and of the logarithms of the least energy and of two distances that no pose
-#: changes (:func:`collalign.stages.kinds.pose_free.kind_descriptors`). A conditional logit of which shapes are kin of
-#: each, of 33 kinds of equal weight: SHREC07, CAPOD, seats and guns of game packs, and generated objects. The command
-#: ``python -m experiments calibrate kinds`` fits them again, also without each kind.
-CONSTANT, MISMATCH, ENERGY, SHELLS, INVARIANTS = 1.4, -11.3, -1.8, -0.6, -1.2
-#: The same before two shapes are matched: by two distances alone.
-FREE_CONSTANT, FREE_SHELLS, FREE_DESCRIPTOR = -13.9, -4.0, -2.6
-#: Distances and energies count as no smaller than this: copies.
-LEAST = 0.02
+#: Log-odds that two shapes are of one kind: a constant, and the weights of the least mismatch of their
+#: neighbourhoods at any of their poses, and of the logarithms of two distances that no pose changes
+#: (:func:`collalign.stages.kinds.pose_free.kind_descriptors`). A logistic model.
+CONSTANT, MISMATCH, SHELLS, DESCRIPTOR = 6.9, -11.6, -1.3, -0.6
+#: The same before two shapes are matched: by the two distances alone.
+FREE_CONSTANT, FREE_SHELLS, FREE_DESCRIPTOR = -6.4, -2.5, -1.8
+#: Distances count as no smaller than this: copies.
+LEAST_DISTANCE = 0.02
 #: Two groups are of different kinds only if the log-odds of their nearest members are below this on average, ...
 MOST_ALIKE = 1.0
 #: ... and the mean log-odds of the nearest kin within each are above those by this, and by :data:`FEW` over the
 #: members of the smaller group: single shapes may be odd.
-LEAST_GAP, FEW = 5.8, 2.0
-#: What the log-odds of the nearest kin of a single shape count as, which nobody knows.
-LONE_KIN = 1.5
+LEAST_GAP, FEW = 2.6, 2.0
 #: The same before pairs are matched, where a second look follows.
 LEAST_FREE_GAP = 1.0
 #: The odds that two groups are of different kinds: even at a gap of :data:`EVEN_GAP`, and e times as much for each
 #: unit of :data:`UNIT_GAP`.
-EVEN_GAP, UNIT_GAP = 4.4, 0.9
+EVEN_GAP, UNIT_GAP = 1.2, 0.9
 
 
-def free_log_odds(shells: FloatArray, descriptors: FloatArray) -> FloatArray:
-    """Return the log-odds that pairs of shapes are of one kind before they are matched, of the arguments' shape.
+def kin_log_odds(
+    shells: FloatArray, descriptors: FloatArray, mismatches: FloatArray | None = None
+) -> FloatArray:
+    """Return the log-odds that pairs of shapes are of one kind, of the shape of the arguments.
 
     Parameters
     ----------
     shells, descriptors : ndarray
-        Distances of two descriptors of each pair.
+        Distances of the two descriptors of each pair.
+    mismatches : ndarray, optional
+        Least mismatch of each pair; without, the distances alone decide.
     """
-    logs = FREE_SHELLS * log_of(shells) + FREE_DESCRIPTOR * log_of(descriptors)
-    return np.asarray(FREE_CONSTANT + logs)
-
-
-def kin_log_odds(
-    shells: FloatArray, invariants: FloatArray, mismatches: FloatArray, energies: FloatArray
-) -> FloatArray:
-    """Return the log-odds that matched pairs of shapes are of one kind, of the shape of the arguments.
-
-    Parameters
-    ----------
-    shells, invariants : ndarray
-        Distances of two descriptors of each pair.
-    mismatches, energies : ndarray
-        The least of the poses of each pair.
-    """
-    logs = SHELLS * log_of(shells) + INVARIANTS * log_of(invariants) + ENERGY * log_of(energies)
-    return np.asarray(CONSTANT + MISMATCH * mismatches + logs)
-
-
-def log_of(values: FloatArray) -> FloatArray:
-    """Return the logarithm of distances or energies, which count as no less than :data:`LEAST`."""
-    return np.asarray(np.log(np.maximum(values, LEAST)))
+    logs = (np.log(np.maximum(one, LEAST_DISTANCE)) for one in (shells, descriptors))
+    of_shells, of_descriptors = logs
+    if mismatches is None:
+        return FREE_CONSTANT + FREE_SHELLS * of_shells + FREE_DESCRIPTOR * of_descriptors
+    known = CONSTANT + SHELLS * of_shells + DESCRIPTOR * of_descriptors
+    return np.asarray(known + MISMATCH * mismatches)
 
 
 def split_confidence(gap: float) -> float:

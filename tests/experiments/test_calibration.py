@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
-from experiments.calibration.kinds import Evidence, left_out, mean_purity
-from experiments.calibration.kinds import fit_weights as fit_kinds
 from experiments.calibration.scan import scan
 from experiments.calibration.scenes import JudgedPair, fit_weights, log_loss
 
@@ -51,7 +49,6 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
         ("sides", "teeth"),
         ("evidence", "glasses"),
         ("margins", "chair"),
-        ("kinds", "generated"),
     ],
 )
 def test_quick_calibrations_measure_every_constant(shared_data, name, collection):
@@ -63,29 +60,6 @@ def test_quick_calibrations_measure_every_constant(shared_data, name, collection
     if name == "model":
         assert 0 < float(str(rows[0]["measured"])) < 0.35
         assert 0 <= float(str(rows[1]["measured"])) < 1
-
-
-def evidence_of_kinds(called, rng):
-    """Evidence of five shapes each of four kinds, which only that of the first weight tells apart."""
-    kinds = np.repeat([f"{called}: {k}" for k in range(4)], 5)
-    apart = (kinds[:, None] != kinds).astype(float)
-    values = {}
-    for name, told in (("MISMATCH", 1.0), ("SHELLS", 0.0)):
-        noise = 0.15 * rng.standard_normal(apart.shape)
-        values[name] = told * apart + noise + noise.T
-    return Evidence(kinds=kinds, values=values)
-
-
-def test_what_tells_kinds_apart_has_the_weight_and_kinds_left_out_are_told_apart_too():
-    rng = np.random.default_rng(0)
-    drawn = [evidence_of_kinds(called, rng) for called in "abc"]
-    names = ("MISMATCH", "SHELLS")
-    fitted = fit_kinds(drawn, names)
-    assert fitted.weights[0] < -1.0
-    assert abs(fitted.weights[1]) < 0.2 * abs(fitted.weights[0])
-    assert mean_purity(drawn, left_out(drawn, names)) > 0.9
-    nothing = [np.zeros((20, 20))] * 3
-    assert mean_purity(drawn, nothing) == 0.25
 
 
 @pytest.mark.parametrize("name", ["few_radii", "ellipsoids"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.confidence.kind_model import LEAST_FREE_GAP, LEAST_GAP, free_log_odds, kin_log_odds
+from collalign.confidence.kind_model import LEAST_FREE_GAP, LEAST_GAP, kin_log_odds
 from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
@@ -24,9 +24,9 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.errors import OptionsError
 
 #: Shapes, the nearest before any are matched, that each is matched with.
-NUM_NEAR = 10
+NUM_NEAR = 6
 #: Kinds, the nearest, that each is compared with, and pairs of shapes between two of them.
-NUM_RIVALS, NUM_ACROSS = 3, 2
+NUM_RIVALS, NUM_ACROSS = 3, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,8 +87,8 @@ def find_kinds(
                 "--kinds-by"
             )
         return None
-    shells, general, invariants = descriptors.distances()
-    free = free_log_odds(shells, general)
+    distances = descriptors.distances()
+    free = kin_log_odds(*distances)
     parts = _may_be_parts(shapes)
     if not num:
         first = group_shapes(free, LEAST_FREE_GAP, known=known, never_apart=parts)
@@ -97,8 +97,8 @@ def find_kinds(
     log_odds = np.minimum(free, 0.0)
     near = np.argsort(-_without_own(free), axis=1, kind="stable")[:, :NUM_NEAR]
     near_pairs = [(i, j) for i, own in enumerate(near.tolist()) for j in own]
-    evidence = _Evidence(shells=shells, invariants=invariants, log_odds=log_odds)
-    evidence.add(least_of_pairs(session, shapes, near_pairs, session.options.group))
+    evidence = _Evidence(distances=distances, log_odds=log_odds)
+    evidence.add(least_mismatches(session, shapes, near_pairs, session.options.group))
     looked_at = set[tuple[int, int]]()
     for _ in range(MAX_ROUNDS):
         found = (
@@ -110,7 +110,7 @@ def find_kinds(
         if found.num == 1 or not edges:
             break
         second_group = "SO" if session.options.group == "SO" else "O"
-        evidence.add(least_of_pairs(session, shapes, edges, second_group))
+        evidence.add(least_mismatches(session, shapes, edges, second_group))
         looked_at |= {*edges}
     was_mixed = known is not None and known.max() > 0
     if found.num == 1 or not (num or was_mixed or _is_mixed(found)):
@@ -121,10 +121,8 @@ def find_kinds(
 def alikeness(shapes: Shapes) -> FloatArray:
     """Return how alike any two shapes are by what no pose changes, shape (N, N); 0 where that is not known."""
     descriptors = kind_descriptors(shapes.samples)
-    if descriptors is None:
-        return np.zeros((len(shapes.names), len(shapes.names)))
-    shells, general, _ = descriptors.distances()
-    return free_log_odds(shells, general)
+    num = len(shapes.names)
+    return np.zeros((num, num)) if descriptors is None else kin_log_odds(*descriptors.distances())
 
 
 def _is_mixed(found: Grouping) -> bool:
@@ -147,27 +145,26 @@ def _without_own(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Evidence:
-    """What is known of pairs: distances of two descriptors, and the log-odds that matching may change in place."""
+    """What is known of pairs: distances of their descriptors, and the log-odds that matching may change in place."""
 
-    shells: FloatArray
-    invariants: FloatArray
+    distances: tuple[FloatArray, FloatArray]
     log_odds: FloatArray
     matched: set[tuple[int, int]] = field(default_factory=set)
 
-    def add(self, least: Mapping[tuple[int, int], tuple[float, float]]) -> None:
+    def add(self, mismatches: Mapping[tuple[int, int], float]) -> None:
         """Take in what matching says of pairs; of several matches of one pair the better counts."""
-        for (i, j), (mismatch, energy) in least.items():
-            distances = self.shells[i, j], self.invariants[i, j]
-            known = kin_log_odds(*distances, np.array(mismatch), np.array(energy))
+        for (i, j), least in mismatches.items():
+            shells, descriptors = (one[i, j] for one in self.distances)
+            known = kin_log_odds(shells, descriptors, np.array(least))
             before = self.log_odds[i, j] if (i, j) in self.matched else -np.inf
             self.log_odds[i, j] = self.log_odds[j, i] = max(float(known), before)
             self.matched.add((i, j))
 
 
-def least_of_pairs(
+def least_mismatches(
     session: AlignSession, shapes: Shapes, edges: Sequence[tuple[int, int]], group: str
-) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return the least mismatch and the least energy of pairs that could be matched.
+) -> dict[tuple[int, int], float]:
+    """Return the least mismatch of pairs that could be matched.
 
     Parameters
     ----------
@@ -180,16 +177,13 @@ def least_of_pairs(
 
     Returns
     -------
-    dict of (int, int) to (float, float)
+    dict of (int, int) to float
         By the positions of the shapes, in ascending order.
     """
     decided = with_decided_group(session, group)
     pairs = pairs_that_match(decided, shapes, normalised(np.array(edges)))
     return {
-        (min(one.target, one.source), max(one.target, one.source)): (
-            float(np.nanmin(one.mismatches)),
-            float(one.energies.min()),
-        )
+        (min(one.target, one.source), max(one.target, one.source)): float(np.nanmin(one.mismatches))
         for one in pairs
         if not np.isnan(one.mismatches).all()
     }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.confidence.kind_model import FEW, LONE_KIN, MOST_ALIKE, split_confidence
+from collalign.confidence.kind_model import FEW, MOST_ALIKE, split_confidence
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Members of a group that shows, with a second one, that a folder holds several kinds. Fewer may be odd or broken.
@@ -112,7 +112,8 @@ class _State:
         self.members = {i: [i] for i in range(num)}
         self._nearest = self._odds.copy()  # of each shape to each group
         self._sums = self._nearest.copy()  # of these over the members of a group
-        self._kin = np.full(num, LONE_KIN)
+        typical = float(np.median(self._odds.max(axis=1))) if num > 1 else 0.0
+        self._kin = np.full(num, typical)
         self._sizes = np.ones(num)
         for label in np.unique(self._known[self._known >= 0]):
             first, *others = np.flatnonzero(self._known == label).tolist()

@@ -15,32 +15,26 @@ from data_tools.local_surface import LocalSurface
 
 #: Shells around the centroid, of equally many points, in which neighbourhoods are averaged.
 NUM_SHELLS = 3
-_LEVELS = (np.arange(6) + 0.5) / 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KindDescriptors:
-    """Three descriptors of each shape.
+    """Two descriptors of each shape.
 
     Attributes
     ----------
     shells : ndarray, shape (N, 99)
         Mean features of the neighbourhoods in each shell, of the surface and its mirror image.
-    descriptors : ndarray, shape (N, d)
+    descriptors : ndarray, shape (N, m)
         See :func:`collalign.stages.choose_pairs.shape_descriptor`.
-    invariants : ndarray, shape (N, 6 m)
-        Quantiles of each invariant on the surface, relative to the size of the shape.
     """
 
     shells: FloatArray
     descriptors: FloatArray
-    invariants: FloatArray
 
-    def distances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the distances of all pairs by each descriptor, all of shape (N, N)."""
-        every = (self.shells, self.descriptors, self.invariants)
-        shells, descriptors, invariants = (cdist(of, of) for of in every)
-        return shells, descriptors, invariants
+    def distances(self) -> tuple[FloatArray, FloatArray]:
+        """Return the distances of all pairs by each descriptor, both of shape (N, N)."""
+        return cdist(self.shells, self.shells), cdist(self.descriptors, self.descriptors)
 
 
 def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
@@ -51,19 +45,7 @@ def kind_descriptors(samples: Sequence[Samples]) -> KindDescriptors | None:
     return KindDescriptors(
         shells=np.stack([shell_means(surface) for surface in surfaces]),
         descriptors=np.stack([shape_descriptor(one) for one in samples]),
-        invariants=np.stack([invariant_quantiles(one) for one in samples]),
     )
-
-
-def invariant_quantiles(samples: Samples) -> FloatArray:
-    """Return quantiles of each invariant of the dense points, relative to the size of the shape, shape (6 m,).
-
-    Without dense points, of the samples.
-    """
-    size = float(np.linalg.norm(samples.positions)) or 1.0
-    known = samples.dense_invariants if len(samples.dense_positions) else samples.invariants
-    values = known * (len(samples.positions) ** 0.5 / size)
-    return np.quantile(values, _LEVELS, axis=0).ravel()
 
 
 def shell_means(surface: LocalSurface) -> FloatArray:

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions
-from collalign.confidence.kind_model import (
-    FEW,
-    LEAST_GAP,
-    free_log_odds,
-    kin_log_odds,
-    split_confidence,
-)
+from collalign.confidence.kind_model import FEW, LEAST_GAP, kin_log_odds, split_confidence
 from collalign.engine.session import Session
 from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
@@ -81,13 +75,6 @@ def test_a_gap_that_is_small_or_strangers_that_match_keep_shapes_together(rng):
     assert group_shapes(log_odds_of([0] * 8, rng=rng), LEAST_GAP).num == 1
 
 
-def test_a_single_shape_comes_to_kin_that_are_nearly_copies_unless_it_is_far():
-    """That others are copies of each other makes no stranger of a shape that differs a little."""
-    for odd, num in ((0.0, 1), (-6.0, 2)):
-        odds = log_odds_of([0] * 6 + [1], kin=12.0, strangers=odd)
-        assert group_shapes(odds, LEAST_GAP).num == num
-
-
 def test_nearest_kin_counts_and_not_all_of_a_kind():
     """A row of shapes, each like its neighbours only, is of one kind; a second row far from it is another."""
     place = np.concatenate([np.arange(6.0), 100.0 + np.arange(6.0)])
@@ -110,7 +97,7 @@ def test_known_groups_stay_apart_and_new_shapes_come_to_theirs():
 
 def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
     labels = [0, 0, 0, 0, 1]
-    odds = log_odds_of(labels, strangers=-6.0)
+    odds = log_odds_of(labels, kin=9.0)
     assert group_shapes(odds, LEAST_GAP).num == 2
     parts = np.array([False] * 4 + [True])
     assert group_shapes(odds, LEAST_GAP, never_apart=parts).num == 1
@@ -129,10 +116,8 @@ def test_there_are_as_many_groups_as_asked_for(num, rng):
 
 def test_what_is_nearer_is_likelier_of_one_kind_and_a_larger_gap_surer():
     near, far = np.array(0.1), np.array(0.4)
-    assert free_log_odds(near, near) > free_log_odds(far, near) > free_log_odds(far, far)
-    for which in range(4):
-        worse = [far if k == which else near for k in range(4)]
-        assert kin_log_odds(near, near, near, near) > kin_log_odds(*worse)
+    assert kin_log_odds(near, near) > kin_log_odds(far, near) > kin_log_odds(far, far)
+    assert kin_log_odds(near, near, near) > kin_log_odds(near, near, far)
     assert split_confidence(6.0) > split_confidence(2.6) > 0.5 > split_confidence(0.0)
 
 
@@ -172,16 +157,6 @@ def test_descriptors_do_not_depend_on_pose_size_or_side(mixed, rng):
     near = [float(np.linalg.norm(means[name] - of)) for name in ("moved", "mirrored")]
     assert 4.0 * max(near) < np.linalg.norm(means["other"] - of)
     assert kind_descriptors([replace(one, local=None) for one in samples]) is None
-
-
-def test_kinds_of_shapes_without_dense_points_are_described_by_their_samples(mixed):
-    options = replace(OPTIONS, sampling=SamplingOptions(num_points=32, num_dense_points=0))
-    with Session.open(options, RunOptions(jobs=1)) as session:
-        samples = prepared(session, mixed[0].shapes[:3]).samples
-    assert not len(samples[0].dense_positions)
-    found = kind_descriptors(samples)
-    assert found.invariants.shape[1] == 6 * samples[0].invariants.shape[1] > 0
-    assert np.ptp(found.invariants, axis=0).max() > 0
 
 
 def test_two_kinds_are_found_and_one_is_not_split(mixed):
