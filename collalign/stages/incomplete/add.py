@@ -53,9 +53,14 @@ def with_incomplete(run: Run, complete: Posed, reasons: Mapping[int, str]) -> Po
 
 
 def chances_as_parts(run: Run, posed: Posed, doubtful: Sequence[int]) -> dict[int, float]:
-    """Return what would be stated of some posed shapes if they were posed on the others as parts, by position."""
+    """Return what would be stated of some posed shapes if they were posed on the others as parts, by position.
+
+    It is 0 where the largest part has no other shapes.
+    """
     others = np.setdiff1d(np.arange(len(run.shapes.names)), doubtful)
     partners = _partners(run.shapes, posed, others)
+    if not len(partners):
+        return dict.fromkeys(doubtful, 0.0)
     found = place_on(
         run.session, run.shapes, doubtful, partners, posed.transforms[partners], run.constraints
     )

@@ -438,6 +438,9 @@ def test_an_open_shape_in_doubt_is_read_as_a_part_where_that_is_surer(planted):
         assert chances_as_parts(decided, posed, [broken])[broken] <= 0.1 + 1e-9, (
             "no surer than those that it lies on"
         )
+        alone = replace(posed.solution, parts=(np.array([broken]),))
+        nobody = replace(posed, solution=alone)
+        assert chances_as_parts(decided, nobody, [broken]) == {broken: 0.0}
 
 
 @pytest.mark.parametrize(
