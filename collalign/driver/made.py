@@ -57,7 +57,7 @@ def collected(run: Run, matched: Matched, posed: Posed, listing: FolderListing) 
             *solution.warnings,
             *shapes.notes,
             *sides_of_result(
-                matched.notes, shapes.names, posed.pairs, reflected, posed.side_limits
+                matched.notes, shapes.names, posed.pairs, reflected, posed.side_chances
             ),
             *posed.notes,
             *_unknown_confidence(solution.confidence, wanted.synchronization),

@@ -91,7 +91,7 @@ class Matched:
     failed: list[Excluded]
     solution: SynchronizationResult | None
     notes: tuple[Note, ...]
-    side_limits: Mapping[int, float] = field(default_factory=dict)
+    side_chances: Mapping[int, float] = field(default_factory=dict)
 
 
 def match(run: Run) -> tuple[Run, Matched]:
@@ -100,7 +100,7 @@ def match(run: Run) -> tuple[Run, Matched]:
     with run.stage("pairs"):
         descriptors = describe_shapes(shapes)
         edges = choose_pairs(session, shapes, descriptors, run.constraints, run.former)
-        group, notes, side_limits = decide_group(
+        group, notes, side_chances = decide_group(
             session,
             shapes,
             descriptors,
@@ -120,7 +120,7 @@ def match(run: Run) -> tuple[Run, Matched]:
         failed=failed,
         solution=solution,
         notes=notes,
-        side_limits=side_limits,
+        side_chances=side_chances,
     )
     return run, matched
 
@@ -150,8 +150,8 @@ def weigh(run: Run, matched: Matched) -> Matched:
         pairs = weigh_pairs(run.session, run.shapes, matched.pairs)
     # Mirrored energies of few shapes cannot tell a mirrored body from one in another posture; maps can.
     are_few = matched.group == "SO" and len(run.shapes.names) < MIN_SHAPES
-    side_limits = {} if are_few else matched.side_limits
-    return replace(matched, pairs=pairs, solution=None, side_limits=side_limits)
+    side_chances = {} if are_few else matched.side_chances
+    return replace(matched, pairs=pairs, solution=None, side_chances=side_chances)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,7 +160,7 @@ class Posed:
 
     ``matched`` are the pairs as they were first matched.
     ``consensus`` is the mean position of every label, that of complete shapes where there are incomplete ones.
-    ``side_limits`` are the chances that the side of a shape is right, where that is in doubt.
+    ``side_chances`` are the chances that the side of a shape is right, where that is in doubt.
     ``seem_incomplete`` says of some shapes why they may be incomplete, though they were posed with the others.
     ``limited_by`` are the codes of what limits confidences, empty where nothing does.
     """
@@ -173,7 +173,7 @@ class Posed:
     labels: IntArray
     consensus: FloatArray
     notes: tuple[Note, ...]
-    side_limits: Mapping[int, float]
+    side_chances: Mapping[int, float]
     seem_incomplete: Mapping[int, str] = field(default_factory=dict)
     limited_by: tuple[str, ...] = ()
     trust: Trust | None = None
@@ -185,7 +185,7 @@ class Posed:
     def confidence_but_for_sides(self) -> FloatArray:
         """The confidences (N,), 1 for shapes whose side is in doubt."""
         confidence = self.solution.confidence.copy()
-        confidence[list(self.side_limits)] = 1.0
+        confidence[list(self.side_chances)] = 1.0
         return confidence
 
 
@@ -220,7 +220,7 @@ def pose(run: Run, matched: Matched) -> Posed:
         labels=labels,
         consensus=in_label_order(common_positions(samples, transforms), labels).mean(axis=0),
         notes=contradictions(run.shapes.names, settled, rotations),
-        side_limits=matched.side_limits,
+        side_chances=matched.side_chances,
     )
 
 
@@ -234,7 +234,7 @@ def state_trust(run: Run, posed: Posed) -> Posed:
             session, samples, posed.matched, posed.rotations, posed.solution.components
         )
         solution, limited_by = with_trust(
-            posed.solution, trust, run.constraints, posed.side_limits, posed.seem_incomplete
+            posed.solution, trust, run.constraints, posed.side_chances, posed.seem_incomplete
         )
         notes = trust_notes(run.shapes.names, trust, solution.confidence, run.constraints)
         posed = replace(posed, solution=solution, limited_by=limited_by, trust=trust)

@@ -66,9 +66,14 @@ def chances_as_parts(run: Run, posed: Posed, doubtful: Sequence[int]) -> dict[in
     )
     most = _mean_confidence(posed.solution.confidence, partners)
     return {
-        i: min((0.5 if _lies_elsewhere(record) else 1.0) * pose_chance(record), most)
+        i: _stated(pose_chance(record), most, in_doubt=_lies_elsewhere(record))
         for i, record in found.items()
     }
+
+
+def _stated(chance: float, most: float, *, in_doubt: bool) -> float:
+    """Return what is stated of a shape that was posed as a part: half where it may be none, and at most ``most``."""
+    return min(0.5 * chance if in_doubt else chance, most)
 
 
 def _lies_elsewhere(record: Record) -> bool:
@@ -148,7 +153,7 @@ def _merged(
         may_be_stranger = i in strange or _lies_elsewhere(record)
         chance = pose_chance(record)
         most = _mean_confidence(confidence, partners[partners != i])
-        confidence[i] = min(0.5 * chance if may_be_stranger else chance, most)
+        confidence[i] = _stated(chance, most, in_doubt=may_be_stranger)
         if may_be_stranger:
             limited_by[i] = "no-relative"
         elif confidence[i] < chance:

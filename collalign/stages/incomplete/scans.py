@@ -271,7 +271,7 @@ def _posed(
         labels=labels,
         consensus=universe,
         notes=(incomplete_note(shapes.names, incomplete), *lost),
-        side_limits={},
+        side_chances={},
         incomplete=incomplete,
     )
 

@@ -425,7 +425,7 @@ def with_trust(
     solution: SynchronizationResult,
     trust: Trust,
     constraints: Constraints,
-    side_limits: Mapping[int, float] = MappingProxyType({}),
+    side_chances: Mapping[int, float] = MappingProxyType({}),
     seem_incomplete: Mapping[int, str] = MappingProxyType({}),
 ) -> tuple[SynchronizationResult, tuple[str, ...]]:
     """Return the solution with confidences and alternatives as the evidence has them, and what limits confidences.
@@ -433,8 +433,8 @@ def with_trust(
     Poses set by hand are certain. Limits are the codes of :func:`confidence_and_limits`, those in
     ``seem_incomplete``, and ``side``.
 
-    The odds of the rivals share what the reported pose leaves, by what they cost on dense points. ``side_limits`` are
-    the chances that the side of a shape is right, where that is in doubt.
+    The odds of the rivals share what the reported pose leaves, by what they cost on dense points.
+    ``side_chances`` are the chances that the side of a shape is right, where that is in doubt.
     """
     confidence, codes = confidence_and_limits(trust)
     limited_by = [*codes]
@@ -442,7 +442,7 @@ def with_trust(
         limit = float(half_sure(confidence[i]))
         if confidence[i] > limit:
             confidence[i], limited_by[i] = limit, code
-    for i, chance in side_limits.items():
+    for i, chance in side_chances.items():
         confidence[i], limited_by[i] = chance * confidence[i], "side"
     alternatives = []
     for i, (rivals, excess) in enumerate(zip(trust.rivals, trust.excess, strict=True)):
