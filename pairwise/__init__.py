@@ -14,8 +14,8 @@
 * ``features``: poses on which neighbourhoods agree, and overlap
 * ``partial_match``, ``partial_counterparts``: poses of two surfaces that share a part, by search; what has a
   counterpart at many poses, and what it costs
-* ``dense``, ``surface_fit``: poses refined and ranked on dense points; the final fit of two surfaces, by their planes
-  and by what they share
+* ``dense``, ``surface_fit``: dense points of surfaces and which are nearest at a pose; the fit of two whole surfaces,
+  by their planes and by what they share
 
 It knows no files and no processes, and prints nothing.
 

@@ -8,8 +8,6 @@ from .branch_and_bound.prove import prove as prove
 from .certificates.certificate import Certificate as Certificate
 from .certificates.verify import verify_certificate as verify_certificate
 from .dense import DensePoints as DensePoints
-from .dense import RefinedPose as RefinedPose
-from .dense import refine_pose as refine_pose
 from .features.overlap import LocalPoses as LocalPoses
 from .features.overlap import evaluate_poses as evaluate_poses
 from .features.overlap import match_overlapping as match_overlapping
@@ -28,5 +26,7 @@ from .results import MatchResult as MatchResult
 from .results import RelaxationResult as RelaxationResult
 from .results import Status as Status
 from .rotation_pattern import RotationPattern as RotationPattern
+from .surface_fit import SurfaceFit as SurfaceFit
+from .surface_fit import fit_surfaces as fit_surfaces
 
 __all__: list[str]

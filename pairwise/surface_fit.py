@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.errors import OptionsError
 from data_tools.poses import Similarity
 from data_tools.rotations import nearest_orthogonal
 from data_tools.threads import one_blas_thread
-from pairwise.dense import NORMAL_WEIGHT, DenseMatcher, DensePoints, centred_pose
+from pairwise.dense import DenseMatcher, DensePoints, centred_pose
 
 
 class FitTuning(NamedTuple):
@@ -34,6 +35,8 @@ class FitTuning(NamedTuple):
     and glasses, and molars; skulls decided when a pose is settled.
     """
 
+    normal_weight: float = 0.2
+    """Weight of unit normals relative to positions of root mean square radius 1, for nearest points."""
     settled: float = 1e-3
     """A pose is settled when no entry of R changes by more. 2e-3 takes a fifth less time, but skulls of mice (median
     error 1 degree) are .05 degrees worse; 2e-4 is no better."""
@@ -79,7 +82,12 @@ class SurfaceFit:
 
 @one_blas_thread()
 def fit_surfaces(
-    target: DensePoints, source: DensePoints, R_target_source: ArrayLike, *, max_iterations: int
+    target: DensePoints,
+    source: DensePoints,
+    R_target_source: ArrayLike,
+    *,
+    estimate_scale: bool = True,
+    max_iterations: int = 16,
 ) -> SurfaceFit:
     """Fit two surfaces on their dense samples, from centroids that are brought together.
 
@@ -89,6 +97,8 @@ def fit_surfaces(
         Without normals of both, gaps have one variance in all directions.
     R_target_source : array_like, shape (d, d)
         The pose to start from.
+    estimate_scale : bool
+        Estimate a scale factor of the source as well, from the ratio of the sizes; else 1.
     max_iterations : int
         Of each of the two fits, the whole surfaces and the part that they share.
 
@@ -96,16 +106,28 @@ def fit_surfaces(
     ------
     InputError
         If the start is not a pose, or the shapes' arrays do not fit each other.
+    OptionsError
+        If there is no iteration.
+
+    Examples
+    --------
+    >>> points = pairwise.DensePoints.from_user(np.random.default_rng(0).random((200, 3)))
+    >>> turned_by_16_deg = np.array([[0.96, -0.28, 0.0], [0.28, 0.96, 0.0], [0.0, 0.0, 1.0]])
+    >>> found = pairwise.fit_surfaces(points, points, turned_by_16_deg)
+    >>> bool(np.allclose(found.pose.rotation, np.eye(3), atol=1e-3))
+    True
     """
-    start = centred_pose(target, source, R_target_source, estimate_scale=True)
-    matcher = DenseMatcher(target, source, normal_weight=NORMAL_WEIGHT * target.radius)
-    whole = _settled(matcher, start, max_iterations, robust=False)
+    if max_iterations < 1:
+        raise OptionsError("max_iterations must be at least 1")
+    start = centred_pose(target, source, R_target_source, estimate_scale=estimate_scale)
+    matcher = DenseMatcher(target, source, normal_weight=FIT.normal_weight * target.radius)
+    whole = _settled(matcher, start, max_iterations, robust=False, any_size=estimate_scale)
     energy = matcher.mean_cost(whole.pairs, whole.pose)
     found = SurfaceFit(pose=whole.pose, energy=energy, shared_energy=energy)
     coarsest = max(one.spacing / one.radius for one in (target, source))
     if coarsest > FIT.coarsest or not _agrees(matcher, whole, FIT.farthest_spacings):
         return found
-    part = _settled(matcher, whole.pose, max_iterations, robust=True)
+    part = _settled(matcher, whole.pose, max_iterations, robust=True, any_size=estimate_scale)
     if not _agrees(matcher, part, FIT.shared_spacings):
         return found
     return SurfaceFit(
@@ -123,7 +145,9 @@ class _Settled(NamedTuple):
     distances: FloatArray
 
 
-def _settled(matcher: DenseMatcher, pose: Similarity, most: int, *, robust: bool) -> _Settled:
+def _settled(
+    matcher: DenseMatcher, pose: Similarity, most: int, *, robust: bool, any_size: bool
+) -> _Settled:
     """Iterate closest points and steps of least squares from a pose, with equal or robust weights."""
     for _ in range(most):
         pairs = matcher.pair_up(pose)
@@ -132,7 +156,8 @@ def _settled(matcher: DenseMatcher, pose: Similarity, most: int, *, robust: bool
         distances = np.sqrt(np.einsum("pk,pk->p", gaps, gaps))
         weights = _robust_weights(distances) if robust else np.ones(len(gaps))
         former = pose
-        pose = _stepped(pose, placed, gaps, _mean_normals(matcher, pairs, pose), weights)
+        normals = _mean_normals(matcher, pairs, pose)
+        pose = _stepped(pose, placed, gaps, normals, weights, any_size=any_size)
         if np.abs(pose.rotation - former.rotation).max() <= FIT.settled:
             break
     return _Settled(pose, pairs, distances)
@@ -180,10 +205,13 @@ def _stepped(
     gaps: FloatArray,
     normals: FloatArray,
     weights: FloatArray,
+    *,
+    any_size: bool,
 ) -> Similarity:
     """Return the pose after a Gauss-Newton step of ``sum_p w_p r_p^T (I + (ratio - 1) n_p n_p^T) r_p``.
 
-    The ratio is that of the variances of gaps r along and across the surface. The scale is the ratio of the sizes.
+    The ratio is that of the variances of gaps r along and across the surface. The scale is the ratio of the sizes if
+    ``any_size``, else it stays.
 
     Parameters
     ----------
@@ -226,7 +254,7 @@ def _stepped(
     to = placed + gaps
     centred = to - shares @ to
     size, size_of = float(shares @ np.einsum("pk,pk->p", centred, centred)), float(np.trace(spread))
-    grown = float(np.sqrt(size / size_of)) if min(size, size_of) > 0 else 1.0
+    grown = float(np.sqrt(size / size_of)) if any_size and min(size, size_of) > 0 else 1.0
     return Similarity(
         rotation=turn @ pose.rotation,
         scale=grown * pose.scale,

@@ -50,7 +50,6 @@ def samples_at(points, *, invariants=None, **fields):
         "dense_indices": np.empty(0, dtype=np.int64),
         "dense_positions": np.empty((0, 3)),
         "dense_normals": np.empty((0, 3)),
-        "dense_invariants": np.empty((0, 0)),
         "signature": np.zeros(18),
         "rim": "closed",
     }

@@ -10,7 +10,7 @@
 * ``incomplete``: shapes of which parts are missing, and scans
 * ``extra_material``: stands and the like, and poses without them
 * ``proofs``: of the pairs' poses
-* ``local_evidence``, ``evidence``: surfaces and non-rigid maps assess poses
+* ``evidence``: non-rigid maps assess poses
 * ``kinds``: which kinds a folder holds, and how they are rotated to each other
 * ``poses``: from pairs to one pose per shape
 * ``trust``: the evidence of the confidence
@@ -32,7 +32,7 @@ The way of a pair. ``collalign/align.py`` is the driver. One object goes through
   (``chances_as_parts``). The others are posed again without them, and ``with_incomplete`` poses these on the others.
   The same happens without material that only single shapes have, such as a stand (``extra_points``).
 * **Pairs.** ``choose_pairs``, ``decide_group`` and ``match_pairs`` run in this order. A worker matches two shapes
-  (``match_pair``). It assesses each candidate by energy and mismatch (``local_evidence``, ``candidate_costs``). If
+  (``match_whole``). It assesses each candidate by energy and mismatch (``local_evidence``, ``candidate_costs``). If
   the best candidate hardly overlaps, ``proposed_rotations`` adds candidates. The stored ``PairPoses`` become the
   ``Pair``. ``grow_pairs`` adds pairs where poses are uncertain.
 * **Synchronization.** ``certify_pairs`` adds bound and status. For shapes that bend, ``weigh_pairs`` adds candidates

@@ -16,7 +16,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from collalign.engine.job import Shared, table_of_values
-from collalign.matching_input import match_at_rotation
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair
 from collalign.products.shapes import ExtraMaterial, Shapes
@@ -37,6 +36,7 @@ from collalign.stages.poses.placement import (
     labels_at_common_poses,
 )
 from collalign.stages.steps import Matched, Posed, Run
+from collalign.whole_pairs.problem import match_at_rotation
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note

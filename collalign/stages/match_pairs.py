@@ -8,20 +8,17 @@ from typing import Annotated
 
 import numpy as np
 
-from collalign.confidence.candidate_model import candidate_costs
 from collalign.engine.job import Job, Wanted
 from collalign.engine.store import pair_seed
-from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Excluded, Shapes
-from collalign.stages.local_evidence import CONVINCING, local_evidence, proposed_rotations
 from collalign.stages.shape_stage import SAMPLING
+from collalign.whole_pairs.match_whole import match_whole
 from data_tools.arrays import FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
-from data_tools.errors import CollectionError, InputError, SolveFailed
+from data_tools.errors import CollectionError, InputError
 from data_tools.notes import MAX_NAMED
-from pairwise.matching import match_problem
 from pairwise.options import MatchOptions
 from pairwise.relaxations import check_solver
 from pairwise.results import Status
@@ -55,30 +52,12 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
     SolveFailed
         If there is no pose.
     """
-    problem = pair_problem(target, source, group)
-    result = match_problem(problem, options)
-    if not result.candidates:
-        raise SolveFailed(result.status.value, result)
-    rotations = np.array([pose.R_target_source for pose in result.candidates])
-    maps = np.array([pose.map_target_source for pose in result.candidates])
-    energies = np.array([pose.energy for pose in result.candidates])
-    mismatches, overlaps = local_evidence(target, source, rotations)
-    best = int(np.argmin(candidate_costs(energies, mismatches)))
-    if problem.dim == 3 and overlaps[best] < CONVINCING:
-        proposed = proposed_rotations(target, source, group, rotations)
-        matched = [match_at_rotation(target, source, rotation) for rotation in proposed]
-        rotations = np.concatenate([rotations, proposed])
-        maps = np.concatenate([maps, *(one[None] for one, _ in matched)])
-        energies = np.append(energies, [energy for _, energy in matched])
-        mismatches = np.append(mismatches, local_evidence(target, source, proposed)[0])
-        order = np.argsort(energies, kind="stable")
-        rotations, maps, energies, mismatches = (
-            one[order] for one in (rotations, maps, energies, mismatches)
-        )
+    result, mismatches = match_whole(target, source, group, options)
+    poses = result.candidates
     return PairPoses(
-        rotations=rotations,
-        maps=maps.astype(np.int32),
-        energies=np.where(energies <= problem.rounding_energy, 0.0, energies),
+        rotations=np.array([pose.R_target_source for pose in poses]),
+        maps=np.array([pose.map_target_source for pose in poses], dtype=np.int32),
+        energies=np.array([pose.energy for pose in poses]),
         mismatches=mismatches,
         lower_bound=float(result.lower_bound),
         status=result.status,

@@ -34,15 +34,16 @@ from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, FormerPairs, Pair
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import all_pairs
-from collalign.stages.local_evidence import surface_gap, surface_points
 from collalign.stages.match_pairs import match_pairs
 from collalign.stages.self_symmetry import mirrored_costs
 from collalign.stages.shape_stage import MOST_FOR_SIDES, measure_surfaces
+from collalign.whole_pairs.local_evidence import surface_gap, surface_points
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.embedding.chirality import chirality_scores, place_shares
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note
-from pairwise.dense import DensePoints, refine_pose
+from pairwise.dense import DensePoints
+from pairwise.surface_fit import fit_surfaces
 
 #: Of the pilot's looks, the first one and that where it leaves a suspicion: nearest partners of each shape, poses
 #: of either kind of their pairs that are refined on dense samples, and by how many steps at most.
@@ -303,11 +304,11 @@ def _least_energy(
     """Return the least energy of poses (m, 3, 3) that are refined, the one that leads after some steps to the end."""
     if not len(rotations):
         return np.nan
-    tried = [refine_pose(target, source, start, max_iterations=FIRST_STEPS) for start in rotations]
+    tried = [fit_surfaces(target, source, start, max_iterations=FIRST_STEPS) for start in rotations]
     best = min(tried, key=lambda one: one.energy)
     if max_steps <= FIRST_STEPS:
         return best.energy
-    further = refine_pose(
+    further = fit_surfaces(
         target, source, best.pose.rotation, max_iterations=max_steps - FIRST_STEPS
     )
     return min(best.energy, further.energy)

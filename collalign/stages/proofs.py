@@ -17,16 +17,16 @@ from typing import Annotated
 import numpy as np
 
 from collalign.engine.job import Job, Wanted
-from collalign.matching_input import pair_problem
 from collalign.options import AlignOptions, AlignSession
 from collalign.products.pair import Pair
 from collalign.products.shapes import Shapes
-from collalign.stages.local_evidence import local_evidence
 from collalign.stages.match_pairs import pair_key
 from collalign.stages.poses.agreement import SAME_POSE_RAD
 from collalign.stages.poses.synchronize import synchronize_pairs
 from collalign.stages.shape_stage import SAMPLING
 from collalign.synchronization import SynchronizationResult
+from collalign.whole_pairs.local_evidence import local_evidence
+from collalign.whole_pairs.problem import pair_problem
 from data_tools.arrays import BoolArray, FloatArray, Holds, IntArray
 from data_tools.embedding.embedding import Samples
 from data_tools.notes import Note

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.local_evidence import (
+from collalign.whole_pairs.local_evidence import (
     local_evidence,
     point_gaps,
     surface_gap,
@@ -63,7 +63,7 @@ def mirrored_costs(samples: Samples) -> tuple[float, float]:
     Returns
     -------
     gap : float
-        As :func:`collalign.stages.local_evidence.surface_gap`.
+        As :func:`collalign.whole_pairs.local_evidence.surface_gap`.
     mismatch : float
         Of its neighbourhoods; NaN where they are not described.
     """

@@ -66,8 +66,6 @@ class Samples:
         With the same offset and scale.
     dense_normals : ndarray, shape (l, 3) or (0, 3)
         Outward unit normals there; empty where the shape has no oriented surface.
-    dense_invariants : ndarray, shape (l, m)
-        As ``invariants``, relative to the dense positions.
     signature : ndarray, shape (18,)
         See :func:`data_tools.embedding.copies.shape_signature`.
     rim : str
@@ -92,7 +90,6 @@ class Samples:
     dense_indices: Annotated[IntArray, Holds(shape="l")]
     dense_positions: Annotated[FloatArray, Holds(shape="l 3")]
     dense_normals: Annotated[FloatArray, Holds(shape="l? 3")]
-    dense_invariants: Annotated[FloatArray, Holds(shape="l m")]
     signature: Annotated[FloatArray, Holds(shape="18")]
     rim: str
     local: LocalSurface | None = None
@@ -186,7 +183,6 @@ def sample_shape(
         dense_indices=read_only(surface.to_original[dense_chosen]),
         dense_positions=read_only(dense_positions),
         dense_normals=read_only(surface.normals(dense_chosen)),
-        dense_invariants=read_only(_invariants(descriptors, dense_chosen, dense_positions)),
         signature=shape_signature(shape),
         rim=surface.rim,
         local=_local_surface(surface.shape if shape.is_mesh else shape),

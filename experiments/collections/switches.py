@@ -144,7 +144,7 @@ SWITCHES: dict[str, Switch] = {
     ),
     "rotations that neighbourhoods propose": Switch(
         patches={
-            "collalign.stages.match_pairs.CONVINCING": 0.0,
+            "collalign.whole_pairs.match_whole.CONVINCING": 0.0,
             "collalign.stages.match_pairs.MATCHING": replace(
                 MATCHING, version="pair without proposals"
             ),

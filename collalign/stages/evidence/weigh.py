@@ -38,9 +38,9 @@ from collalign.stages.evidence.candidates import (
     laid_surfaces,
 )
 from collalign.stages.evidence.map_surfaces import PREPARING, StoredSurface, prepare_surfaces
-from collalign.stages.local_evidence import rigid_overlap
 from collalign.stages.shape_stage import SAMPLING, refuse_lost, wanted_file
 from collalign.stages.trust.rival_poses import MAX_PARTNERS
+from collalign.whole_pairs.local_evidence import rigid_overlap
 from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.errors import InputError, OptionsError

@@ -9,11 +9,11 @@ import numpy as np
 
 from collalign.engine.job import Shared, SharedTable
 from collalign.engine.records import Record
-from collalign.matching_input import match_at_rotation, pair_problem
 from collalign.options import AlignSession
 from collalign.products.pair import AlignedPair, Pair
-from collalign.stages.local_evidence import local_evidence
 from collalign.synchronization import SynchronizationResult
+from collalign.whole_pairs.local_evidence import local_evidence
+from collalign.whole_pairs.problem import match_at_rotation, pair_problem
 from data_tools.arrays import FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.rotations import rotation_angle_deg

@@ -15,13 +15,13 @@ import numpy as np
 
 from collalign.confidence.candidate_model import candidate_costs
 from collalign.engine.job import table_of_values
-from collalign.matching_input import pair_problem
 from collalign.options import AlignSession
 from collalign.products.pair import Pair
 from collalign.stages.poses.agreement import solve_again
 from collalign.synchronization import SynchronizationResult
 from collalign.synchronization.averaging import average_frames, residuals_deg
 from collalign.synchronization.frames import transposed
+from collalign.whole_pairs.problem import pair_problem
 from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.embedding.embedding import Samples
 from data_tools.poses import APART_DEG

@@ -17,13 +17,13 @@ from scipy.sparse.csgraph import connected_components
 
 from collalign.engine.job import Shared, table_of_values
 from collalign.engine.records import Record, from_record
-from collalign.matching_input import dense_points
 from collalign.options import AlignSession
 from collalign.products.pair import Pair, are_weighed
 from collalign.products.shapes import Constraints
 from collalign.stages.poses.agreement import match_at
 from collalign.stages.poses.bent import bent_poses
 from collalign.synchronization import PairGraph, SynchronizationResult, synchronize_graph
+from collalign.whole_pairs.problem import dense_points
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.embedding.embedding import Samples
 from pairwise.dense import DensePoints
@@ -32,8 +32,6 @@ from pairwise.surface_fit import fit_surfaces
 
 #: Pairs that each shape is refined with, in addition to a spanning tree.
 NUM_NEIGHBOURS = 8
-#: Most steps of closest points.
-MOST_STEPS = 16
 #: Most that a pair weighs compared with another one of its energy. Chosen on the collections that
 #: :class:`pairwise.surface_fit.FitTuning` names, and CAPOD's guns: 30 to 300 hardly differ.
 MOST_WEIGHT = 100.0
@@ -53,15 +51,15 @@ def refine_pair(
     weight : float
         At least 1: how many times the energy is that of the part which both surfaces share.
     """
-    found = fit_surfaces(target, source, start, max_iterations=MOST_STEPS)
+    found = fit_surfaces(target, source, start)
     least = max(found.energy / MOST_WEIGHT, np.finfo(float).tiny)
     weight = max(found.energy / max(found.shared_energy, least), 1.0)
     return found.pose.rotation, found.energy / target.radius**2, weight
 
 
 def points_from_record(record: Record, name: str) -> DensePoints:
-    """Return the dense points of a shape's record, without invariants."""
-    return dense_points(from_record(Samples, record, name), invariants=False)
+    """Return the dense points of a shape's record."""
+    return dense_points(from_record(Samples, record, name))
 
 
 def refine_poses(

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collalign.stages.local_evidence import (
+from collalign.stages.self_symmetry import SAME_AXIS, TWELFTHS
+from collalign.whole_pairs.local_evidence import (
     all_points,
     local_evidence,
     surface_gap,
     surface_points,
 )
-from collalign.stages.self_symmetry import SAME_AXIS, TWELFTHS
 from data_tools.arrays import BoolArray, FloatArray
 from data_tools.embedding.copies import is_copy
 from data_tools.embedding.embedding import Samples

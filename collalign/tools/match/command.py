@@ -171,8 +171,8 @@ def match(
 ) -> int:
     """Match two shapes: the best pose and its alternatives, or (--nonrigid) a map of all vertices.
 
-    Every pose is refined on dense samples (--sampling.num-dense-points) and the poses are ranked by the energies on
-    both kinds of samples, unless --no-refine is given.
+    Poses are ranked by the energies of the samples and by what neighbourhoods say, and every pose is refined on dense
+    samples (--sampling.num-dense-points). With --no-refine the energies alone rank them.
 
     Parameters
     ----------

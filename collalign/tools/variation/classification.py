@@ -20,7 +20,8 @@ from data_tools.embedding.sampling import farthest_points
 from data_tools.errors import InputError
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.dense import DensePoints, refine_pose
+from pairwise.dense import DensePoints
+from pairwise.surface_fit import fit_surfaces
 
 #: Points of each shape. Even points make closest points a measure of the surfaces alone.
 NUM_CLOUD_POINTS = 400
@@ -274,7 +275,7 @@ def refined_distance(
     rotation : ndarray, shape (3, 3)
         The refined ``R_target_source``.
     """
-    refined = refine_pose(target, source, rotation)
+    refined = fit_surfaces(target, source, rotation)
     return float(
         np.sqrt(refined.energy / refined.pose.scale)
     ) / target.radius, refined.pose.rotation

@@ -19,7 +19,8 @@ from data_tools.rotations import spread_directions
 from data_tools.surface.closest import SurfacePoints
 from data_tools.surface.shape import Shape
 from data_tools.threads import one_blas_thread
-from pairwise.dense import DensePoints, refine_pose
+from pairwise.dense import DensePoints
+from pairwise.surface_fit import fit_surfaces
 
 
 def read_landmark_pairs(path: Path | str, labels: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -106,7 +107,7 @@ def mirror_map(shape: Shape, *, normal: FloatArray | None = None) -> SurfacePoin
     points = _dense_points(surface, centre)
     starts = _best_normals(points) if normal is None else np.asarray(normal)[None]
     found = [
-        refine_pose(points, points, _reflection(start), estimate_scale=False) for start in starts
+        fit_surfaces(points, points, _reflection(start), estimate_scale=False) for start in starts
     ]
     best = min(found, key=lambda one: one.energy)
     rotation = best.pose.rotation

@@ -34,7 +34,6 @@ def make_samples(rng, *, num=12, num_functions=0, num_invariants=2):
         dense_indices=np.arange(7),
         dense_positions=rng.standard_normal((7, 3)),
         dense_normals=rng.standard_normal((7, 3)),
-        dense_invariants=rng.standard_normal((7, num_invariants)),
         signature=rng.standard_normal(18),
         rim="open",
         notes=(Note("decimated", values={"before": 9, "after": 5}),),

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
-from collalign.matching_input import dense_points
 from collalign.options import AlignOptions
 from collalign.stages.poses.refinement import (
     MOST_WEIGHT,
@@ -17,6 +16,7 @@ from collalign.stages.poses.refinement import (
     refine_pair,
     refine_rotations,
 )
+from collalign.whole_pairs.problem import dense_points
 from data_tools.datasets.synthetic_shapes import crown, figure
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
@@ -120,7 +120,7 @@ def test_versions_of_one_surface_are_posed_by_what_they_share(session, monkeypat
 
 def test_a_pair_weighs_by_what_it_shares(rng):
     """No more than a hundred times as much as others, however exact; not more, where it shares nothing."""
-    points = dense_points(bowed_figures([0.0])[0], invariants=False).points
+    points = dense_points(bowed_figures([0.0])[0]).points
     one = DensePoints.from_user(points)
     top = points[:, 2] > np.quantile(points[:, 2], 0.9)
     moved = DensePoints.from_user(points + top[:, None] * [0.0, 0.2, 0.0])

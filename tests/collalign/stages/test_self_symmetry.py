@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.stages.local_evidence import surface_gap, surface_points
 from collalign.stages.self_symmetry import TWELFTHS, mirrored_costs, near_symmetries
+from collalign.whole_pairs.local_evidence import surface_gap, surface_points
 from data_tools.datasets.synthetic_shapes import crown
 from data_tools.poses import APART_DEG
 from data_tools.rotations import random_rotation, rotation_angle_deg

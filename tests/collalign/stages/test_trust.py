@@ -23,7 +23,6 @@ from collalign.options import AlignOptions
 from collalign.products.pair import Pair
 from collalign.products.shapes import Constraints
 from collalign.products.trust import DOUBT, KINDS, UNCERTAIN, Trust
-from collalign.stages.local_evidence import local_evidence, surface_gap
 from collalign.stages.trust.assess import RIVAL_POWER, gather_trust, partners_of, with_trust
 from collalign.stages.trust.rival_poses import (
     Partner,
@@ -33,6 +32,7 @@ from collalign.stages.trust.rival_poses import (
 )
 from collalign.stages.trust.trust_notes import trust_notes
 from collalign.synchronization import synchronize
+from collalign.whole_pairs.local_evidence import local_evidence, surface_gap
 from data_tools.datasets.synthetic import bumped
 from data_tools.datasets.synthetic_shapes import crown, sphere_mesh
 from data_tools.embedding.embedding import sample_shape

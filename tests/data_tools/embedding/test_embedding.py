@@ -81,15 +81,6 @@ def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape, rng):
         assert of_agd == pytest.approx(0.4 * share)
 
 
-def test_dense_invariants_are_those_of_as_many_samples(shape):
-    dense = sample_shape(shape, FEW, ALL)
-    centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
-    assert dense.dense_invariants.shape == (60, dense.invariants.shape[1])
-    assert (dense.dense_invariants[:, :4] ** 2).sum() == pytest.approx(0.2 * (centred**2).sum())
-    without = sample_shape(shape, SamplingOptions(num_points=24, num_dense_points=0), ALL)
-    assert without.dense_invariants.shape == (0, dense.invariants.shape[1])
-
-
 def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     rotation = random_rotation(rng)
     moved = Shape.from_arrays(3.0 * shape.vertices @ rotation.T + [5, 6, 7], shape.faces)
@@ -100,7 +91,6 @@ def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     np.testing.assert_allclose(b.coordinates[:, 3:], a.coordinates[:, 3:], atol=1e-6)
     np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
     np.testing.assert_allclose(b.dense_positions, a.dense_positions @ rotation.T, atol=1e-9)
-    np.testing.assert_allclose(b.dense_invariants, a.dense_invariants, atol=1e-6)
 
 
 def test_mirror_images_have_mirrored_samples(shape):

@@ -4,21 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from collalign.confidence.candidate_model import candidate_costs
-from collalign.stages.local_evidence import (
+from collalign.whole_pairs.local_evidence import (
     NUM_PROPOSED,
     local_evidence,
     proposed_rotations,
     rigid_overlap,
 )
-from collalign.stages.match_pairs import match_pair
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.embedding import sample_shape
 from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.poses import pose_angle_deg
 from data_tools.rotations import random_rotation
 from data_tools.surface.shape import Shape
-from pairwise import MatchOptions
 from tests.products import samples_at
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -85,25 +82,3 @@ def test_shapes_of_hardly_any_points_say_nothing(shapes):
     mismatch, overlap = local_evidence(few, shapes[0], TURN[None])
     assert np.isnan([mismatch, overlap]).all()
     assert proposed_rotations(shapes[0], few, "SO", TURN[None]).shape == (0, 3, 3)
-
-
-def test_a_pair_keeps_the_mismatch_of_each_candidate_and_adds_proposed_ones(shapes, monkeypatch):
-    found = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
-    assert len(found.mismatches) == len(found.energies) == len(found.rotations) == len(found.maps)
-    best = np.argmin(candidate_costs(found.energies, found.mismatches))
-    assert pose_angle_deg(found.rotations[best, :3, :3], TURN) < 5.0
-    # Nothing overlaps convincingly any more: what neighbourhoods propose joins, by energy.
-    other = random_rotation(np.random.default_rng(1))
-    monkeypatch.setattr("collalign.stages.match_pairs.CONVINCING", 2.0)
-    monkeypatch.setattr("collalign.stages.match_pairs.proposed_rotations", lambda *_: other[None])
-    more = match_pair(shapes[0], shapes[1], "SO", MatchOptions())
-    assert len(more.energies) == len(found.energies) + 1
-    assert pose_angle_deg(more.rotations, other).min() < 1e-3
-    assert (np.diff(more.energies) >= 0).all()
-    at = int(np.argmin(pose_angle_deg(more.rotations, other)))
-    costs = ((shapes[1].positions @ other.T - shapes[0].positions[more.maps[at]]) ** 2).sum()
-    costs += ((shapes[1].invariants - shapes[0].invariants[more.maps[at]]) ** 2).sum()
-    assert more.energies[at] == pytest.approx(costs)
-    assert more.mismatches[at] == pytest.approx(
-        local_evidence(shapes[0], shapes[1], other[None])[0][0]
-    )

@@ -23,13 +23,10 @@ def pair_problem(target: Samples, source: Samples, group: str) -> Problem:
     )
 
 
-def dense_points(samples: Samples, *, invariants: bool = True) -> DensePoints:
+def dense_points(samples: Samples) -> DensePoints:
     """Return a shape's dense samples for refinement, with normals where it has them."""
-    return DensePoints.from_user(
-        samples.dense_positions,
-        samples.dense_normals if len(samples.dense_normals) else None,
-        samples.dense_invariants if invariants else None,
-    )
+    normals = samples.dense_normals if len(samples.dense_normals) else None
+    return DensePoints.from_user(samples.dense_positions, normals)
 
 
 def matching_costs(target: Samples, source: Samples, rotation: FloatArray) -> FloatArray:
