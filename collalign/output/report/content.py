@@ -171,6 +171,7 @@ def _shapes(collection: CollectionData) -> list[dict[str, Any]]:
             "name": name,
             "file": printable(collection.files[at]),
             "confidence": float(np.clip(np.nan_to_num(collection.confidence[at]), 0.0, 1.0)),
+            "alone": bool(collection.is_alone[at]),
             "byHand": {"evidence": collection.by_hand[name]}
             if name in collection.by_hand
             else None,

@@ -254,9 +254,9 @@ def _summary(collection: CollectionData, notes: tuple[Note, ...]) -> str:
     """Return what a reader sees first: what to look at and what is missing in the whole collection; then the rest."""
     order = np.argsort(np.nan_to_num(collection.confidence), kind="stable").tolist()
     doubtful = [collection.names[at] for at in order if collection.is_doubtful[at]]
-    num_parts = len(np.unique(collection.part_numbers))
+    num_parts = len(np.unique(collection.part_numbers[~collection.is_alone]))
     num_sure = int((collection.confidence >= DOUBT).sum())
-    words = [f"{num_sure} of {len(collection)} poses are sure."]
+    words = [f"{num_sure} of {int((~collection.is_alone).sum())} poses are sure."]
     if collection.by_hand:
         by_hand = ", ".join(map(opener, [*collection.by_hand][:MAX_NAMED]))
         more = " and others" if len(collection.by_hand) > MAX_NAMED else ""

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.report.content import build_content
 from collalign.output.report.page import write_report
+from collalign.products.kinds import Kind
+from data_tools.options import CleaningOptions
 from tests.browser import Page, launched
 from tests.collalign.output.test_report_incomplete import broken_view
 from tests.collalign.output.test_report_places import mapped_view
@@ -341,6 +343,40 @@ def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
     opened.page.locator("#gallery").get_by_label("corresponding points").check()
     opened.wait_until_changed(".tile canvas", before, 1)
     assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
+
+
+def test_a_shape_alone_of_its_kind_is_not_doubtful(browser, tmp_path):
+    """It comes last and has no confidence; those of its part that are sure are shown over each other."""
+    view, every = view_of(6), np.arange(6)
+    confidence = view.confidence.copy()
+    confidence[4] = 0.0
+    kinds = tuple(
+        Kind(
+            called=f"kind {number}",
+            shapes=shapes,
+            confidence=0.9,
+            frame=0.0,
+            group="SO",
+            cleaning=CleaningOptions(),
+        )
+        for number, shapes in enumerate((every[every != 4], every[4:5]))
+    )
+    view = dataclasses.replace(
+        view, confidence=confidence, kinds=kinds, part_numbers=1 * (every == 4)
+    )
+    with Page(browser, write_report(view, tmp_path)) as page:
+        assert page.page.locator(".verdict").inner_text().startswith("4 of 5 poses are sure.")
+        cards = page.page.locator(".card")
+        assert "doubtful" in cards.first.inner_text()
+        last = cards.last.inner_text()
+        assert "alone of its kind" in last
+        assert "%" not in last
+        cards.last.locator(".tile").click()
+        said = page.page.locator("dialog[open]").inner_text()
+        assert "Alone of its kind" in said
+        assert "no other shape of its kind" in said
+        page.page.keyboard.press("Escape")
+        assert "shape_004" not in page.page.locator("#overlay").inner_text()
 
 
 def test_chances_of_a_shape_add_up(read):

@@ -79,10 +79,23 @@ export class Collection {
     return [...this.shapes.keys()].filter((index) => this.shapes[index].byHand);
   }
 
+  // Whether a shape's pose is in doubt; one alone of its kind has no pose relative to others.
+  isDoubtful(index) {
+    const { alone, confidence } = this.shapes[index];
+    return !alone && confidence < this.doubtThreshold;
+  }
+
+  // All shapes, the most doubtful first, and those alone of their kind last.
+  get byDoubt() {
+    const { shapes } = this;
+    return [...shapes.keys()].sort((a, b) => shapes[a].alone - shapes[b].alone || shapes[a].confidence - shapes[b].confidence);
+  }
+
   // Why a shape's pose is marked, in a word; empty where it is not.
   mark(index) {
-    const { confidence, part } = this.shapes[index];
-    if (confidence < this.doubtThreshold) return "doubtful";
+    const { alone, part } = this.shapes[index];
+    if (alone) return "alone of its kind";
+    if (this.isDoubtful(index)) return "doubtful";
     return part === this.mainPart ? "" : "not surely joined";
   }
 

@@ -100,6 +100,7 @@ function chances({ confidence, alternatives }) {
 }
 
 function chancesInWords(shape) {
+  if (shape.alone) return "There is no other shape of its kind to align it with. Grey and transparent: a shape of another kind.";
   if (shape.byHand) {
     const { evidence } = shape.byHand;
     const said = evidence === null ? "" : `; the evidence alone gives it ${percent(evidence)}`;
@@ -132,7 +133,7 @@ export function shapeDialog(app) {
       figure.append(choose);
     };
     const layers = (pose) => () => [corrections.layer(index, corrections.offered(index, pose)), ...ghost()];
-    add(`present pose: ${shape.byHand ? "set by hand" : chanceInWords(shape.confidence)}`, layers(CONFIRMED), CONFIRMED);
+    add(`present pose: ${shape.byHand ? "set by hand" : shape.alone ? "as in the file" : chanceInWords(shape.confidence)}`, layers(CONFIRMED), CONFIRMED);
     const chance = chances(shape);
     shape.alternatives.forEach(({ R, origin }, at) => {
       const { angle, mirrored } = angleDeg(rotationMatrix(shape.R), rotationMatrix(R));
@@ -157,7 +158,7 @@ export function shapeDialog(app) {
     if (compare !== undefined) drawn.add(row, `for comparison: ${collection.shapes[compare].name}`, () => [after(app, compare, { color: GREY })]);
     poseFigures(row, index, ghost);
     const labels = Object.entries(collection.labels).map(([column, values]) => `${column}: ${values[index] || "unknown"}`);
-    const facts = [shape.byHand ? "Set by hand" : `Confidence ${percent(shape.confidence)}${shape.limitedBy ? `, no more because ${shape.limitedBy}` : ""}`, shape.reflected && "reflected by the alignment", ...labels, `file ${shape.file}`];
+    const facts = [shape.byHand ? "Set by hand" : shape.alone ? "Alone of its kind" : `Confidence ${percent(shape.confidence)}${shape.limitedBy ? `, no more because ${shape.limitedBy}` : ""}`, shape.reflected && "reflected by the alignment", ...labels, `file ${shape.file}`];
     const rows = pairRows(app, index, (a, b) => { box.dialog.close(); app.openPair(a, b); });
     const others = certain.map((other) => [String(other), `${collection.shapes[other].name} (${percent(collection.shapes[other].confidence)})`]);
     box.body.replaceChildren(

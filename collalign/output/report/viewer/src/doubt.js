@@ -21,15 +21,15 @@ function evidence(app, index) {
 
 export function doubtSection(app) {
   const { shapes, doubtThreshold } = app.collection;
-  const order = shapes.map((_, index) => index).sort((a, b) => shapes[a].confidence - shapes[b].confidence);
-  const doubtful = order.filter((index) => shapes[index].confidence < doubtThreshold).length;
+  const order = app.collection.byDoubt;
+  const doubtful = order.filter((index) => app.collection.isDoubtful(index)).length;
   const cells = order.map((index) => {
     const { count, left, median } = evidence(app, index);
     const marks = el("span", { class: "tags" }, ...tags(app, index));
     app.corrections.onchange((changed) => changed === index && marks.replaceChildren(...tags(app, index)));
     const open = button(shapes[index].name, () => app.openShape(index), { class: "link" });
     const share = count ? `${left}\u00a0of\u00a0${count}` : "–";
-    return [open, meter(app, shapes[index]), degrees(median), share, String(shapes[index].alternatives.length), marks];
+    return [open, meter(app, index), degrees(median), share, String(shapes[index].alternatives.length), marks];
   });
   const words = doubtful === 0
     ? "No pose is doubtful."

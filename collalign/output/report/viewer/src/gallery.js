@@ -3,8 +3,10 @@
 import { button, el, select } from "./dom.js";
 import { after, before, percent } from "./layers.js";
 
-export function meter(app, shape) {
-  const doubtful = shape.confidence < app.collection.doubtThreshold;
+export function meter(app, index) {
+  const shape = app.collection.shapes[index];
+  if (shape.alone) return el("span", { class: "meter-text" }, "–");
+  const doubtful = app.collection.isDoubtful(index);
   return el(
     "span",
     { class: doubtful ? "meter doubtful" : "meter" },
@@ -13,10 +15,15 @@ export function meter(app, shape) {
   );
 }
 
+export function confidenceInWords(shape) {
+  return shape.alone ? "alone of its kind" : `confidence ${percent(shape.confidence)}`;
+}
+
 export function tags(app, index) {
   const shape = app.collection.shapes[index];
   const words = [];
-  if (shape.confidence < app.collection.doubtThreshold) words.push(["doubtful", "warn"]);
+  if (shape.alone) words.push(["alone of its kind", ""]);
+  if (app.collection.isDoubtful(index)) words.push(["doubtful", "warn"]);
   if (shape.reflected) words.push(["reflected", ""]);
   if (shape.coverage !== null) words.push([`incomplete, covers ${percent(shape.coverage)}`, ""]);
   if (shape.extra) words.push([`extra material towards ${shape.extra.side}, ${percent(shape.extra.share)}`, ""]);
@@ -36,7 +43,7 @@ function card(app, index) {
   const { stage, corrections, collection } = app;
   const shape = collection.shapes[index];
   const canvases = [el("canvas", { "aria-hidden": "true" }), el("canvas", { "aria-hidden": "true" })];
-  const label = `${shape.name}, confidence ${percent(shape.confidence)}, before and after; open the shape`;
+  const label = `${shape.name}, ${confidenceInWords(shape)}, before and after; open the shape`;
   const tile = button("", () => app.openShape(index), { class: "tile", "aria-label": label });
   tile.append(...canvases);
   stage.add(canvases[0], () => [before(app, index)], { handle: tile });
@@ -53,7 +60,7 @@ function card(app, index) {
     stage.refresh(right);
   });
   const name = button(shape.name, () => app.openShape(index), { class: "link name", title: shape.file });
-  const foot = el("div", { class: "row" }, meter(app, shape), el("label", { class: "check" }, box, "overlay"), el("label", { class: "check" }, out, "leave out"));
+  const foot = el("div", { class: "row" }, meter(app, index), el("label", { class: "check" }, box, "overlay"), el("label", { class: "check" }, out, "leave out"));
   return el("li", { class: "card", "data-name": shape.name.toLowerCase(), "data-index": index }, tile, name, foot, marks);
 }
 
@@ -63,8 +70,10 @@ export function gallerySection(app) {
   const list = el("ul", { class: "gallery", style: `--aspect:${Math.min(2, wide / high).toFixed(2)}` });
   const shown = el("span", { role: "status", class: "muted" });
   const cards = shapes.map((_, index) => card(app, index));
+  const ranks = [];
+  app.collection.byDoubt.forEach((index, rank) => { ranks[index] = rank; });
   const orders = {
-    doubt: (a, b) => shapes[a].confidence - shapes[b].confidence,
+    doubt: (a, b) => ranks[a] - ranks[b],
     name: (a, b) => shapes[a].name.localeCompare(shapes[b].name, "en", { numeric: true }),
   };
   for (const column of categories) orders[`label ${column}`] = (a, b) => labels[column][a].localeCompare(labels[column][b]);

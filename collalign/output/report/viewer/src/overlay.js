@@ -32,9 +32,11 @@ export class Overlay {
   presets() {
     const { shapes, labels, categories } = this.collection;
     const every = shapes.map((_, index) => index);
-    const byDoubt = [...every].sort((a, b) => shapes[a].confidence - shapes[b].confidence);
+    const { byDoubt } = this.collection;
+    // Those of other parts lie in frames of their own.
+    const sure = this.collection.certain(new Set()).slice(0, FIRST);
     const presets = [
-      ["sure", `the ${Math.min(FIRST, every.length)} most certain`, byDoubt.slice(-FIRST)],
+      ["sure", `the ${sure.length} most certain`, sure],
       ["doubt", `the ${Math.min(FIRST, every.length)} most doubtful`, byDoubt.slice(0, FIRST)],
       ["all", "all shapes", every],
       ["none", "none", []],
