@@ -448,6 +448,16 @@ def test_incomplete_shapes_have_a_section_of_their_own(browser, tmp_path):
         assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
 
 
+def test_incomplete_clouds_are_coloured_as_surfaces_are(browser, tmp_path):
+    """All of this one has a counterpart: yellow, in which there is hardly any blue, and not the colour of bones."""
+    view = broken_view()
+    clouds = dataclasses.replace(view, faces=(np.empty((0, 3), dtype=np.int64),) * len(view))
+    for shown, folder in ((view, "surfaces"), (clouds, "clouds")):
+        with Page(browser, write_report(shown, tmp_path / folder)) as page:
+            red, _, blue = page.pixels("#incomplete canvas", 0)["mean"]
+            assert blue < 0.45 * red
+
+
 def test_maps_of_vertices_have_a_section_where_there_are_any(browser, tmp_path):
     with Page(browser, write_report(mapped_view(), tmp_path / "mapped")) as page:
         section = page.page.locator("#places")

@@ -6,6 +6,11 @@ import {
 } from "three";
 import { linear, viridis } from "./colors.js";
 
+// One colour, or without one that of each vertex.
+function paintOf(color) {
+  return color ? { color: new Color(color) } : { vertexColors: true };
+}
+
 export class Assets {
   constructor(collection) {
     this.collection = collection;
@@ -28,9 +33,10 @@ export class Assets {
     const out = [];
     if (surface) {
       const geometry = this.geometry(id, mesh, values);
+      const paint = mesh.scalars.length ? null : color;
       const object = mesh.faces.length
-        ? new Mesh(geometry, this.surfaceMaterial(mesh.scalars.length ? null : color, opacity))
-        : new Points(geometry, this.pointMaterial(color));
+        ? new Mesh(geometry, this.surfaceMaterial(paint, opacity))
+        : new Points(geometry, this.pointMaterial(paint));
       object.matrixAutoUpdate = false;
       object.matrix.copy(matrix);
       out.push(object);
@@ -66,14 +72,13 @@ export class Assets {
 
   surfaceMaterial(color, opacity) {
     return this.shared(`surface ${color} ${opacity}`, () => {
-      const paint = color ? { color: new Color(color) } : { vertexColors: true };
       const clear = opacity < 1 ? { transparent: true, opacity, depthWrite: false } : {};
-      return new MeshLambertMaterial({ side: DoubleSide, ...paint, ...clear });
+      return new MeshLambertMaterial({ side: DoubleSide, ...paintOf(color), ...clear });
     });
   }
 
   pointMaterial(color) {
-    return this.shared(`points ${color}`, () => new PointsMaterial({ color: new Color(color), size: 2.5, sizeAttenuation: false }));
+    return this.shared(`points ${color}`, () => new PointsMaterial({ ...paintOf(color), size: 2.5, sizeAttenuation: false }));
   }
 
   shared(key, make) {

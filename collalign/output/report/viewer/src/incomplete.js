@@ -27,7 +27,7 @@ function overlapTable(app, { shape, partners, overlaps }) {
 
 function entry(app, one) {
   const { name } = app.collection.shapes[one.shape];
-  const row = el("div", { class: "figures few" });
+  const row = el("div", { class: "figures" });
   if (one.own) figure(app, row, `${name}, what the others have too`, () => [after(app, one.shape, { mesh: one.own })]);
   const words = `Covers ${share(one.coverage)} of the shapes that it was posed on; ${one.points[0]} of ${one.points[1]} corresponding points are there. Incomplete: ${one.reason}.`;
   return el("div", { class: "entry" }, el("h3", null, button(name, () => app.openShape(one.shape), { class: "link" })), el("p", null, words), row, overlapTable(app, one));
@@ -42,7 +42,7 @@ export function incompleteSection(app) {
   const intro = "Colours say how many of the shapes that an incomplete one was posed on have a counterpart of each place.";
   const parts = [el("p", { class: "muted" }, intro), legend()];
   if (drawn < shapes.length) parts.push(el("p", null, `The ${drawn} that cover least are drawn.`));
-  return [...parts, ...shapes.map((one) => entry(app, one))];
+  return [...parts, el("div", { class: "entries" }, ...shapes.map((one) => entry(app, one)))];
 }
 
 // How far two shapes overlap, in words; empty where neither is incomplete or they were not posed on each other.
