@@ -32,7 +32,34 @@ FEWEST_POINTS = 30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LocalSurface:
+class SurfacePoints:
+    """Points of a surface with their planes.
+
+    Attributes
+    ----------
+    points : ndarray, shape (l, 3)
+    normals : ndarray, shape (l, 3)
+        Unit normals.
+    cell : float
+        A length, in the unit of the points, by which others are near or far.
+    """
+
+    points: Annotated[FloatArray, Holds(shape="l 3")]
+    normals: Annotated[FloatArray, Holds(shape="l 3")]
+    cell: Annotated[float, Holds(positive=True)]
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The points, for look-ups of nearest neighbours."""
+        return cKDTree(self.points)
+
+    def few(self, num: int = MOST_COMPARED) -> slice:
+        """Return an even choice of at most ``num`` points."""
+        return slice(None, None, -(-len(self.points) // num))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalSurface(SurfacePoints):
     """A surface whose points lie about one cell apart; build it with :meth:`from_user`.
 
     Attributes
@@ -48,10 +75,7 @@ class LocalSurface:
         Unit directions from one of which all of the surface was seen, the likeliest first; mostly none.
     """
 
-    points: Annotated[FloatArray, Holds(shape="l 3")]
-    normals: Annotated[FloatArray, Holds(shape="l 3")]
     histograms: Annotated[NDArray[np.uint8], Holds(shape="l 33")]
-    cell: Annotated[float, Holds(positive=True)]
     sights: Annotated[FloatArray, Holds(shape="s 3")]
 
     @classmethod
@@ -116,15 +140,6 @@ class LocalSurface:
         arms = self.points - self.points.mean(axis=0)
         lengths = np.linalg.norm(arms, axis=1).sum()
         return float(np.vdot(self.normals, arms) / max(lengths, np.finfo(float).tiny))
-
-    @cached_property
-    def tree(self) -> cKDTree:
-        """The points, for look-ups of nearest neighbours."""
-        return cKDTree(self.points)
-
-    def few(self, num: int = MOST_COMPARED) -> slice:
-        """Return an even choice of at most ``num`` points."""
-        return slice(None, None, -(-len(self.points) // num))
 
     @cached_property
     def depth_images(self) -> list[DepthImage]:

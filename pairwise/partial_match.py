@@ -1,8 +1,8 @@
 """Matches two surfaces that overlap in part, at any scale.
 
 Centroids and sizes of different parts of a shape say nothing. Poses on which neighbourhoods agree at a few scales are
-refined by closest points of both surfaces, of which those without a counterpart have no say, and compared by the
-energy of :class:`pairwise.partial_counterparts.Counterparts`.
+refined on the planes of the target, where points without a counterpart have no say. They are compared by the energy
+of :class:`pairwise.partial_counterparts.Counterparts`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from data_tools.arrays import FloatArray, IntArray
 from data_tools.checks import check_choice
-from data_tools.local_surface import PART_CELL, LocalSurface
+from data_tools.local_surface import PART_CELL, LocalSurface, SurfacePoints
 from data_tools.partial_surface import PartialSurface
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.threads import one_blas_thread
@@ -24,7 +24,7 @@ from pairwise.features.poses import (
     match_features,
     refine_on_planes,
 )
-from pairwise.partial_counterparts import TUNED, counterparts, step
+from pairwise.partial_counterparts import TUNED, counterparts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,28 +171,33 @@ def refine(
     targets: Sequence[PartialSurface],
     source: PartialSurface,
     poses: Similarity,
-    cutoffs: Sequence[float | None] = TUNED.steps,
     *,
     num_points: int = TUNED.num_points[1],
     scale_range: tuple[float | FloatArray, float | FloatArray],
     hold_rotations: bool = False,
 ) -> Similarity:
-    """Refine poses by closest points on one or several targets in one frame, one step per cutoff.
+    """Refine poses on the planes of one or several targets in one frame.
 
     With ``hold_rotations`` only shifts and scales change. ``scale_range`` is the least and the largest scale, numbers
     or arrays of shape (p,), one per pose.
     """
-    for cutoff in cutoffs:
-        poses = step(
-            targets,
-            source,
-            poses,
-            num_points=num_points,
-            cutoff=cutoff,
-            scale_range=scale_range,
-            hold_rotations=hold_rotations,
+    cell = PART_CELL * float(np.mean([target.radius for target in targets]))
+    to, of = (
+        SurfacePoints(
+            points=np.concatenate([one.points[:num_points] for one in several]),
+            normals=np.concatenate([one.normals[:num_points] for one in several]),
+            cell=cell,
         )
-    return poses
+        for several in (targets, (source,))
+    )
+    return refine_on_planes(
+        to,
+        of,
+        poses,
+        scale_range=scale_range,
+        hold_rotations=hold_rotations,
+        sides_known=all(one.oriented for one in (*targets, source)),
+    )
 
 
 def distinct_similarities(

@@ -145,9 +145,7 @@ def complete_shapes(
         posed = [one.moved(transform) for one, transform in zip(points, transforms, strict=True)]
         for i, surface in enumerate(posed):
             others = [other for j, other in enumerate(posed) if j != i][:NUM_PARTNERS]
-            moved = refine(
-                others, surface, still, (0.3,) * 8, scale_range=(0.7, 1.4), hold_rotations=True
-            )
+            moved = refine(others, surface, still, scale_range=(0.7, 1.4), hold_rotations=True)
             transforms[i] = moved.transform[0] @ transforms[i]
     return shapes, transforms, cut_or_broken
 

@@ -17,7 +17,7 @@ from collalign.engine.session import Session
 from collalign.options import AlignOptions
 from collalign.output.collection import Collection
 from collalign.products.shapes import Shapes
-from collalign.stages.incomplete import detect
+from collalign.stages.incomplete import detect, posed_points
 from collalign.stages.shape_stage import prepare_shapes
 from data_tools.arrays import BoolArray
 from data_tools.io.objects import list_shapes
@@ -79,8 +79,13 @@ def measure_detection(data: Path, collections: Sequence[str], quick: bool) -> di
 
         def score(collection: str, changed: Mapping[str, Constant]) -> float:
             tried = spoiled[collection]
-            alone = Session.open(AlignOptions(group="SO"), RunOptions(jobs=1))
-            with patched(detect, changed), alone as session:
+            with ExitStack() as stack:
+                for module in (detect, posed_points):
+                    own = {name: value for name, value in changed.items() if name in vars(module)}
+                    stack.enter_context(patched(module, own))
+                session = stack.enter_context(
+                    Session.open(AlignOptions(group="SO"), RunOptions(jobs=1))
+                )
                 found = detect.find_incomplete(
                     session, tried.shapes, tried.aligned.pairs, tried.aligned.transforms
                 )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.arrays import FloatArray, IntArray
-from data_tools.local_surface import MOST_COMPARED, LocalSurface
+from data_tools.local_surface import MOST_COMPARED, LocalSurface, SurfacePoints
 from data_tools.poses import Similarity, pose_angle_deg
 from data_tools.rotations import nearest_orthogonal
 
@@ -128,33 +128,38 @@ def consensus_poses(
 
 
 def refine_on_planes(
-    target: LocalSurface,
-    source: LocalSurface,
+    target: SurfacePoints,
+    source: SurfacePoints,
     poses: Similarity,
     *,
     cutoffs: Sequence[float] = FIRST_STEPS + LAST_STEPS,
     num_points: int = MOST_COMPARED,
-    scale_range: tuple[float, float] | None = None,
+    scale_range: tuple[float | FloatArray, float | FloatArray] | None = None,
+    hold_rotations: bool = False,
+    sides_known: bool = True,
 ) -> Similarity:
     """Refine poses by least squares from points to planes (Chen and Medioni 1992), trimmed.
 
     Parameters
     ----------
-    target, source : LocalSurface
+    target, source : SurfacePoints
     poses : Similarity
-        Several, of determinant 1; source coordinates to those of the target.
+        Several; source coordinates to those of the target.
     cutoffs : sequence of float
         Of the steps, in cells.
     num_points : int
         Points of the source that are brought to the target, at most.
-    scale_range : pair of float, optional
-        The least and the largest scale; without it, scales stay.
+    scale_range : pair of float or ndarray (p,), optional
+        The least and the largest scale, of all poses or of each; without it, scales stay.
+    hold_rotations : bool
+        Only shifts and scales change.
+    sides_known : bool
+        Whether normals of both are on the same side of the surface; if not, either side of a point may face another.
     """
     cell = max(target.cell, source.cell)
     few = source.few(num_points)
     points, normals = source.points[few], source.normals[few]
     rotations, scales, shifts = poses.rotation, np.asarray(poses.scale), poses.shift
-    num_free = 6 if scale_range is None else 7
     for cutoff in cutoffs:
         back = np.swapaxes(rotations, 1, 2)
         placed = points @ (scales[:, None, None] * back) + shifts[:, None]
@@ -165,12 +170,13 @@ def refine_on_planes(
         nearest = np.where(is_near, nearest.reshape(placed.shape[:2]), 0)
         planes = target.normals[nearest]
         cosines = (planes * (normals @ back)).sum(axis=2)
+        cosines = cosines if sides_known else np.abs(cosines)
         weights = (is_near & (cosines > STEP_COSINE)).astype(np.float64)
         counts = weights.sum(axis=1)
         means = (weights[:, None] @ placed)[:, 0] / np.maximum(counts, 1.0)[:, None]
         arms = placed - means[:, None]
         gaps = ((target.points[nearest] - placed) * planes).sum(axis=2)
-        columns = [np.cross(arms, planes), planes]
+        columns = [planes] if hold_rotations else [np.cross(arms, planes), planes]
         if scale_range is not None:
             columns.append((arms * planes).sum(axis=2, keepdims=True))
         rows = np.concatenate(columns, axis=2)
@@ -178,19 +184,22 @@ def refine_on_planes(
         moments = weighted @ rows
         # What no plane holds (a sphere rotates in itself) stays.
         damping = 1e-6 * np.trace(moments, axis1=1, axis2=2) + np.finfo(float).tiny
-        moments += damping[:, None, None] * np.eye(num_free)
+        moments += damping[:, None, None] * np.eye(rows.shape[2])
         steps = np.linalg.solve(moments, weighted @ gaps[:, :, None])[:, :, 0]
         steps[counts < FEWEST_POINTS] = 0.0
-        lengths = np.linalg.norm(steps[:, :3], axis=1, keepdims=True)
-        steps[:, :3] *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, LONGEST_STEP_RAD))
-        corrections = rotations_by(steps[:, :3])
+        turns, slides = np.zeros((len(steps), 3)), steps[:, :3]
+        if not hold_rotations:
+            turns, slides = steps[:, :3], steps[:, 3:6]
+        lengths = np.linalg.norm(turns, axis=1, keepdims=True)
+        turns = turns * np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(lengths, LONGEST_STEP_RAD))
+        corrections = rotations_by(turns)
         moved = (corrections @ (shifts - means)[:, :, None])[:, :, 0]
         if scale_range is not None:
             before = scales
-            grown = np.exp(np.clip(steps[:, 6], -LONGEST_STEP, LONGEST_STEP))
+            grown = np.exp(np.clip(steps[:, -1], -LONGEST_STEP, LONGEST_STEP))
             scales = np.clip(before * grown, *scale_range)
             moved *= (scales / before)[:, None]
-        shifts = moved + means + steps[:, 3:6]
+        shifts = moved + means + slides
         rotations = corrections @ rotations
     return Similarity(rotation=rotations, scale=scales, shift=shifts)
 

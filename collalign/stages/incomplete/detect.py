@@ -28,8 +28,6 @@ NUM_PARTNERS = 6
 #: Only where so much of the least share that is missing lies beyond the rim at the common pose is that refined. Of 93
 #: cut and whole molars and skulls, those found had .084 and more there; below .043 the share grew by less than .03.
 NEARLY_MISSING = 0.5
-#: Steps from the common pose, which centroids and sizes of different parts have shifted.
-_STEPS = (0.35,) * 4 + (0.25,) * 8
 #: Dense samples of either surface that are refined on, and that a shape needs.
 NUM_POINTS = 200
 #: Memory of a surface with its grid of a quarter of a MiB, in that of its points alone.
@@ -130,9 +128,7 @@ def share_beyond(surface: PartialSurface, partners: Sequence[PartialSurface]) ->
 def refined_on(partners: Sequence[PartialSurface], surface: PartialSurface) -> Similarity:
     """Return the pose of a surface that lies among its partners, refined by what has a counterpart there."""
     scales = scales_allowed(partners, surface)
-    return refine(
-        partners, surface, _as_it_lies(), _STEPS, num_points=NUM_POINTS, scale_range=scales
-    )
+    return refine(partners, surface, _as_it_lies(), num_points=NUM_POINTS, scale_range=scales)
 
 
 def _as_it_lies() -> Similarity:
