@@ -119,9 +119,9 @@ def export(
     OptionsError
         If the format or the space is unknown, the format cannot have the space, or the share is none.
     InputError
-        If the folder holds no result, no shape is sure enough or counts in a superimposition, an original file is missing, or ``to``
-        cannot be written, holds a shape, lies inside of a folder of theirs, or holds a file of others or another
-        command under a name that is to be written.
+        If the folder holds no result, no shape is sure enough or counts in a superimposition, an original file is
+        missing, or ``to`` cannot be written, holds a shape, lies inside of a folder of theirs, or holds a file of
+        others or another command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
