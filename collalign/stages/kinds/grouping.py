@@ -12,8 +12,6 @@ from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Members of a group that shows, with a second one, that a folder holds several kinds. Fewer may be odd or broken.
 FEWEST_OF_KIND = 3
-#: Log-odds tried, the largest first, until there are as many groups as were asked for.
-_SPLITS = np.arange(12.0, -24.5, -0.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +72,7 @@ def group_shapes(
 
 
 def group_into(log_odds: FloatArray, num: int, *, known: IntArray | None = None) -> Grouping:
-    """Return as many groups as asked for; those that are the hardest to tell apart are joined.
+    """Return as many groups as asked for: likely kinds are joined only where there are too many.
 
     Parameters
     ----------
@@ -84,14 +82,10 @@ def group_into(log_odds: FloatArray, num: int, *, known: IntArray | None = None)
     known : ndarray of int, shape (N,), optional
         See :func:`group_shapes`.
     """
-    for least in _SPLITS:
-        state = Groups(log_odds, known)
-        while len(state.alive) > num and (pair := state.next_pair(least)) is not None:
+    state = Groups(log_odds, known)
+    for least_split in (0.0, np.inf):
+        while len(state.alive) > num and (pair := state.next_pair(least_split)) is not None:
             state.join(*pair)
-        if len(state.alive) >= num:
-            break
-    while len(state.alive) > num and (pair := state.next_pair(np.inf)) is not None:
-        state.join(*pair)
     return state.result()
 
 
