@@ -21,7 +21,7 @@ LEAST_DISTANCE = 0.02
 #: Log-odds that two groups of shapes are of different kinds: a constant, and the weights of two numbers. The first is
 #: by how much the nearest kin within both is closer than the nearest shapes across, the second how alike these are. A
 #: logistic model of folders of several kinds and of one; ``python -m experiments calibrate kinds`` fits it.
-SPLIT_CONSTANT, SPLIT_GAP, SPLIT_ACROSS = -8.1, 2.6, -1.6
+SPLIT_CONSTANT, SPLIT_GAP, SPLIT_ACROSS = -5.1, 2.1, -1.8
 #: Groups stay apart from these log-odds on before pairs are matched, where a second look follows.
 LEAST_FREE_SPLIT = -3.0
 #: Nearest kin counts as no closer than this: copies. A group has to be closer by :data:`FEW` over the members of the
