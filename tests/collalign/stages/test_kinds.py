@@ -10,7 +10,7 @@ from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, split_log_od
 from collalign.engine.session import Session
 from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
-from collalign.stages.kinds.find import find_kinds
+from collalign.stages.kinds.find import find_kinds, near_pairs
 from collalign.stages.kinds.grouping import group_into, group_shapes
 from collalign.stages.kinds.kind_frames import LEAST_AGREEING, agreed_rotation, kind_frames
 from collalign.stages.kinds.plan import (
@@ -107,6 +107,14 @@ def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
     assert group_shapes(odds, never_apart=parts).num == 1
     three = log_odds_of([0, 0, 0, 1, 1, 1], kin=9.0)
     assert group_shapes(three, never_apart=np.arange(6) > 2).num == 2
+
+
+def test_each_shape_is_matched_with_its_likeliest_kin_and_never_with_itself(rng):
+    odds = log_odds_of([0, 0, 0, 1, 1, 1], rng=rng)
+    assert {(i // 3, j // 3) for i, j in near_pairs(odds, 2)} == {(0, 0), (1, 1)}
+    every = near_pairs(odds, 9)
+    assert len({*every}) == len(every) == 6 * 5
+    assert all(i != j for i, j in every)
 
 
 @pytest.mark.parametrize("num", [1, 2, 3, 5, 9])
