@@ -153,8 +153,9 @@ def folder_comparisons(data: Path, collection: str) -> Comparisons:
             least = least_mismatches(session, shapes, near_pairs(free, NUM_NEAR), "O")
     log_odds = np.minimum(free, 0.0)
     for (i, j), mismatch in least.items():
-        own = (distance[i, j] for distance in distances)
-        log_odds[i, j] = log_odds[j, i] = kind_model.kin_log_odds(*own, np.array(mismatch))
+        shells, general = (distance[i, j] for distance in distances)
+        known = kind_model.kin_log_odds(shells, general, np.array(mismatch))
+        log_odds[i, j] = log_odds[j, i] = known
     return comparisons(log_odds, np.array([kinds[name] for name in shapes.names]))
 
 

@@ -370,7 +370,8 @@ def reliability_rows(stated: FloatArray, errors_deg: FloatArray) -> tuple[Row, .
 
 def write_reliability(rows: Sequence[Row], file: Path) -> None:
     """Write what to expect of each step, rounded down, as :mod:`collalign.confidence.reliability_model` reads it."""
-    lines = [f"{row['from']},{math.floor(1000 * row['expected']) / 1000}\n" for row in rows]
+    shares = (math.floor(1000 * float(row["expected"] or 0.0)) / 1000 for row in rows)
+    lines = [f"{row['from']},{share}\n" for row, share in zip(rows, shares, strict=True)]
     write_atomic(file, "".join(["stated,right\n", *lines]).encode())
 
 
