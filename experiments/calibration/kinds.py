@@ -15,7 +15,7 @@ from collalign.confidence import kind_model
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
 from collalign.options import AlignOptions
-from collalign.stages.kinds.find import least_mismatches, near_pairs
+from collalign.stages.kinds.find import least_mismatches, likely_kin
 from collalign.stages.kinds.grouping import FEWEST_OF_KIND, Groups
 from collalign.stages.kinds.plan import read_all_kinds
 from collalign.stages.kinds.pose_free import kind_descriptors
@@ -150,7 +150,7 @@ def folder_comparisons(data: Path, collection: str) -> Comparisons:
                 return Comparisons(evidence=np.zeros((0, 3)), differ=np.zeros(0, dtype=bool))
             distances = descriptors.distances()
             free = kind_model.kin_log_odds(*distances)
-            least = least_mismatches(session, shapes, near_pairs(free, NUM_NEAR), "O")
+            least = least_mismatches(session, shapes, likely_kin(free, NUM_NEAR), "O")
     log_odds = np.minimum(free, 0.0)
     for (i, j), mismatch in least.items():
         shells, general = (distance[i, j] for distance in distances)

@@ -96,7 +96,7 @@ def find_kinds(
             return None
     log_odds = np.minimum(free, 0.0)
     evidence = _Evidence(distances=distances, log_odds=log_odds)
-    edges = near_pairs(free, NUM_NEAR)
+    edges = likely_kin(free, NUM_NEAR)
     evidence.add(least_mismatches(session, shapes, edges, session.options.group))
     looked_at = set[tuple[int, int]]()
     for _ in range(MAX_ROUNDS):
@@ -135,7 +135,7 @@ def _may_be_parts(shapes: Shapes) -> BoolArray:
     return are_open & (2 * are_open.sum() < len(are_open))
 
 
-def near_pairs(log_odds: FloatArray, num: int) -> list[tuple[int, int]]:
+def likely_kin(log_odds: FloatArray, num: int) -> list[tuple[int, int]]:
     """Return the pairs of each shape with those that are the likeliest kin of it, by log-odds (N, N)."""
     found = log_odds.copy()
     np.fill_diagonal(found, -np.inf)

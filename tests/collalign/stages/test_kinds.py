@@ -10,7 +10,7 @@ from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, split_log_od
 from collalign.engine.session import Session
 from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
-from collalign.stages.kinds.find import find_kinds, near_pairs
+from collalign.stages.kinds.find import find_kinds, likely_kin
 from collalign.stages.kinds.grouping import group_into, group_shapes
 from collalign.stages.kinds.kind_frames import LEAST_AGREEING, agreed_rotation, kind_frames
 from collalign.stages.kinds.plan import (
@@ -111,8 +111,8 @@ def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
 
 def test_each_shape_is_matched_with_its_likeliest_kin_and_never_with_itself(rng):
     odds = log_odds_of([0, 0, 0, 1, 1, 1], rng=rng)
-    assert {(i // 3, j // 3) for i, j in near_pairs(odds, 2)} == {(0, 0), (1, 1)}
-    every = near_pairs(odds, 9)
+    assert {(i // 3, j // 3) for i, j in likely_kin(odds, 2)} == {(0, 0), (1, 1)}
+    every = likely_kin(odds, 9)
     assert len({*every}) == len(every) == 6 * 5
     assert all(i != j for i, j in every)
 
