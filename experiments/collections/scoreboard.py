@@ -83,8 +83,8 @@ posed, and after it: the page then has both. Measurements are kept by the produc
 goes on, and comments and docstrings change nothing.
 
 * *Gross*: pairs off by more than {GROSS_DEG:.0f} degrees, of the wrong side, in different parts, or with a shape that
-  was left out. A shape that is called alone is a part by itself. In mixed sets only pairs of one kind count, and vases
-  count by their axis.
+  was left out. A shape that is called alone is a part by itself. In mixed sets only pairs of one kind count, and
+  vases count by their axis.
 * *Median*: of the errors of pairs.
 * *Right*: shapes within {GROSS_DEG:.0f} degrees of most of their part and kind. A shape that is alone in its part is
   neither right nor wrong.
