@@ -314,6 +314,9 @@ TOOL_TEXTS: dict[str, _Text] = {
     "not-slid": "Semilandmarks of these specimens were not slid, because some of their landmarks are missing: "
     "{shapes}.",
     "posture-taken-out": "Posture is taken out: each part ({parts}) is at its mean place among the others.",
+    "selected": "The selection keeps {kept} of {total} shapes, stated at {least:.3f} or more; {share:.1%} of these "
+    "poses are expected to be right.",
+    "selected-none": "The selection keeps none of {total} shapes: none is stated so surely. Ask for a smaller share.",
     "sides-compared": "{num} individuals have both sides, {first} and {second}. {individuals:.1%} of the variation "
     "of shape is among individuals, {directional:.1%} between sides (directional asymmetry, p = {p:.3g}). "
     "{fluctuating:.1%} is how individuals differ in their sides (fluctuating asymmetry).",
@@ -368,6 +371,7 @@ _REASONS = {
     "alone": "the only one of its kind",
     "other-part": "not aligned with the largest part",
     "excluded": "excluded by name",
+    "less-sure": "less sure than the share of right poses asks for",
     "not-registered": "the mean surface could not be laid onto it",
     "no-trusted-pair": "no trusted pair connects it to the others",
     "by-order": "they were matched by their order",

@@ -77,6 +77,7 @@ _INSTEAD = {
     "cite": "collalign status OUT --cite",
     "classify": "collalign variation OUT --labels FILE --classify COLUMN",
     "prune": "collalign status OUT --prune",
+    "select": "collalign export OUT --format FORMAT --to FOLDER --right 0.99",
     "verify": "collalign certify OUT --verify",
 }
 for _name, (_function, _help) in _COMMANDS.items():

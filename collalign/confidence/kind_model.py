@@ -18,16 +18,15 @@ CONSTANT, MISMATCH, SHELLS, DESCRIPTOR = 6.9, -11.6, -1.3, -0.6
 FREE_CONSTANT, FREE_SHELLS, FREE_DESCRIPTOR = -6.4, -2.5, -1.8
 #: Distances count as no smaller than this: copies.
 LEAST_DISTANCE = 0.02
-#: Two groups are of different kinds only if the log-odds of their nearest members are below this on average, ...
-MOST_ALIKE = 1.0
-#: ... and the mean log-odds of the nearest kin within each are above those by this, and by :data:`FEW` over the
-#: members of the smaller group: single shapes may be odd.
-LEAST_GAP, FEW = 2.6, 2.0
-#: The same before pairs are matched, where a second look follows.
-LEAST_FREE_GAP = 1.0
-#: The odds that two groups are of different kinds: even at a gap of :data:`EVEN_GAP`, and e times as much for each
-#: unit of :data:`UNIT_GAP`.
-EVEN_GAP, UNIT_GAP = 1.2, 0.9
+#: Log-odds that two groups of shapes are of different kinds: a constant, and the weights of two numbers. The first is
+#: by how much the nearest kin within both is closer than the nearest shapes across, the second how alike these are. A
+#: logistic model of folders of several kinds and of one; ``python -m experiments calibrate kinds`` fits it.
+SPLIT_CONSTANT, SPLIT_GAP, SPLIT_ACROSS = -5.1, 2.1, -1.8
+#: Groups stay apart from these log-odds on before pairs are matched, where a second look follows.
+LEAST_FREE_SPLIT = -3.0
+#: Nearest kin counts as no closer than this: copies. A group has to be closer by :data:`FEW` over the members of the
+#: smaller one: single shapes may be odd.
+MOST_KIN, FEW = 8.0, 2.0
 
 
 def kin_log_odds(
@@ -50,6 +49,14 @@ def kin_log_odds(
     return np.asarray(known + MISMATCH * mismatches)
 
 
-def split_confidence(gap: float) -> float:
-    """Return how likely two groups with this gap, less what :data:`FEW` asks for, are of different kinds."""
-    return float(1.0 / (1.0 + np.exp(-(gap - EVEN_GAP) / UNIT_GAP)))
+def split_log_odds(gaps: FloatArray, across: FloatArray) -> FloatArray:
+    """Return the log-odds that pairs of groups are of different kinds, of the shape of the arguments.
+
+    Parameters
+    ----------
+    gaps : ndarray
+        By how much the nearest kin within both is closer, less what :data:`FEW` asks for.
+    across : ndarray
+        Mean log-odds of the nearest shapes across.
+    """
+    return np.asarray(SPLIT_CONSTANT + SPLIT_GAP * gaps + SPLIT_ACROSS * across)

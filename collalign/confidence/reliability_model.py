@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from importlib import resources
+
 import numpy as np
 
 from data_tools.arrays import FloatArray
 
+#: The table of both numbers, which ``python -m experiments scoreboard`` writes.
+FILE = "reliability.csv"
 #: From which confidence on a share holds, and the share that is right (within 30 degrees, modulo symmetry), of the
-#: development sets of ``python -m experiments scoreboard``.
-STEPS = (0.0, 0.5, 0.9, 0.95, 0.99, 0.995)
-RIGHT = (0.688, 0.839, 0.934, 0.985, 0.985, 0.998)
+#: development sets of that command.
+STEPS, RIGHT = np.loadtxt(
+    resources.files("collalign.confidence").joinpath(FILE).read_text("utf-8").splitlines()[1:],
+    delimiter=",",
+    unpack=True,
+)
 
 
 def expected_right(confidence: FloatArray) -> FloatArray:
@@ -24,5 +31,5 @@ def expected_right(confidence: FloatArray) -> FloatArray:
     found = np.full(len(confidence), np.nan)
     # Confidences come in steps of rounding: .995 may be stored as a little less.
     step = np.searchsorted(STEPS, confidence[known] + np.finfo(np.float32).eps, side="right") - 1
-    found[known] = np.array(RIGHT)[np.maximum(step, 0)]
+    found[known] = RIGHT[np.maximum(step, 0)]
     return found

@@ -9,7 +9,7 @@ import numpy as np
 
 from collalign.confidence.reliability_model import expected_right
 from collalign.output.collection_data import CollectionData
-from collalign.wording import reason_text
+from collalign.wording import note_text, reason_text
 from data_tools.arrays import IntArray
 from data_tools.checks import check_number
 from data_tools.embedding.copies import Copies
@@ -19,6 +19,8 @@ from data_tools.notes import Note
 
 #: The table of those who do not count, next to statistics that are written.
 LEFT_OUT_FILE = "left_out.csv"
+#: The reason of a shape that is stated less surely than a share of right poses asks for.
+LESS_SURE = "less-sure"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,11 +107,16 @@ class Selection:
         return name in self.names
 
     def __str__(self) -> str:
+        return note_text(self.note)
+
+    @property
+    def note(self) -> Note:
+        """How many are kept, and what share of them is expected to be right."""
         if not self.names:
-            return f"keeps none of {self.total} shapes: none is stated so surely"
-        return (
-            f"keeps {len(self)} of {self.total} shapes, stated at {self.least_confidence:.3f} or more; "
-            f"{self.right:.1%} of these poses are expected to be right"
+            return Note("selected-none", values={"total": self.total})
+        values = {"kept": len(self), "total": self.total}
+        return Note(
+            "selected", values={**values, "least": self.least_confidence, "share": self.right}
         )
 
 
@@ -155,6 +162,7 @@ def statistics_members(
     include_doubtful: bool = False,
     include_incomplete: bool = False,
     one_part: bool = True,
+    right: float | None = None,
 ) -> Members:
     """Decide who counts in statistics.
 
@@ -167,6 +175,8 @@ def statistics_members(
         Let shapes whose pose is in doubt, or of which parts are missing, count as well.
     one_part : bool
         Whether shapes of other parts than the largest stay out: their poses do not compare.
+    right : float, optional
+        Whether only those count that :func:`select_right` keeps.
     """
     reasons = np.full(len(collection), "", dtype=object)
     known = np.asarray(np.isfinite(collection.confidence))
@@ -178,6 +188,9 @@ def statistics_members(
         reasons[collection.is_incomplete] = "incomplete"
     if one_part:
         reasons[np.setdiff1d(np.arange(len(collection)), main_part(collection))] = "other-part"
+    if right is not None:
+        kept = select_right(collection, right).chosen
+        reasons[np.setdiff1d(np.arange(len(collection)), kept)] = LESS_SURE
     reasons[collection.is_alone] = "alone"
     excluded = known_names("exclude", exclude, collection.names)
     reasons[[collection.index(name) for name in excluded.values()]] = "excluded"

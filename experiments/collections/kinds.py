@@ -35,7 +35,7 @@ from experiments.peers.capod import FOLDER as CAPOD_FOLDER
 from experiments.provenance import ROOT, code_digest
 from experiments.tables import Column, Row, Table
 
-NUM_DRAWS = 3
+NUM_DRAWS = 1
 #: Shapes of each kind in a mixture, of two kinds that are many, and of a set of one kind.
 OF_KIND, OF_MANY, OF_ONE = 5, 10, 12
 SEATS, GUNS = "kenney_seats10", "kenney_guns13"
@@ -45,8 +45,8 @@ FAMILIES_MIXED = ("crowns", "blobs, rough")
 Draw = Callable[[Path, Path, np.random.Generator], PosedCollection]
 
 _ABOUT = f"""
-Folders of several kinds in random poses, at default options, {NUM_DRAWS} draws of {OF_KIND} shapes a kind, of the
-seats and guns all; {OF_MANY} skulls and as many molars.
+Folders of several kinds in random poses, at default options: {OF_KIND} shapes a kind, the seats and guns all,
+{OF_MANY} skulls and as many molars. Number of draws: {NUM_DRAWS}.
 
 * *Purity*: shapes that are of the kind which most of their found kind are of.
 * *Split*: kinds of which two found kinds have {FEWEST_OF_KIND} shapes or more. *Alone*: shapes that are the only one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +15,12 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from collalign import RunOptions, align_collection
-from collalign.confidence.reliability_model import RIGHT, STEPS
+from collalign.confidence import reliability_model
+from collalign.confidence.reliability_model import STEPS
 from collalign.engine.records import Record
 from collalign.output.collection import Collection
 from data_tools.arrays import FloatArray
+from data_tools.io.files import write_atomic
 from data_tools.io.shapes import write_mesh
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape
@@ -80,7 +83,8 @@ posed, and after it: the page then has both. Measurements are kept by the produc
 goes on, and comments and docstrings change nothing.
 
 * *Gross*: pairs off by more than {GROSS_DEG:.0f} degrees, of the wrong side, in different parts, or with a shape that
-  was left out. In mixed sets only pairs of one kind count, and vases count by their axis.
+  was left out. A shape that is called alone is a part by itself. In mixed sets only pairs of one kind count, and
+  vases count by their axis.
 * *Median*: of the errors of pairs.
 * *Right*: shapes within {GROSS_DEG:.0f} degrees of most of their part and kind. A shape that is alone in its part is
   neither right nor wrong.
@@ -297,7 +301,6 @@ RELIABILITY = (
     Column(key="shapes", title="shapes"),
     Column(key="right", title="right"),
     Column(key="expected", title="expected", format=".3f"),
-    Column(key="code", title="in the code", format=".3f"),
 )
 
 
@@ -357,14 +360,20 @@ def reliability_rows(stated: FloatArray, errors_deg: FloatArray) -> tuple[Row, .
     expected = isotonic_regression((right + 1.0) / (shapes + 2.0), weights=shapes + 2.0).x
     return tuple(
         {
-            "from": STEPS[k],
+            "from": float(STEPS[k]),
             "shapes": int(shapes[k]),
             "right": int(right[k]),
             "expected": value,
-            "code": now,
         }
-        for k, (value, now) in enumerate(zip(expected.tolist(), RIGHT, strict=True))
+        for k, value in enumerate(expected.tolist())
     )
+
+
+def write_reliability(rows: Sequence[Row], file: Path) -> None:
+    """Write what to expect of each step, rounded down, as :mod:`collalign.confidence.reliability_model` reads it."""
+    shares = (math.floor(1000 * float(row["expected"] or 0.0)) / 1000 for row in rows)
+    lines = [f"{row['from']},{share}\n" for row, share in zip(rows, shares, strict=True)]
+    write_atomic(file, "".join(["stated,right\n", *lines]).encode())
 
 
 def measure(bench: Bench) -> Outcome:
@@ -395,6 +404,15 @@ def measure(bench: Bench) -> Outcome:
         return Table(columns=COLUMNS, rows=tuple(rows), name=name, caption=caption)
 
     by_set = {key: [label for (of, _), label in members.items() if of == key] for key in sets}
+    every = [one for of in records.values() for one in of]
+    stated, errors_deg = (
+        np.concatenate([one[key] for one in every]) for key in ("stated", "shape_deg")
+    )
+    counted = reliability_rows(stated, errors_deg)
+    if not bench.quick:
+        write_reliability(
+            counted, Path(reliability_model.__file__).with_name(reliability_model.FILE)
+        )
     return Outcome(
         tables=(
             table(by_set | {"all sets": [*records]}),
@@ -403,15 +421,10 @@ def measure(bench: Bench) -> Outcome:
             ),
             Table(
                 columns=RELIABILITY,
-                rows=reliability_rows(
-                    *(
-                        np.concatenate([one[key] for of in records.values() for one in of])
-                        for key in ("stated", "shape_deg")
-                    )
-                ),
+                rows=counted,
                 name="reliability",
                 caption="Shapes by what they are stated at, each row up to the next one: the share that is right, as "
-                "these shapes let expect it, and as `collection.select(right=...)` does.",
+                "these shapes let expect it. `collection.select(right=...)` takes it from here.",
             ),
         )
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
+from experiments.calibration.kinds import NUM_RIVALS, comparisons, fit_splits, joined
 from experiments.calibration.scan import scan
 from experiments.calibration.scenes import JudgedPair, fit_weights, log_loss
 
@@ -49,6 +50,7 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
         ("sides", "teeth"),
         ("evidence", "glasses"),
         ("margins", "chair"),
+        ("kinds", "generated families: chairs and figures"),
     ],
 )
 def test_quick_calibrations_measure_every_constant(shared_data, name, collection):
@@ -60,6 +62,25 @@ def test_quick_calibrations_measure_every_constant(shared_data, name, collection
     if name == "model":
         assert 0 < float(str(rows[0]["measured"])) < 0.35
         assert 0 <= float(str(rows[1]["measured"])) < 1
+
+
+def folder_of_kinds(rng, *, apart):
+    """Comparisons of a folder of three kinds of eight shapes each; strangers are less alike by so much."""
+    kinds = np.repeat(np.arange(3), 8)
+    noise = 0.5 * rng.standard_normal((24, 24))
+    odds = 6.0 - apart * (kinds[:, None] != kinds) + noise + noise.T
+    return comparisons(odds, kinds)
+
+
+def test_the_fit_of_splits_tells_kinds_apart_that_it_has_not_seen_and_splits_none():
+    rng = np.random.default_rng(0)
+    seen = joined([folder_of_kinds(rng, apart=apart) for apart in (4.0, 6.0, 8.0)])
+    assert seen.differ.sum() == 3 * 3 * NUM_RIVALS
+    fitted = fit_splits(seen)
+    assert fitted[1] > 0 > fitted[2]
+    assert folder_of_kinds(rng, apart=6.0).share_right(fitted) > 0.95
+    assert folder_of_kinds(rng, apart=0.0).share_right(fitted) == 0.5, "there are no kinds"
+    assert seen.share_right(-fitted) < 0.1
 
 
 @pytest.mark.parametrize("name", ["few_radii", "ellipsoids"])

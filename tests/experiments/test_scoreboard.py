@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from collalign.confidence import reliability_model
+from collalign.confidence.reliability_model import RIGHT, STEPS
 from collalign.engine.store import Store
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.errors import InputError
@@ -161,6 +163,21 @@ def test_shapes_are_counted_by_what_they_are_stated_at_and_surer_ones_are_expect
     )  # with .99, of which there is none
     expected = [row["expected"] for row in rows.values()]
     assert expected == sorted(expected)
+
+
+def test_the_product_reads_what_is_expected_as_the_scoreboard_writes_it(tmp_path):
+    rows = tuple({"from": step, "expected": step / 3 + 0.6006} for step in STEPS.tolist())
+    scoreboard.write_reliability(rows, tmp_path / "reliability.csv")
+    steps, right = np.loadtxt(tmp_path / "reliability.csv", delimiter=",", skiprows=1, unpack=True)
+    assert steps.tolist() == STEPS.tolist()
+    assert right[0] == 0.6, "it is rounded down"
+    own = Path(reliability_model.__file__).with_name(reliability_model.FILE).read_bytes()
+    current = tuple(
+        {"from": step, "expected": share + 1e-9}
+        for step, share in zip(STEPS.tolist(), RIGHT.tolist(), strict=True)
+    )
+    scoreboard.write_reliability(current, tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == own
 
 
 def test_the_smallest_scoreboard_is_measured_and_written(tmp_path):

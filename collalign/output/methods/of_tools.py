@@ -162,6 +162,12 @@ def _members(left_out: Iterable[Sequence[str]], *, include_doubtful: bool) -> It
 def _export(options: Mapping[str, Any]) -> Iterator[Sentence]:
     if own := options["exclude"]:
         yield f"We left out {specimens(own)} of what was exported.", ()
+    if options["right"] is not None:
+        yield (
+            f"Only the surest poses were exported, of which the program expects {options['right']:.1%} or more to be "
+            "right.",
+            (),
+        )
     yield f"Coordinates were exported as {_SPACES[options['space']]}.", ()
 
 

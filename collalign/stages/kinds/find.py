@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from collalign.confidence.kind_model import LEAST_FREE_GAP, LEAST_GAP, kin_log_odds
+from collalign.confidence.kind_model import LEAST_FREE_SPLIT, kin_log_odds
 from collalign.options import MAX_ROUNDS, AlignSession
 from collalign.products.shapes import Shapes
 from collalign.stages.choose_pairs import normalised
@@ -91,20 +91,19 @@ def find_kinds(
     free = kin_log_odds(*distances)
     parts = _may_be_parts(shapes)
     if not num:
-        first = group_shapes(free, LEAST_FREE_GAP, known=known, never_apart=parts)
+        first = group_shapes(free, known=known, never_apart=parts, least_split=LEAST_FREE_SPLIT)
         if first.num == 1:
             return None
     log_odds = np.minimum(free, 0.0)
-    near = np.argsort(-_without_own(free), axis=1, kind="stable")[:, :NUM_NEAR]
-    near_pairs = [(i, j) for i, own in enumerate(near.tolist()) for j in own]
     evidence = _Evidence(distances=distances, log_odds=log_odds)
-    evidence.add(least_mismatches(session, shapes, near_pairs, session.options.group))
+    edges = likely_kin(free, NUM_NEAR)
+    evidence.add(least_mismatches(session, shapes, edges, session.options.group))
     looked_at = set[tuple[int, int]]()
     for _ in range(MAX_ROUNDS):
         found = (
             group_into(log_odds, num, known=known)
             if num
-            else group_shapes(log_odds, LEAST_GAP, known=known, never_apart=parts)
+            else group_shapes(log_odds, known=known, never_apart=parts)
         )
         edges = sorted({*_across(found, log_odds)} - looked_at)
         if found.num == 1 or not edges:
@@ -136,11 +135,12 @@ def _may_be_parts(shapes: Shapes) -> BoolArray:
     return are_open & (2 * are_open.sum() < len(are_open))
 
 
-def _without_own(values: FloatArray) -> FloatArray:
-    """Return a square table without its diagonal."""
-    found = values.copy()
+def likely_kin(log_odds: FloatArray, num: int) -> list[tuple[int, int]]:
+    """Return the pairs of each shape with those that are the likeliest kin of it, by log-odds (N, N)."""
+    found = log_odds.copy()
     np.fill_diagonal(found, -np.inf)
-    return found
+    near = np.argsort(-found, axis=1, kind="stable")[:, : min(num, len(found) - 1)]
+    return [(i, j) for i, own in enumerate(near.tolist()) for j in own]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
-from collalign.confidence.kind_model import FEW, MOST_ALIKE, split_confidence
+from collalign.confidence.kind_model import FEW, MOST_KIN, split_log_odds
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 
 #: Members of a group that shows, with a second one, that a folder holds several kinds. Fewer may be odd or broken.
 FEWEST_OF_KIND = 3
-#: Gaps tried, the largest first, until there are as many groups as were asked for.
-_GAPS = np.arange(12.0, -12.5, -0.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,55 +22,57 @@ class Grouping:
     ----------
     labels : ndarray of int, shape (N,)
         Group of each shape, numbered by first member.
-    gaps : ndarray, shape (K, K)
-        By how much nearest kin within two groups is closer than nearest shapes across, beyond what few members ask
-        for; infinite on the diagonal.
+    splits : ndarray, shape (K, K)
+        Log-odds that two groups are of different kinds; infinite on the diagonal. They grow by how much nearest kin
+        within both groups is closer than nearest shapes across, beyond what few members ask for, and fall by how
+        alike these are.
     across : ndarray, shape (K, K)
-        Mean log-odds of the nearest shapes across two groups, both ways.
+        Mean log-odds of the nearest shapes across two groups, both ways, to be of one kind.
     """
 
     labels: IntArray
-    gaps: FloatArray
+    splits: FloatArray
     across: FloatArray
 
     @property
     def num(self) -> int:
         """How many groups there are."""
-        return len(self.gaps)
+        return len(self.splits)
 
     @property
     def confidence(self) -> FloatArray:
         """How likely each group is a kind of its own, shape (K,); 1 for a single one."""
-        return np.array([split_confidence(gap) for gap in self.gaps.min(axis=1)])
+        return np.asarray(expit(self.splits.min(axis=1)))
 
 
 def group_shapes(
     log_odds: FloatArray,
-    least_gap: float,
     *,
     known: IntArray | None = None,
     never_apart: BoolArray | None = None,
+    least_split: float = 0.0,
 ) -> Grouping:
-    """Join groups of shapes, the nearest first, unless a gap says that they are of different kinds.
+    """Join groups of shapes, the nearest first, unless they are likely of different kinds.
 
     Parameters
     ----------
     log_odds : ndarray, shape (N, N)
         Of two shapes being of one kind; symmetric.
-    least_gap : float
     known : ndarray of int, shape (N,), optional
         Groups that are not joined with each other, from 0; -1 for shapes that may come to any.
     never_apart : ndarray of bool, shape (N,), optional
         Shapes that are no kind by themselves, be it one or two: parts of others may be so.
+    least_split : float
+        Log-odds above which two groups stay apart.
     """
-    state = _State(log_odds, known, never_apart)
-    while (pair := state.next_pair(least_gap)) is not None:
+    state = Groups(log_odds, known, never_apart)
+    while (pair := state.next_pair(least_split)) is not None:
         state.join(*pair)
     return state.result()
 
 
 def group_into(log_odds: FloatArray, num: int, *, known: IntArray | None = None) -> Grouping:
-    """Return as many groups as asked for; those that are the hardest to tell apart are joined.
+    """Return as many groups as asked for: likely kinds are joined only where there are too many.
 
     Parameters
     ----------
@@ -81,32 +82,32 @@ def group_into(log_odds: FloatArray, num: int, *, known: IntArray | None = None)
     known : ndarray of int, shape (N,), optional
         See :func:`group_shapes`.
     """
-    for gap in (*_GAPS, -np.inf):
-        state = _State(log_odds, known, None, most_alike=MOST_ALIKE if gap > -np.inf else np.inf)
-        while len(state.alive) > num and (pair := state.next_pair(gap)) is not None:
+    state = Groups(log_odds, known)
+    for least_split in (0.0, np.inf):
+        while len(state.alive) > num and (pair := state.next_pair(least_split)) is not None:
             state.join(*pair)
-        if len(state.alive) >= num:
-            break
-    while len(state.alive) > num and (pair := state.next_pair(np.inf)) is not None:
-        state.join(*pair)
     return state.result()
 
 
-class _State:
-    """Groups on their way; each is called by its first member."""
+class Groups:
+    """Groups of shapes that are joined one by one; each is called by its first member.
+
+    Parameters
+    ----------
+    log_odds : ndarray, shape (N, N)
+    known, never_apart : ndarray, shape (N,), optional
+        See :func:`group_shapes`.
+    """
 
     def __init__(
         self,
         log_odds: FloatArray,
-        known: IntArray | None,
-        never_apart: BoolArray | None,
-        *,
-        most_alike: float = MOST_ALIKE,
+        known: IntArray | None = None,
+        never_apart: BoolArray | None = None,
     ) -> None:
         self._odds = log_odds.copy()
         np.fill_diagonal(self._odds, -np.inf)
         num = len(log_odds)
-        self._most_alike = most_alike
         self._known = np.full(num, -1) if known is None else known.copy()
         self._parts = np.zeros(num, dtype=bool) if never_apart is None else never_apart.copy()
         self.members = {i: [i] for i in range(num)}
@@ -136,14 +137,18 @@ class _State:
     def gaps(self, across: FloatArray) -> FloatArray:
         """Return by how much kin within two groups is closer, beyond what few members ask for, shape (K, K)."""
         at = self.alive
-        kin, sizes = self._kin[at], self._sizes[at]
+        kin, sizes = np.minimum(self._kin[at], MOST_KIN), self._sizes[at]
         few = FEW / np.minimum(sizes[:, None], sizes)
         return np.asarray(np.minimum(kin[:, None], kin) - across - few)
 
-    def next_pair(self, least_gap: float) -> tuple[int, int] | None:
+    def splits(self, across: FloatArray) -> FloatArray:
+        """Return the log-odds that two groups are of different kinds, shape (K, K)."""
+        return split_log_odds(self.gaps(across), across)
+
+    def next_pair(self, least_split: float) -> tuple[int, int] | None:
         """Return the two nearest groups that nothing keeps apart; None where there are none."""
         at, across = self.alive, self.across()
-        apart = (self.gaps(across) > least_gap) & (across < self._most_alike)
+        apart = self.splits(across) > least_split
         weak = self._parts[at] & (self._sizes[at] < FEWEST_OF_KIND)
         apart &= ~(weak[:, None] | weak)
         labels = self._known[at]
@@ -176,8 +181,8 @@ class _State:
         for number, k in enumerate(order):
             labels[self.members[int(at[k])]] = number
         across = self.across()
-        gaps = self.gaps(across)
-        np.fill_diagonal(gaps, np.inf)
+        splits = self.splits(across)
+        np.fill_diagonal(splits, np.inf)
         return Grouping(
-            labels=labels, gaps=gaps[np.ix_(order, order)], across=across[np.ix_(order, order)]
+            labels=labels, splits=splits[np.ix_(order, order)], across=across[np.ix_(order, order)]
         )

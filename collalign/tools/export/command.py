@@ -24,6 +24,7 @@ def export(
     space: Space | None = None,
     sources: Path | None = None,
     exclude: Excluded = (),
+    right: float | None = None,
     include_doubtful: Flag = False,
 ) -> int:
     """Write a result in a format of the field.
@@ -42,12 +43,19 @@ def export(
         kept, and aligned for the others.
     sources
         Folder of the original files where they have moved.
+    right
+        Write only the surest shapes, as many as let expect this share of right poses: 0.99, for instance. The others
+        are in left_out.csv.
     include_doubtful
         Let shapes count in means, distances and superimpositions whose pose is in doubt, and incomplete ones.
     """
     collection = load(result)
     left_out = tuple(known_names("exclude", exclude, collection.names).values())
-    who: dict[str, Any] = {"exclude": left_out, "include_doubtful": include_doubtful}
+    who: dict[str, Any] = {
+        "exclude": left_out,
+        "right": right,
+        "include_doubtful": include_doubtful,
+    }
     paths = write_export(collection, format, to, space=space, sources=sources, **who)
     space = usual_space(format) if space is None else space
     for note in export_notes(collection, format, space, **who):

@@ -10,7 +10,7 @@ import numpy as np
 from collalign.output.collection import Collection
 from collalign.output.label_notes import compare_members
 from collalign.output.loading import load
-from collalign.output.members import LEFT_OUT_FILE, Members, statistics_members
+from collalign.output.members import LEFT_OUT_FILE, LESS_SURE, Members, statistics_members
 from collalign.output.provenance import result_place, write_tool_record
 from collalign.tools.export.formats import (
     mesh_writer,
@@ -75,6 +75,7 @@ def export(
     semilandmarks: tuple[SemilandmarkRows, ...] = (),
     system: CoordinateSystem = "LPS",
     exclude: Sequence[str] = (),
+    right: float | None = None,
     include_doubtful: bool = False,
 ) -> tuple[Path, ...]:
     """Write a collection in one format.
@@ -99,6 +100,8 @@ def export(
         Coordinates of the files that declare none, as 3D Slicer's formats say it of raw landmarks.
     exclude : sequence of str
         Names of shapes that are not written, nor count anywhere.
+    right : float, optional
+        Only the shapes are written that :meth:`~collalign.Collection.select` keeps for this share of right poses.
     include_doubtful : bool
         Let shapes whose pose is in doubt, and incomplete ones, count in what is computed of several shapes: tables of
         means, distances and components, and all that is superimposed. They are left out of these otherwise.
@@ -106,28 +109,32 @@ def export(
     Returns
     -------
     tuple of Path
-        The files written; ``left_out.csv`` is among them where anything was computed of several shapes or excluded.
+        The files written; ``left_out.csv`` is among them where shapes were left out or anything was computed of
+        several.
         Beside them ``notes-FORMAT.txt`` says what a reader must know of the coordinates and of the alignment, and
         ``run-export-FORMAT.json`` is the record of command, version, date and options.
 
     Raises
     ------
     OptionsError
-        If the format or the space is unknown, or the format cannot have the space.
+        If the format or the space is unknown, the format cannot have the space, or the share is none.
     InputError
-        If the folder holds no result, no shape counts in a superimposition, an original file is missing, or ``to``
-        cannot be written, holds a shape, lies inside of a folder of theirs, or holds a file of others or another
-        command under a name that is to be written.
+        If the folder holds no result, no shape is sure enough or counts in a superimposition, an original file is
+        missing, or ``to`` cannot be written, holds a shape, lies inside of a folder of theirs, or holds a file of
+        others or another command under a name that is to be written.
     """
     check_choice("format", format, FORMATS)
     space = usual_space(format) if space is None else space
     collection = load(result, sources=sources)
-    who = _who_counts(collection, exclude, include_doubtful)
+    who = _who_counts(collection, exclude, right, include_doubtful)
     if space == "procrustes" and who.too_few(1):
         raise InputError(f"space: {who.too_few(1)}")
     folder = Path(to)
-    excluded = {name for name, reason in who.left_out if reason == "excluded"}
-    written = [at for at, name in enumerate(collection.names) if name not in excluded]
+    omitted = {"excluded"} if right is None else {"excluded", LESS_SURE, "alone"}
+    absent = {name for name, reason in who.left_out if reason in omitted}
+    written = [at for at, name in enumerate(collection.names) if name not in absent]
+    if right is not None and not written:
+        raise InputError(f"right: {collection.select(right=right)}")
     try:
         with OutputFolder.open(
             folder, writer=f"export {format}", inputs=collection.inputs
@@ -135,7 +142,7 @@ def export(
             request = ExportRequest(
                 system=system,
                 collection=collection.some(np.array(written, dtype=np.int64))
-                if exclude
+                if absent
                 else collection,
                 folder=output.staging,
                 who=who,
@@ -145,11 +152,16 @@ def export(
             if space == "procrustes":
                 request = request.counted
             staged = FORMATS[format](request)
-            if exclude or _computes(format, space):
+            if _leaves_out(exclude, right) or _computes(format, space):
                 output.stage(LEFT_OUT_FILE).write_bytes(who.table)
                 staged = (*staged, output.staging / LEFT_OUT_FILE)
             said = export_notes(
-                collection, format, space, exclude=exclude, include_doubtful=include_doubtful
+                collection,
+                format,
+                space,
+                exclude=exclude,
+                right=right,
+                include_doubtful=include_doubtful,
             )
             notes = "".join(f"{note_text(note)}\n" for note in said)
             write_atomic(
@@ -159,6 +171,7 @@ def export(
                 "result": result_place(collection, folder),
                 "space": space,
                 "exclude": exclude,
+                "right": right,
                 "include_doubtful": include_doubtful,
             }
             write_tool_record(output, f"export {format}", decided)
@@ -179,26 +192,35 @@ def export_notes(
     space: Space,
     *,
     exclude: Sequence[str] = (),
+    right: float | None = None,
     include_doubtful: bool = False,
 ) -> tuple[Note, ...]:
     """Return what a reader of an export must know, the notes of the alignment included."""
     is_placed = format in (*STATISTICS, "slicer-json")
     notes = [coordinates_note(collection, space)] if is_placed else []
     notes += [_DIRECTIONS[format]] if format in _DIRECTIONS else []
-    if exclude or _computes(format, space):
-        who = _who_counts(collection, exclude, include_doubtful)
+    notes += [] if right is None else [collection.select(right=right).note]
+    if _leaves_out(exclude, right) or _computes(format, space):
+        who = _who_counts(collection, exclude, right, include_doubtful)
         _, differences = compare_members(collection, who, collection.labels)
         return (*notes, *who.notes, *differences, *who.not_said_by(collection.notes))
     return (*notes, *collection.notes)
 
 
-def _who_counts(collection: Collection, exclude: Sequence[str], include_doubtful: bool) -> Members:
+def _who_counts(
+    collection: Collection, exclude: Sequence[str], right: float | None, include_doubtful: bool
+) -> Members:
     return statistics_members(
         collection,
         exclude=exclude,
+        right=right,
         include_doubtful=include_doubtful,
         include_incomplete=include_doubtful,
     )
+
+
+def _leaves_out(exclude: Sequence[str], right: float | None) -> bool:
+    return bool(exclude) or right is not None
 
 
 def _computes(format: str, space: Space) -> bool:

@@ -58,6 +58,7 @@ def test_names_need_not_fit_the_encoding_of_the_terminal(tmp_path):
         ("verify", "certify OUT --verify"),
         ("cite", "status OUT --cite"),
         ("prune", "status OUT --prune"),
+        ("select", "export OUT --format FORMAT --to FOLDER --right 0.99"),
         ("classify", "variation OUT --labels FILE --classify COLUMN"),
     ],
 )

@@ -77,7 +77,10 @@ def test_a_transfer_tells_templates_semilandmarks_and_errors():
 
 
 def test_an_export_says_in_which_coordinates():
-    export = TOOLS["export"]({"exclude": ["a"], "space": "unscaled"})
-    said = " ".join(sentence for sentence, _ in export)
+    options = {"exclude": ["a"], "right": None, "space": "unscaled"}
+    said = " ".join(sentence for sentence, _ in TOOLS["export"](options))
     assert said.startswith("We left out 1 specimen (a)")
     assert "in the units of the files" in said
+    assert "surest" not in said
+    sure = " ".join(sentence for sentence, _ in TOOLS["export"](options | {"right": 0.99}))
+    assert "expects 99.0% or more to be right" in sure

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from collalign import AlignOptions, RunOptions
-from collalign.confidence.kind_model import FEW, LEAST_GAP, kin_log_odds, split_confidence
+from collalign.confidence.kind_model import MOST_KIN, kin_log_odds, split_log_odds
 from collalign.engine.session import Session
 from collalign.products.kinds import Kind
 from collalign.products.pair import FormerPairs
-from collalign.stages.kinds.find import find_kinds
+from collalign.stages.kinds.find import find_kinds, likely_kin
 from collalign.stages.kinds.grouping import group_into, group_shapes
 from collalign.stages.kinds.kind_frames import LEAST_AGREEING, agreed_rotation, kind_frames
 from collalign.stages.kinds.plan import (
@@ -53,33 +53,37 @@ def as_partition(labels):
 @pytest.mark.parametrize("labels", [[0, 0, 0, 1, 1, 1], [0, 1, 0, 1, 2, 2, 0, 1, 2]])
 def test_kinds_are_told_apart_whatever_their_order(labels, rng):
     odds = log_odds_of(labels, rng=rng)
-    found = group_shapes(odds, LEAST_GAP)
+    found = group_shapes(odds)
     assert as_partition(found.labels) == as_partition(np.array(labels))
     assert found.labels.tolist()[0] == 0
     assert (found.confidence > 0.95).all()
     order = rng.permutation(len(labels))
-    again = group_shapes(odds[np.ix_(order, order)], LEAST_GAP)
+    again = group_shapes(odds[np.ix_(order, order)])
     assert as_partition(again.labels[np.argsort(order)]) == as_partition(np.array(labels))
 
 
 def test_a_gap_that_is_small_or_strangers_that_match_keep_shapes_together(rng):
     labels = [0, 0, 0, 1, 1, 1]
-    limit = LEAST_GAP + FEW / 3
     for kin, strangers, num in (
-        (limit - 1.0 - 0.2, -1.0, 1),
-        (limit - 1.0 + 0.2, -1.0, 2),
-        (30.0, 1.5, 1),  # they match, however closely others do
+        (2.0, 0.0, 1),
+        (7.0, 0.0, 2),
+        (30.0, 3.5, 1),  # they match, however closely others do
     ):
-        found = group_shapes(log_odds_of(labels, kin=kin, strangers=strangers), LEAST_GAP)
+        found = group_shapes(log_odds_of(labels, kin=kin, strangers=strangers))
         assert found.num == num
-    assert group_shapes(log_odds_of([0] * 8, rng=rng), LEAST_GAP).num == 1
+    copies = [
+        group_shapes(log_odds_of(labels, kin=kin)).confidence[0]
+        for kin in (0.9 * MOST_KIN, MOST_KIN, 2 * MOST_KIN)
+    ]
+    assert copies[0] < copies[1] == copies[2], "kin counts as no closer than copies"
+    assert group_shapes(log_odds_of([0] * 8, rng=rng)).num == 1
 
 
 def test_nearest_kin_counts_and_not_all_of_a_kind():
     """A row of shapes, each like its neighbours only, is of one kind; a second row far from it is another."""
     place = np.concatenate([np.arange(6.0), 100.0 + np.arange(6.0)])
     odds = np.maximum(5.0 - 3.0 * (np.abs(place[:, None] - place) - 1.0), -8.0)
-    assert as_partition(group_shapes(odds, LEAST_GAP).labels) == {
+    assert as_partition(group_shapes(odds).labels) == {
         tuple(range(6)),
         tuple(range(6, 12)),
     }
@@ -88,21 +92,29 @@ def test_nearest_kin_counts_and_not_all_of_a_kind():
 def test_known_groups_stay_apart_and_new_shapes_come_to_theirs():
     labels = np.array([0, 0, 0, 0, 1, 1])
     known = np.array([0, 0, 1, 1, -1, -1])
-    found = group_shapes(log_odds_of(labels), LEAST_GAP, known=known)
+    found = group_shapes(log_odds_of(labels), known=known)
     assert as_partition(found.labels) == {(0, 1), (2, 3), (4, 5)}
     near = log_odds_of([0, 0, 1, 1, 1, 0])
-    found = group_shapes(near, LEAST_GAP, known=known)
+    found = group_shapes(near, known=known)
     assert as_partition(found.labels) == {(0, 1, 5), (2, 3, 4)}
 
 
 def test_a_few_shapes_that_may_be_parts_are_no_kind_of_their_own():
     labels = [0, 0, 0, 0, 1]
     odds = log_odds_of(labels, kin=9.0)
-    assert group_shapes(odds, LEAST_GAP).num == 2
+    assert group_shapes(odds).num == 2
     parts = np.array([False] * 4 + [True])
-    assert group_shapes(odds, LEAST_GAP, never_apart=parts).num == 1
+    assert group_shapes(odds, never_apart=parts).num == 1
     three = log_odds_of([0, 0, 0, 1, 1, 1], kin=9.0)
-    assert group_shapes(three, LEAST_GAP, never_apart=np.arange(6) > 2).num == 2
+    assert group_shapes(three, never_apart=np.arange(6) > 2).num == 2
+
+
+def test_each_shape_is_matched_with_its_likeliest_kin_and_never_with_itself(rng):
+    odds = log_odds_of([0, 0, 0, 1, 1, 1], rng=rng)
+    assert {(i // 3, j // 3) for i, j in likely_kin(odds, 2)} == {(0, 0), (1, 1)}
+    every = likely_kin(odds, 9)
+    assert len({*every}) == len(every) == 6 * 5
+    assert all(i != j for i, j in every)
 
 
 @pytest.mark.parametrize("num", [1, 2, 3, 5, 9])
@@ -118,7 +130,9 @@ def test_what_is_nearer_is_likelier_of_one_kind_and_a_larger_gap_surer():
     near, far = np.array(0.1), np.array(0.4)
     assert kin_log_odds(near, near) > kin_log_odds(far, near) > kin_log_odds(far, far)
     assert kin_log_odds(near, near, near) > kin_log_odds(near, near, far)
-    assert split_confidence(6.0) > split_confidence(2.6) > 0.5 > split_confidence(0.0)
+    gaps, across = np.array([6.0, 6.0, 3.0]), np.array([0.0, 2.0, 2.0])
+    assert (np.diff(split_log_odds(gaps, across)) < 0).all()
+    assert split_log_odds(gaps, across)[0] > 0.0 > split_log_odds(np.zeros(1), np.zeros(1))
 
 
 @pytest.fixture(scope="module")

@@ -453,6 +453,26 @@ def test_who_is_excluded_is_written_nowhere_and_listed(view, tmp_path):
         export(view, "tps", tmp_path, exclude=["nobody"])
 
 
+def test_only_the_surest_shapes_are_written_and_the_others_are_listed(view, tmp_path):
+    view = dataclasses.replace(view, confidence=np.array([1.0, 0.5, 0.999, 0.97, np.nan, 0.998]))
+    kept = [view.names[at] for at in (0, 2, 5)]
+    for format, table in (("tps", "specimens.csv"), ("csv", "shapes.csv")):
+        export(view, format, tmp_path / format, right=0.996)
+        assert [row["name"] for row in rows(tmp_path / format / table)] == kept
+        left_out = {row["name"]: row["reason"] for row in rows(tmp_path / format / "left_out.csv")}
+        assert [*left_out] == [name for name in view.names if name not in kept]
+        assert {*left_out.values()} == {"less sure than the share of right poses asks for"}
+    meshes = export(view, "ply", tmp_path / "ply", right=0.996)
+    assert sorted(path.stem for path in meshes) == sorted([*kept, "left_out"])
+    said = {note.code: note for note in export_notes(view, "ply", "aligned", right=0.996)}
+    assert said["selected"].values["kept"] == 3
+    assert "selected" not in {note.code for note in export_notes(view, "ply", "aligned")}
+    doubted = dataclasses.replace(view, confidence=np.full(6, 0.4))
+    with pytest.raises(InputError, match="keeps none of 6 shapes"):
+        export(doubted, "ply", tmp_path / "none", right=0.99)
+    assert not (tmp_path / "none").exists()
+
+
 def test_too_few_common_landmarks_are_refused_with_advice(view, tmp_path):
     samples = view.landmarks.copy()
     samples[0, : NUM_SAMPLES - 2] = np.nan
