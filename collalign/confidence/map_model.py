@@ -94,13 +94,25 @@ class Evidence:
         return float(total)
 
 
+def map_terms(agreement: float, lead: float, evidence: Evidence) -> FloatArray:
+    """Return what :func:`map_probability` weighs of a map, shape (3,).
+
+    Parameters
+    ----------
+    agreement, lead : float
+        As :func:`collalign.nonrigid.portfolio.standing` gives them.
+    evidence : Evidence
+    """
+    return np.array([agreement, lead, -np.log(max(evidence.commutativity, FLOOR))])
+
+
 def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
     """Return the probability that a map is right: that :data:`RIGHT_SHARE` of its points are within :data:`NEAR`.
 
     Parameters
     ----------
     terms : ndarray, shape (3,)
-        As :func:`collalign.nonrigid.portfolio.map_terms` gives them.
+        As :func:`map_terms` gives them.
     knows_sides : bool
         Whether normals tell left from right.
     """
