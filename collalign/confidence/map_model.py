@@ -20,9 +20,9 @@ NORMALS_WEIGHT, SURFACE_WEIGHT = 0.8, 0.5
 #: Weight of the logarithm of what does not fit across limbs. 20 pairs of humans and armadillos err .280 with 0, .125
 #: with 2, .111 with 3 and .130 with 4.
 LIMB_WEIGHT = 3.0
-#: A point is in place within this distance of its true place, in units of sqrt(area); a map is right where this share
-#: of its points is.
-NEAR, RIGHT_SHARE = 0.1, 0.9
+#: A point is in place within this distance of its true place, in units of sqrt(area). A map is right if its points
+#: are nearer in the mean.
+NEAR = 0.1
 #: Least share of agreeing candidates inside a logarithm.
 LEAST_AGREEMENT = 0.02
 #: Weights of agreement, lead, and the negative logarithm of commutativity, and the constant: a logistic model of
@@ -107,7 +107,7 @@ def map_terms(agreement: float, lead: float, evidence: Evidence) -> FloatArray:
 
 
 def map_probability(terms: FloatArray, *, knows_sides: bool) -> float:
-    """Return the probability that a map is right: that :data:`RIGHT_SHARE` of its points are within :data:`NEAR`.
+    """Return the probability that a map is right: that its mean error is below :data:`NEAR`.
 
     Parameters
     ----------

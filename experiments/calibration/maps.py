@@ -51,7 +51,8 @@ def judged_pairs(data: Path, collections: Sequence[str], *, quick: bool) -> dict
 
 def right_candidates(pair: Record) -> BoolArray:
     """Return which candidates of a pair are right, shape (m,)."""
-    return np.asarray(pair["in_place"].mean(axis=1) >= map_model.RIGHT_SHARE)
+    errors = np.concatenate([[pair["error"]], pair["candidates"][1:]])
+    return np.asarray(errors < map_model.NEAR)
 
 
 def measure_maps(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:

@@ -45,8 +45,8 @@ SETS = {BIPEDS: 20, BIPEDS_APART: 40, BODIES: 20, ANIMALS: 9, "scape": 12, "tosc
 VERSION = "2"
 #: Columns of the evidence in a record.
 EVIDENCE = tuple(one.name for one in fields(Evidence))
-#: Maps that are stated to be right, and how large the mean error of one may be that counts as right.
-SURE, RIGHT_MEAN = 0.9, 0.1
+#: Maps that are stated this or more are sure.
+SURE = 0.9
 #: A candidate between kinds whose landmarks lie elsewhere counts as the right one up to this mean error.
 FOUND_MEAN = 0.15
 
@@ -61,7 +61,7 @@ square root of the target's area.
 
 A map is *flipped* where it is nearer to the mirrored truth. The right map is *among the candidates* where one of them
 has a mean error below {FOUND_MEAN}. A map is *sure* where it is stated {SURE} or more, and right where its mean error
-is below {RIGHT_MEAN}. CPU time is of a pair, without the preparation of the two surfaces.
+is below {NEAR}. CPU time is of a pair, without the preparation of the two surfaces.
 """
 
 
@@ -141,7 +141,7 @@ def row_of(name: str, records: list[Record]) -> Row:
         "flipped": 100.0 * float((mirrored < error).mean()),
         "found": 100.0 * float(np.mean([r["candidates"].min() < FOUND_MEAN for r in records])),
         "sure": int(stated.sum()),
-        "right": 100.0 * float((error[stated] < RIGHT_MEAN).mean()) if stated.any() else None,
+        "right": 100.0 * float((error[stated] < NEAR).mean()) if stated.any() else None,
         "seconds": float(np.median([record["seconds"] for record in records])),
     }
 

@@ -7,6 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
+from collalign.confidence.map_model import NEAR
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import SurfaceOptions
 from collalign.tools.match.nonrigid import match_shapes
@@ -24,16 +25,14 @@ NUM_PAIRS = 4
 NUM_POINTS = 100
 #: Raised when the maps change.
 VERSION = "1"
-#: A map of a larger mean error is wrong.
-RIGHT_MEAN = 0.1
 
 _ABOUT = f"""
 Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
 cut: a part of it is removed, and its surface is open there. {NUM_PAIRS} pairs of each cut, in half of them the target
 is cut. Vertices of the whole body whose true place was cut away have no counterpart. *Found* is the share of these
 that the map says have none. *True* is the share of those of which it says so that have none. Errors are geodesic,
-over the square root of the target's area, at {NUM_POINTS} vertices of the source that have a counterpart and an image.
-The reach of the rim was chosen on other bodies of these kinds, with the same cuts.
+over the square root of the target's area, at {NUM_POINTS} vertices of the source that have a counterpart and an
+image. The reach of the rim was chosen on other bodies of these kinds, with the same cuts.
 """
 
 
@@ -86,7 +85,7 @@ def row_of(cut: str, records: list[Record]) -> Row:
         "pairs": len(records),
         "error": float(errors.mean()),
         "median": float(np.median(errors)),
-        "right": int((errors < RIGHT_MEAN).sum()),
+        "right": int((errors < NEAR).sum()),
         "found": 100.0 * float(both.sum() / lost.sum()),
         "true": 100.0 * float(both.sum() / max(said.sum(), 1)),
     }
@@ -97,7 +96,7 @@ COLUMNS = (
     Column(key="pairs", title="pairs"),
     Column(key="error", title="mean error", format=".3f"),
     Column(key="median", title="median pair", format=".3f"),
-    Column(key="right", title=f"maps below {RIGHT_MEAN}"),
+    Column(key="right", title=f"maps below {NEAR}"),
     Column(key="found", title="without a counterpart: found, %", format=".0f"),
     Column(key="true", title="true, %", format=".0f"),
 )

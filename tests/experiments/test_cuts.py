@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from collalign.confidence.map_model import NEAR
 from data_tools.surface.topology import boundary_edges, mesh_components
 from experiments.generated.bipeds import KINDS, biped, template_points
 from experiments.generated.cut_bipeds import CUTS, cut_biped
-from experiments.maps.cuts import RIGHT_MEAN, row_of
+from experiments.maps.cuts import row_of
 
 
 @pytest.mark.parametrize("cut", CUTS)
@@ -31,7 +32,7 @@ def record(error, lost, said, both):
 
 
 def test_a_row_counts_what_is_found_and_what_is_true():
-    row = row_of("all", [record(0.02, 90, 60, 60), record(2 * RIGHT_MEAN, 10, 20, 0)])
+    row = row_of("all", [record(0.02, 90, 60, 60), record(2 * NEAR, 10, 20, 0)])
     assert (row["pairs"], row["right"]) == (2, 1)
     assert row["found"] == pytest.approx(60.0)
     assert row["true"] == pytest.approx(75.0)

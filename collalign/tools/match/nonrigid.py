@@ -96,7 +96,7 @@ class NonrigidMatch:
     no_counterpart_source, no_counterpart_target : ndarray of bool, shapes as the point maps
         Vertices of the largest component whose counterpart the other surface lacks, because it is cut.
     confidence : float
-        Probability that at least 90 % of the source's points are within .1 sqrt(area) of where they belong; see
+        Probability that the source's points are less than .1 sqrt(area) from where they belong in the mean; see
         :mod:`collalign.confidence.map_model`.
     vertex_confidence : ndarray, shape (number of source vertices,)
         Probability that the image of each vertex of the source file is within that; NaN where there is none.
