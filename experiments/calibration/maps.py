@@ -1,7 +1,7 @@
 """How far a non-rigid map can be trusted, and which of two nearly equal ones is chosen, against the truth.
 
-The pairs are cells of ``python -m experiments bodies``, kept in the same store: what is measured of a pair does not
-depend on the weights.
+The pairs are cells of ``python -m experiments bodies`` and ``cuts``, kept in the same store. What is
+measured of a pair does not depend on the weights.
 """
 
 from __future__ import annotations
@@ -23,10 +23,13 @@ from experiments.confidence.fit import fit_weights
 from experiments.confidence.reliability import reliability
 from experiments.experiment import STORE, Bench
 from experiments.maps.bodies import EVIDENCE, SETS, measured_pairs, terms_of
+from experiments.maps.cuts import measured_cuts
 
 #: Classes of SHREC07 that are fitted as well, and pairs of each, drawn at random.
 CLASSES = dict.fromkeys(("human", "armadillo", "ant", "teddy", "bird", "glasses"), 6)
 NUM_QUICK = 2
+#: The pairs of ``python -m experiments cuts``.
+CUT_BIPEDS = "cut bipeds"
 
 
 def judged_pairs(data: Path, collections: Sequence[str], *, quick: bool) -> dict[str, list[Record]]:
@@ -44,7 +47,9 @@ def judged_pairs(data: Path, collections: Sequence[str], *, quick: bool) -> dict
         with Store.open(path) as store:
             bench = Bench(data=data, store=store, quick=quick)
             return {
-                name: measured_pairs(bench, name, NUM_QUICK if quick else numbers[name])
+                name: [*measured_cuts(bench, NUM_QUICK if quick else None).values()]
+                if name == CUT_BIPEDS
+                else measured_pairs(bench, name, NUM_QUICK if quick else numbers[name])
                 for name in collections
             }
 
@@ -139,6 +144,6 @@ CALIBRATION = Calibration(
     )
     | constants_of(match, "ORIENTATION_WEIGHT"),
     measure=measure_maps,
-    collections=(*SETS, *CLASSES),
+    collections=(*SETS, *CLASSES, CUT_BIPEDS),
     score="1 - expected calibration error of chosen maps; of ORIENTATION_WEIGHT the share of them that is right",
 )

@@ -12,6 +12,7 @@ from collalign.confidence.map_model import NEAR, Evidence, map_probability, map_
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions
 from collalign.nonrigid.portfolio import Refined, point_terms, standing
+from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.tools.match.every_vertex import vertex_maps
 from collalign.tools.match.nonrigid import finished
 from data_tools.arrays import FloatArray, IntArray
@@ -19,7 +20,6 @@ from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.maps.map_cells import (
     NUM_EVALUATED,
     QUICK_SURFACE,
-    Prepared,
     error_measure,
     evaluated_points,
     map_set,
@@ -90,30 +90,37 @@ def measure_body_map(cell: Cell) -> Record:
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
     errors_of = error_measure(maps, settings, mirror)
     errors = errors_of(forward)
-    of_samples = [errors_of(_images(one, to, of)).direct for one in found]
+    of_samples = [errors_of(images_of(one, to.spectral, of.spectral)).direct for one in found]
     at = of.spectral.nearest_dense[
         of.spectral.to_working[evaluated_points(maps, settings["source"], settings["points"])]
     ]
-    numbers = range(len(found))
     return {
         "error": float(errors.direct.mean()),
         "mirrored": float("nan") if errors.mirrored is None else float(errors.mirrored.mean()),
         "seconds": seconds,
         "candidates": np.array([one.mean() for one in of_samples]),
-        "scores": np.array([one.score for one in found]),
-        "evidence": np.array([astuple(one.evidence) for one in found]),
-        "standing": np.array([standing(to.spectral, found, number) for number in numbers]),
-        "points": np.stack(
-            [point_terms(to.spectral, of.spectral, found, number)[at] for number in numbers]
-        ),
         "in_place": np.stack([errors.direct, *of_samples[1:]]) <= NEAR,
+        **weighed(to.spectral, of.spectral, found, at),
     }
 
 
-def _images(candidate: Refined, to: Prepared, of: Prepared) -> IntArray:
+def weighed(
+    target: SpectralShape, source: SpectralShape, found: list[Refined], at: IntArray
+) -> Record:
+    """Return what confidences weigh of all candidates, and of their points at dense samples of the source, (s,)."""
+    numbers = range(len(found))
+    return {
+        "scores": np.array([one.score for one in found]),
+        "evidence": np.array([astuple(one.evidence) for one in found]),
+        "standing": np.array([standing(target, found, number) for number in numbers]),
+        "points": np.stack([point_terms(target, source, found, number)[at] for number in numbers]),
+    }
+
+
+def images_of(candidate: Refined, target: SpectralShape, source: SpectralShape) -> IntArray:
     """Return the vertex of the target's file for each of the source's by a map of dense samples."""
-    samples = to.spectral.dense[candidate.functional_map.map_target_source]
-    return in_files(samples[of.spectral.nearest_dense], to.spectral, of.spectral)
+    samples = target.dense[candidate.functional_map.map_target_source]
+    return in_files(samples[source.nearest_dense], target, source)
 
 
 def terms_of(record: Record) -> FloatArray:

@@ -9,12 +9,14 @@ import numpy as np
 
 from collalign.confidence.map_model import NEAR
 from collalign.engine.records import Record
-from collalign.nonrigid.map_options import SurfaceOptions
-from collalign.tools.match.nonrigid import match_shapes
-from data_tools.arrays import IntArray
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.spectral_shape import prepare_surface
+from collalign.tools.match.every_vertex import vertex_maps
+from collalign.tools.match.nonrigid import finished, match_of
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.generated.bipeds import KINDS, Biped, biped
 from experiments.generated.cut_bipeds import CUTS, CutBiped, cut_biped
+from experiments.maps.bodies import images_of, weighed
 from experiments.maps.evaluation import MapEvaluator
 from experiments.maps.map_cells import QUICK_SURFACE
 from experiments.tables import Column, Row, Table
@@ -24,7 +26,7 @@ NUM_PAIRS = 4
 #: Vertices at which a map is evaluated.
 NUM_POINTS = 100
 #: Raised when the maps change.
-VERSION = "1"
+VERSION = "2"
 
 _ABOUT = f"""
 Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
@@ -45,7 +47,8 @@ def measure_cut(cell: Cell) -> Record:
     -------
     dict
         ``error``, the mean error; ``lost``, ``said`` and ``both``, how many vertices of the whole body have no
-        counterpart, how many the map says have none, and how many are both.
+        counterpart, how many the map says have none, and how many are both. ``candidates``, ``in_place`` and what
+        :func:`experiments.maps.bodies.weighed` returns are those of whole bodies.
     """
     settings = cell.settings
     bodies = [
@@ -56,23 +59,29 @@ def measure_cut(cell: Cell) -> Record:
     pair: list[Biped | CutBiped] = [*bodies]
     pair[0 if at_target else 1] = cut_biped(bodies[0 if at_target else 1], settings["cut"])
     surface = SurfaceOptions(**settings["surface"])
-    found = match_shapes(pair[0].shape, pair[1].shape, surface_options=surface)
-    lacking = found.no_counterpart_source if at_target else found.no_counterpart_target
+    target, source = (prepare_surface(one.shape, surface) for one in pair)
+    options = NonrigidOptions()
+    found = finished(target, source, options)
+    maps = vertex_maps(target, source, found[0])
+    match = match_of(target, source, found, maps, num_candidates=options.num_candidates)
+    lacking = match.no_counterpart_source if at_target else match.no_counterpart_target
     cut, whole = (pair[0], pair[1]) if at_target else (pair[1], pair[0])
     lost = cut.places[whole.to_template] < 0
+    truth = pair[0].places[pair[1].to_template]
+    known = np.flatnonzero((truth >= 0) & (maps[0] >= 0))
+    at = known[np.linspace(0, len(known) - 1, min(NUM_POINTS, len(known))).astype(int)]
+    evaluator = MapEvaluator(pair[0].shape, truth[at])
+    images = [maps[0], *(images_of(one, target, source) for one in found)]
+    errors, *of_samples = (evaluator.errors(one[at]).direct for one in images)
     return {
-        "error": _mean_error(pair[0], pair[1], found.point_map_target_source),
+        "error": float(errors.mean()),
         "lost": int(lost.sum()),
         "said": int(lacking.sum()),
         "both": int((lost & lacking).sum()),
+        "candidates": np.array([one.mean() for one in of_samples]),
+        "in_place": np.stack([errors, *of_samples[1:]]) <= NEAR,
+        **weighed(target, source, found, source.nearest_dense[source.to_working[at]]),
     }
-
-
-def _mean_error(target: Biped | CutBiped, source: Biped | CutBiped, images: IntArray) -> float:
-    truth = target.places[source.to_template]
-    known = np.flatnonzero((truth >= 0) & (images >= 0))
-    at = known[np.linspace(0, len(known) - 1, min(NUM_POINTS, len(known))).astype(int)]
-    return float(MapEvaluator(target.shape, truth[at]).errors(images[at]).direct.mean())
 
 
 def row_of(cut: str, records: list[Record]) -> Row:
@@ -110,9 +119,8 @@ def _drawn_pairs() -> tuple[tuple[str, str, int], ...]:
     return tuple((*pairs[at % len(pairs)], int(at)) for at in order)
 
 
-def measure(bench: Bench) -> Outcome:
-    """Match the pairs of all cuts; with ``--quick`` one pair of the first."""
-    bench.seeds.add(0)
+def measured_cuts(bench: Bench, num: int | None = None) -> dict[str, Record]:
+    """Return what :func:`measure_cut` finds of the first pairs, or of all, by the cut, kinds and seed."""
     drawn = _drawn_pairs()
     cells = {
         f"{cut}, {target}, {source}, {seed}": {
@@ -128,13 +136,17 @@ def measure(bench: Bench) -> Outcome:
             drawn[place * NUM_PAIRS : (place + 1) * NUM_PAIRS]
         )
     }
-    if bench.quick:
-        cells = dict(list(cells.items())[:1])
-    records = bench.measure(measure_cut, cells, version=VERSION)
+    return bench.measure(measure_cut, dict(list(cells.items())[:num]), version=VERSION)
+
+
+def measure(bench: Bench) -> Outcome:
+    """Match the pairs of all cuts; with ``--quick`` one pair of the first."""
+    bench.seeds.add(0)
+    records = measured_cuts(bench, 1 if bench.quick else None)
     rows = [
         row_of(cut, own)
         for cut in CUTS
-        if (own := [records[label] for label, one in cells.items() if one["cut"] == cut])
+        if (own := [record for label, record in records.items() if label.startswith(f"{cut},")])
     ]
     return Outcome(
         tables=(Table(columns=COLUMNS, rows=(*rows, row_of("all", list(records.values())))),)
