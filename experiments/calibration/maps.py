@@ -22,11 +22,12 @@ from experiments.calibration.scan import Calibration, Constant, Finding, constan
 from experiments.confidence.fit import fit_weights
 from experiments.confidence.reliability import reliability
 from experiments.experiment import STORE, Bench
-from experiments.maps.bodies import EVIDENCE, SETS, measured_pairs, terms_of
+from experiments.maps.bodies import EVIDENCE, measured_pairs, terms_of
 from experiments.maps.cuts import measured_cuts
+from experiments.maps.map_sets import ANIMALS, BIPEDS, BIPEDS_APART, BODIES
 
-#: Classes of SHREC07 that are fitted as well, and pairs of each, drawn at random.
-CLASSES = dict.fromkeys(("human", "armadillo", "ant", "teddy", "bird", "glasses"), 6)
+#: Pairs of each set, drawn at random.
+PAIRS = {BIPEDS: 20, BIPEDS_APART: 6, BODIES: 20, ANIMALS: 4, "human": 3, "armadillo": 4, "ant": 4}
 NUM_QUICK = 2
 #: The pairs of ``python -m experiments cuts``.
 CUT_BIPEDS = "cut bipeds"
@@ -40,7 +41,6 @@ def judged_pairs(data: Path, collections: Sequence[str], *, quick: bool) -> dict
     dict of str to list of dict
         As :func:`experiments.maps.bodies.measure_body_map`.
     """
-    numbers = SETS | CLASSES
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / STORE.name if quick else STORE
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,7 +49,7 @@ def judged_pairs(data: Path, collections: Sequence[str], *, quick: bool) -> dict
             return {
                 name: [*measured_cuts(bench, NUM_QUICK if quick else None).values()]
                 if name == CUT_BIPEDS
-                else measured_pairs(bench, name, NUM_QUICK if quick else numbers[name])
+                else measured_pairs(bench, name, NUM_QUICK if quick else PAIRS[name])
                 for name in collections
             }
 
@@ -144,6 +144,6 @@ CALIBRATION = Calibration(
     )
     | constants_of(match, "ORIENTATION_WEIGHT"),
     measure=measure_maps,
-    collections=(*SETS, *CLASSES, CUT_BIPEDS),
+    collections=(*PAIRS, CUT_BIPEDS),
     score="1 - expected calibration error of chosen maps; of ORIENTATION_WEIGHT the share of them that is right",
 )

@@ -127,7 +127,9 @@ def terms_of(record: Record) -> FloatArray:
     """Return what :func:`~collalign.confidence.map_model.map_probability` weighs of each candidate, shape (m, t)."""
     return np.stack(
         [
-            map_terms(*own, Evidence(**dict(zip(EVIDENCE, seen, strict=True))))
+            map_terms(
+                float(own[0]), float(own[1]), Evidence(**dict(zip(EVIDENCE, seen, strict=True)))
+            )
             for own, seen in zip(record["standing"], record["evidence"], strict=True)
         ]
     )
