@@ -335,8 +335,8 @@ def _cut_notes(
     return tuple(
         Note(
             "no-counterpart",
-            (one.name, other.name),
-            {"share": float(gone.sum() / (one.to_working >= 0).sum())},
+            (one.name,),
+            {"other": other.name, "share": float(gone.sum() / (one.to_working >= 0).sum())},
         )
         for one, other, gone in zip(shapes, shapes[::-1], lacking, strict=True)
         if gone.any()
