@@ -289,6 +289,8 @@ TOOL_TEXTS: dict[str, _Text] = {
     "map-half-turned": "The map may be half turned: the other way round, with {exchanged} exchanged, it fits nearly "
     "as well. Compare the picture with the second candidate, or align both shapes in a folder with others "
     "(--deformable).",
+    "no-counterpart": "{other} is cut: {share:.0%} of the vertices of {shapes} have no counterpart on it. The map "
+    "has -1 there.",
     "measured-again": "The repeatability of shape is {repeatability:.3f}, from {measurements} measurements of {num} "
     "specimens (Rsq {r2:.3f}).",
     "free-rotation": "{shapes} may be turned as you like about an axis along {axis}, in coordinates of the target: "

@@ -16,6 +16,7 @@ _FOLDERS = {
     "figure5": "figures",
     "maps": "maps",
     "bodies": "maps",
+    "cuts": "maps",
     "consistent_maps": "maps",
     "theorem3": "figures",
     "figure13": "figures",

@@ -14,7 +14,7 @@ from data_tools.threads import one_blas_thread
 from experiments import NAMES, load_experiment
 from experiments.calibration import calibrate
 from experiments.calibration.sensitivity import ROOMS, sensitivity
-from experiments.experiment import Bench
+from experiments.experiment import STORE, Bench
 from experiments.write import RESULTS, write_experiment, write_page
 
 app = App(name="python -m experiments", help=__doc__, result_action="return_value")
@@ -47,7 +47,7 @@ def run_calibration(
 def run_sensitivity(
     *places: str,
     data: Path = Path("../shared/data"),
-    store: Path = Path(".cache/experiments.sqlite"),
+    store: Path = STORE,
     jobs: int = 1,
     quick: bool = False,
 ) -> int:
@@ -110,7 +110,7 @@ def run(
         return 0
     chosen = NAMES if names == ("all",) else names
     experiments = [load_experiment(name) for name in chosen]
-    path = store or out / ".cache" / "experiments.sqlite"
+    path = store or out / STORE
     path.parent.mkdir(parents=True, exist_ok=True)
     num_workers = max(1, os.cpu_count() or 1) if jobs == -1 else jobs
     with Store.open(path) as opened:

@@ -27,6 +27,8 @@ from experiments.tables import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: SQLite file of finished measurements, from the folder that they are started in.
+STORE = Path(".cache/experiments.sqlite")
 Draw: TypeAlias = "Callable[[Figure], None]"
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collalign.confidence.map_model import (
-    FLOOR,
     LEAST_AGREEMENT,
     NEAR,
     Evidence,
     map_probability,
+    map_terms,
     point_probability,
 )
 from collalign.nonrigid.functional_map import (
@@ -46,7 +46,7 @@ from pairwise.local_search import LocalMinima
 #: Origin of maps that only poses lead to, and of those that matched tips do.
 FROM_POSES, FROM_TIPS = "poses", "tips"
 #: Weights of the Dirichlet energy in the last iterations, on all samples.
-SETTLING = (SMOOTHNESS,) * 3
+SETTLING = (SMOOTHNESS,) * 2
 #: The same on the way from a rough start.
 ANNEALED = tuple(np.geomspace(1e-2, SMOOTHNESS, 8).tolist())
 
@@ -390,8 +390,8 @@ def agreements(target: SpectralShape, found: Sequence[Refined]) -> FloatArray:
     )
 
 
-def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> FloatArray:
-    """Return what :func:`map_probability` weighs of a candidate, shape (3,).
+def standing(target: SpectralShape, found: Sequence[Refined], number: int) -> tuple[float, float]:
+    """Return how many points the other candidates take to the same places as one does, and its lead over others.
 
     Parameters
     ----------
@@ -406,8 +406,7 @@ def map_terms(target: SpectralShape, found: Sequence[Refined], number: int) -> F
     others = scores[same.mean(axis=1) < SAME_SHARE]
     lead = float(others.min() - scores[number]) if len(others) else MOST_LEAD
     agreement = float((_weights(found) @ same).mean())
-    commutativity = max(found[number].evidence.commutativity, FLOOR)
-    return np.array([agreement, np.clip(lead, -MOST_LEAD, MOST_LEAD), -np.log(commutativity)])
+    return agreement, float(np.clip(lead, -MOST_LEAD, MOST_LEAD))
 
 
 def trust_of(
@@ -422,7 +421,8 @@ def trust_of(
         That of the nearest dense sample.
     """
     knows_sides = bool(np.isfinite(found[0].evidence.orientation))
-    whole = map_probability(map_terms(target, found, 0), knows_sides=knows_sides)
+    terms = map_terms(*standing(target, found, 0), found[0].evidence)
+    whole = map_probability(terms, knows_sides=knows_sides)
     at_samples = point_probability(
         point_terms(target, source, found, 0), whole, knows_sides=knows_sides
     )

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from collalign.confidence.map_model import NEAR
 from collalign.nonrigid.functional_map import (
@@ -25,9 +24,6 @@ from collalign.nonrigid.spectral_shape import SpectralShape
 from collalign.nonrigid.tips import edge_net
 from data_tools.arrays import BoolArray, FloatArray, IntArray
 from data_tools.surface.topology import mesh_edges
-
-#: A map tears a triangle of a working surface whose corners go farther apart than this, in spacings of vertices.
-MOST_TORN = 3.0
 
 
 class Refiner:
@@ -101,30 +97,6 @@ class Refiner:
         rows_target = np.hstack([self._target[:, :size], weight * unit_rows(on_target)])
         rows_source = np.hstack([moved, weight * unit_rows(on_source)])
         return self.zoomout.refine(*mutual_nearest_rows(rows_target, rows_source))
-
-
-def between_files(
-    laid: FloatArray, target: SpectralShape, source: SpectralShape
-) -> tuple[IntArray, IntArray]:
-    """Return the maps of the files' vertices, source to target (v,) and back (u,), -1 for none, where a target lies.
-
-    Vertices go to those nearest to them. A vertex of the target that lies on a triangle of its working surface lies
-    where the corners do in the mean, unless these are torn apart; then it lies with the nearest corner.
-
-    Parameters
-    ----------
-    laid : ndarray, shape (w_target, 3)
-        Where on the source the target's working vertices lie.
-    target, source : SpectralShape
-    """
-    means = target.places.on(laid)
-    torn = np.linalg.norm(laid[target.places.corners] - means[:, None], axis=2).max(axis=1)
-    together = torn <= MOST_TORN * np.sqrt(source.area / len(source.vertices))
-    places = np.where(together[:, None], means, laid[target.places.nearest])
-    forward, backward = (np.full(len(shape.to_working), -1) for shape in (source, target))
-    forward[source.in_file] = target.in_file[cKDTree(places).query(source.points)[1]]
-    backward[target.in_file] = source.in_file[cKDTree(source.points).query(places)[1]]
-    return forward, backward
 
 
 def unit_rows(values: FloatArray) -> FloatArray:

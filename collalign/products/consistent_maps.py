@@ -83,7 +83,7 @@ class VertexMaps:
         Where each vertex of a shape belongs on the reference, as their files count vertices and in the coordinates of
         the reference's file: a point of its surface, NaN where there is none.
     confidence : ndarray, shape (M,)
-        Probability that nine in ten of a shape's vertices belong within .1 sqrt(area) of their places, see
+        Probability that a shape's vertices belong less than .1 sqrt(area) from their places in the mean, see
         :mod:`collalign.confidence.map_model`; a map of two shapes is right where both are. Empty in older results.
     vertex_confidence : tuple of ndarray, each (v_i,)
         Probability that the place of each vertex is within that; NaN where there is none. Empty in older results.

@@ -11,11 +11,12 @@ from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from collalign.registration.surface import TUNED
-from data_tools.arrays import FloatArray, IntArray
-from data_tools.poses import fitting_similarity, scales_of
+from data_tools.arrays import BoolArray, FloatArray, IntArray
+from data_tools.poses import fitting_similarity, moved_by, scales_of
 from data_tools.rotations import nearest_orthogonal, rotation_angle_deg
 from data_tools.surface.laplacian import factor_symmetric, surface_operators
 from data_tools.surface.shape import Shape, vertex_normals
+from data_tools.surface.topology import boundary_edges
 from data_tools.threads import one_blas_thread
 
 
@@ -155,13 +156,25 @@ def bent_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray | N
     return None if is_small or is_rotated else moved
 
 
-def laid_by_map(solver: ArapSolver, goals: MapGoals, length: float) -> FloatArray:
-    """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii."""
+def laid_by_map(
+    solver: ArapSolver,
+    goals: MapGoals,
+    length: float,
+    *,
+    num_rounds: int = _NUM_ROUNDS,
+    start: FloatArray | None = None,
+) -> FloatArray:
+    """Return the places of least energy of :func:`bent_by_map`, shape (v, 3), with ``l`` so many radii.
+
+    The search starts where the goals alone take the surface, or from places (v, 3).
+    """
     vertices, places = goals
     trust, edges = np.ones(len(vertices)), np.zeros((len(solver.mass), 3))
+    if start is not None:
+        edges = solver.rotated_edges(start)
     for _ in range(_NUM_TRUSTS):
         pull = solver.pull(goals, trust, length * solver.radius)
-        for _ in range(_NUM_ROUNDS):
+        for _ in range(num_rounds):
             moved = pull(edges)
             edges = solver.rotated_edges(moved)
         distances = np.linalg.norm(moved[vertices] - places, axis=1)
@@ -195,30 +208,52 @@ def unbent(source: Shape, copies: Sequence[FloatArray]) -> list[FloatArray]:
 _LEAST_DISTANCE, _MIN_COSINE = 0.01, 0.5
 #: Times that closest points are found, and for each that places and rotations are found in turn.
 _NUM_FITS, _NUM_SWEEPS = 6, 2
+#: Times that places and rotations are found in turn before closest points pull: with 5 bodies err as much.
+_NUM_FIRST_ROUNDS = 2
 
 
 @one_blas_thread()
-def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
+def fitted_by_map(
+    target: Shape, source: Shape, goals: MapGoals, *, size: float | None = None
+) -> FloatArray:
     """Return the vertices of a source on a target where a map takes them, shape (v, 3), in whatever poses both are.
 
     The map's goals are smoothed as in :func:`collalign.registration.by_map.bent_by_map`, but over a shorter length;
     then closest points in positions and normals, both ways, take the place of the goals, and pieces of what the map
     gave stay rigid: pieces of the source would drag a surface that is stretched, as teddies are, along the target.
+    What is closest to a rim may lie beyond it, and does not pull.
 
     Parameters
     ----------
     target, source : Shape
         Meshes, both outwards.
     goals : MapGoals
+    size : float, optional
+        How many times a surface is enlarged first that has goals for a part of it; what has none starts where the
+        best similarity takes it. By default it is enlarged until it has the target's area.
     """
-    size = math.sqrt(target.area / source.area)
-    enlarged = Shape.from_arrays(size * source.vertices, source.faces, name=source.name)
-    moved = laid_by_map(ArapSolver(enlarged), goals, BENT.map_length)
+    vertices, places = goals
+    enlarged = Shape.from_arrays(
+        (size or math.sqrt(target.area / source.area)) * source.vertices,
+        source.faces,
+        name=source.name,
+    )
+    fit = fitting_similarity(places, enlarged.vertices[vertices], np.ones(len(vertices)))
+    moved = laid_by_map(
+        ArapSolver(enlarged),
+        goals,
+        BENT.map_length,
+        num_rounds=_NUM_FIRST_ROUNDS,
+        start=moved_by(fit, enlarged.vertices) if size else None,
+    )
     solver = ArapSolver(Shape.from_arrays(moved, source.faces, name=source.name))
-    fixed = vertex_normals(target.vertices, target.faces)
+    fixed, rims = vertex_normals(target.vertices, target.faces), (rim_of(target), rim_of(source))
     for _ in range(_NUM_FITS):
         normals = vertex_normals(moved, source.faces)
-        pulls, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
+        at, to, trust = _closest_points(target.vertices, fixed, moved, normals, solver.radius)
+        trust[: len(moved)] *= ~rims[0][to[: len(moved)]]
+        trust[len(moved) :] *= ~rims[1][at[len(moved) :]]
+        pulls = at, target.vertices[to]
         pull = solver.pull(pulls, trust, BENT.point_length * solver.radius)
         for _ in range(_NUM_SWEEPS):
             moved = pull(solver.rotated_edges(moved))
@@ -227,8 +262,8 @@ def fitted_by_map(target: Shape, source: Shape, goals: MapGoals) -> FloatArray:
 
 def _closest_points(
     places: FloatArray, fixed: FloatArray, moved: FloatArray, normals: FloatArray, radius: float
-) -> tuple[MapGoals, FloatArray]:
-    """Return the target's points that are closest to moved ones and to which those are, and the trust in each."""
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return moved points, the target's that are closest to them or the other way, and the trust in each pair."""
     weight = BENT.normal_weight * radius
     theirs, ours = np.hstack([places, weight * fixed]), np.hstack([moved, weight * normals])
     at = np.concatenate([np.arange(len(ours)), cKDTree(ours).query(theirs)[1]])
@@ -237,4 +272,11 @@ def _closest_points(
     scale = TUNED.cutoff * max(float(np.median(distances)), _LEAST_DISTANCE * radius)
     trust = np.clip(1.0 - (distances / scale) ** 2, 0.0, 1.0) ** 2
     trust *= (fixed[to] * normals[at]).sum(axis=1) > _MIN_COSINE
-    return (at, places[to]), trust
+    return at, to, trust
+
+
+def rim_of(shape: Shape) -> BoolArray:
+    """Return which vertices of a mesh are on its boundary, shape (v,)."""
+    on_rim = np.zeros(len(shape.vertices), dtype=bool)
+    on_rim[boundary_edges(shape.faces).ravel()] = True
+    return on_rim

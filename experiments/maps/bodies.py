@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import time
+from dataclasses import astuple, fields
 from typing import Any
 
 import numpy as np
 
-from collalign.confidence.map_model import NEAR
+from collalign.confidence.map_model import NEAR, Evidence, map_probability, map_terms
 from collalign.engine.records import Record
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.portfolio import Refined, trust_of
-from collalign.tools.match.nonrigid import finished, vertex_maps
-from data_tools.arrays import IntArray
+from collalign.nonrigid.portfolio import Refined, point_terms, standing
+from collalign.nonrigid.spectral_shape import SpectralShape
+from collalign.tools.match.every_vertex import vertex_maps
+from collalign.tools.match.nonrigid import finished
+from data_tools.arrays import FloatArray, IntArray
 from experiments.experiment import Bench, Cell, Experiment, Outcome
 from experiments.maps.map_cells import (
     NUM_EVALUATED,
     QUICK_SURFACE,
-    Prepared,
     error_measure,
+    evaluated_points,
     map_set,
     mirror_of,
     prepared,
@@ -39,9 +42,11 @@ from experiments.tables import Column, Row, Table
 #: Pairs of each set, at most.
 SETS = {BIPEDS: 20, BIPEDS_APART: 40, BODIES: 20, ANIMALS: 9, "scape": 12, "tosca": 6}
 #: Raised when the maps change.
-VERSION = "1"
-#: Maps that are stated to be right, and how large the mean error of one may be that counts as right.
-SURE, RIGHT_MEAN = 0.9, 0.1
+VERSION = "2"
+#: Columns of the evidence in a record.
+EVIDENCE = tuple(one.name for one in fields(Evidence))
+#: Maps that are stated this or more are sure.
+SURE = 0.9
 #: A candidate between kinds whose landmarks lie elsewhere counts as the right one up to this mean error.
 FOUND_MEAN = 0.15
 
@@ -56,7 +61,7 @@ square root of the target's area.
 
 A map is *flipped* where it is nearer to the mirrored truth. The right map is *among the candidates* where one of them
 has a mean error below {FOUND_MEAN}. A map is *sure* where it is stated {SURE} or more, and right where its mean error
-is below {RIGHT_MEAN}. CPU time is of a pair, without the preparation of the two surfaces.
+is below {NEAR}. CPU time is of a pair, without the preparation of the two surfaces.
 """
 
 
@@ -68,8 +73,12 @@ def measure_body_map(cell: Cell) -> Record:
     Returns
     -------
     dict
-        ``error`` and ``mirrored`` (NaN where unknown) of the map of all vertices, ``candidates`` (m,) with the mean
-        errors of the maps of samples, ``confidence``, ``share`` of points within .1, ``seconds``.
+        ``error`` and ``mirrored`` (NaN where unknown) of the map of all vertices, and ``seconds``. Of all candidates,
+        the chosen one first: ``candidates`` (m,), the mean errors of the maps of samples; ``scores`` (m,);
+        ``evidence`` (m, e), the fields of :class:`~collalign.confidence.map_model.Evidence`; ``standing`` (m, 2),
+        see :func:`~collalign.nonrigid.portfolio.standing`; ``points`` (m, s, 2), what
+        :func:`~collalign.confidence.map_model.point_probability` weighs of the evaluated points; ``in_place`` (m, s),
+        whether these are near their true places, of the chosen one by its map of all vertices.
     """
     settings = cell.settings
     maps = map_set(cell.data, settings["set"])
@@ -81,27 +90,57 @@ def measure_body_map(cell: Cell) -> Record:
     mirror = mirror_of(cell.data, settings) if maps.data.vertices_correspond else None
     errors_of = error_measure(maps, settings, mirror)
     errors = errors_of(forward)
+    of_samples = [errors_of(images_of(one, to.spectral, of.spectral)).direct for one in found]
+    at = of.spectral.nearest_dense[
+        of.spectral.to_working[evaluated_points(maps, settings["source"], settings["points"])]
+    ]
     return {
         "error": float(errors.direct.mean()),
         "mirrored": float("nan") if errors.mirrored is None else float(errors.mirrored.mean()),
-        "share": float((errors.direct <= NEAR).mean()),
-        "candidates": np.array([errors_of(_images(one, to, of)).direct.mean() for one in found]),
-        "confidence": trust_of(to.spectral, of.spectral, found)[0],
         "seconds": seconds,
+        "candidates": np.array([one.mean() for one in of_samples]),
+        "in_place": np.stack([errors.direct, *of_samples[1:]]) <= NEAR,
+        **weighed(to.spectral, of.spectral, found, at),
     }
 
 
-def _images(candidate: Refined, to: Prepared, of: Prepared) -> IntArray:
+def weighed(
+    target: SpectralShape, source: SpectralShape, found: list[Refined], at: IntArray
+) -> Record:
+    """Return what confidences weigh of all candidates, and of their points at dense samples of the source, (s,)."""
+    numbers = range(len(found))
+    return {
+        "scores": np.array([one.score for one in found]),
+        "evidence": np.array([astuple(one.evidence) for one in found]),
+        "standing": np.array([standing(target, found, number) for number in numbers]),
+        "points": np.stack([point_terms(target, source, found, number)[at] for number in numbers]),
+    }
+
+
+def images_of(candidate: Refined, target: SpectralShape, source: SpectralShape) -> IntArray:
     """Return the vertex of the target's file for each of the source's by a map of dense samples."""
-    samples = to.spectral.dense[candidate.functional_map.map_target_source]
-    return in_files(samples[of.spectral.nearest_dense], to.spectral, of.spectral)
+    samples = target.dense[candidate.functional_map.map_target_source]
+    return in_files(samples[source.nearest_dense], target, source)
+
+
+def terms_of(record: Record) -> FloatArray:
+    """Return what :func:`~collalign.confidence.map_model.map_probability` weighs of each candidate, shape (m, t)."""
+    return np.stack(
+        [
+            map_terms(
+                float(own[0]), float(own[1]), Evidence(**dict(zip(EVIDENCE, seen, strict=True)))
+            )
+            for own, seen in zip(record["standing"], record["evidence"], strict=True)
+        ]
+    )
 
 
 def row_of(name: str, records: list[Record]) -> Row:
     """Return the row of one set."""
-    error, mirrored, sure = (
-        np.array([record[key] for record in records]) for key in ("error", "mirrored", "confidence")
+    error, mirrored = (
+        np.array([record[key] for record in records]) for key in ("error", "mirrored")
     )
+    sure = np.array([map_probability(terms_of(r)[0], knows_sides=True) for r in records])
     stated = sure >= SURE
     return {
         "set": name,
@@ -111,7 +150,7 @@ def row_of(name: str, records: list[Record]) -> Row:
         "flipped": 100.0 * float((mirrored < error).mean()),
         "found": 100.0 * float(np.mean([r["candidates"].min() < FOUND_MEAN for r in records])),
         "sure": int(stated.sum()),
-        "right": 100.0 * float((error[stated] < RIGHT_MEAN).mean()) if stated.any() else None,
+        "right": 100.0 * float((error[stated] < NEAR).mean()) if stated.any() else None,
         "seconds": float(np.median([record["seconds"] for record in records])),
     }
 
@@ -129,21 +168,22 @@ COLUMNS = (
 )
 
 
+def measured_pairs(bench: Bench, name: str, num: int) -> list[Record]:
+    """Return what :func:`measure_body_map` finds of at most so many pairs of a set of maps, drawn at random."""
+    surface: dict[str, Any] = QUICK_SURFACE if bench.quick else {}
+    common = {"set": name, "points": NUM_EVALUATED, "surface": surface}
+    cells = {
+        f"{name}: {target} {source}": common | {"target": target, "source": source}
+        for target, source in some_pairs(read_map_set(bench.data, name).pairs, num, SEED)
+    }
+    return list(bench.measure(measure_body_map, cells, version=VERSION).values())
+
+
 def measure(bench: Bench) -> Outcome:
     """Map the pairs of all sets; with ``--quick`` one pair of generated bodies."""
     bench.seeds.add(SEED)
-    rows = []
-    for name, num in {BIPEDS: 1}.items() if bench.quick else SETS.items():
-        pairs = some_pairs(read_map_set(bench.data, name).pairs, num, SEED)
-        surface: dict[str, Any] = QUICK_SURFACE if bench.quick else {}
-        common = {"set": name, "points": NUM_EVALUATED, "surface": surface}
-        cells = {
-            f"{name}: {target} {source}": common | {"target": target, "source": source}
-            for target, source in pairs
-        }
-        rows.append(
-            row_of(name, list(bench.measure(measure_body_map, cells, version=VERSION).values()))
-        )
+    sets = {BIPEDS: 1} if bench.quick else SETS
+    rows = [row_of(name, measured_pairs(bench, name, num)) for name, num in sets.items()]
     return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),))
 
 

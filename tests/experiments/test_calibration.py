@@ -51,6 +51,7 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
         ("evidence", "glasses"),
         ("margins", "chair"),
         ("kinds", "generated families: chairs and figures"),
+        ("maps", "generated bipeds"),
     ],
 )
 def test_quick_calibrations_measure_every_constant(shared_data, name, collection):

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from collalign.confidence.candidate_model import EVIDENCE, evidence_score
-from collalign.confidence.map_model import RIGHT_SHARE, Evidence
+from collalign.confidence.map_model import Evidence
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import candidates_from, chirality_of
@@ -104,6 +104,10 @@ def distinct_weighed(candidates: Sequence[WeighedPose]) -> list[WeighedPose]:
     return [ranked[at] for at in keep_apart(rotations, SAME_DEG, num=MAX_CANDIDATES)]
 
 
+#: Share of the area of all pieces that the largest one of a surface must have: only that is laid.
+LEAST_SHARE = 0.9
+
+
 def laid_surfaces(
     files: Iterable[Mapping[str, Any]], areas: Iterable[float]
 ) -> list[SpectralShape]:
@@ -117,7 +121,7 @@ def laid_surfaces(
         return []
     return (
         found
-        if all(one.area >= RIGHT_SHARE * area for one, area in zip(found, areas, strict=True))
+        if all(one.area >= LEAST_SHARE * area for one, area in zip(found, areas, strict=True))
         else []
     )
 

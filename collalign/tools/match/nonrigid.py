@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from collalign.confidence.map_model import Evidence
-from collalign.nonrigid.functional_map import HarmonicRefiner
 from collalign.nonrigid.map_evidence import MIXED_ORIENTATION
 from collalign.nonrigid.map_options import NonrigidKeywords, NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.portfolio import (
@@ -19,18 +18,16 @@ from collalign.nonrigid.portfolio import (
     Refined,
     agreements,
     find_candidates,
-    has_normals,
     mended,
     same_places,
     sharpened,
     trust_of,
 )
-from collalign.nonrigid.refine import between_files
 from collalign.nonrigid.spectral_shape import SpectralShape, prepare_surface
 from collalign.output.vertex_maps import at_vertices
-from collalign.registration.by_map import fitted_by_map
+from collalign.tools.match.every_vertex import vertex_maps
 from collalign.wording import note_text
-from data_tools.arrays import FloatArray, IntArray, read_only
+from data_tools.arrays import BoolArray, FloatArray, IntArray, read_only
 from data_tools.checks import as_options
 from data_tools.errors import InputError
 from data_tools.io.files import write_atomic
@@ -86,7 +83,8 @@ class NonrigidMatch:
     ----------
     target_name, source_name : str
     point_map_target_source : ndarray of int, shape (number of source vertices,)
-        One vertex of the target file for each vertex of the source file; -1 outside the largest component.
+        One vertex of the target file for each vertex of the source file; -1 outside the largest component, and where
+        the target ends before the counterpart.
     point_map_source_target : ndarray of int, shape (number of target vertices,)
         The inverse direction, found in the same way; not necessarily the inverse permutation.
     functional_map : ndarray, shape (m, m)
@@ -95,8 +93,10 @@ class NonrigidMatch:
         Distinct maps, the chosen one first, then by score.
     dense_source : ndarray of int, shape (s,)
         Vertices of the source file at which the candidates are given.
+    no_counterpart_source, no_counterpart_target : ndarray of bool, shapes as the point maps
+        Vertices of the largest component whose counterpart the other surface lacks, because it is cut.
     confidence : float
-        Probability that at least 90 % of the source's points are within .1 sqrt(area) of where they belong; see
+        Probability that the source's points are less than .1 sqrt(area) from where they belong in the mean; see
         :mod:`collalign.confidence.map_model`.
     vertex_confidence : ndarray, shape (number of source vertices,)
         Probability that the image of each vertex of the source file is within that; NaN where there is none.
@@ -110,6 +110,8 @@ class NonrigidMatch:
     functional_map: FloatArray
     candidates: tuple[NonrigidCandidate, ...]
     dense_source: IntArray
+    no_counterpart_source: BoolArray
+    no_counterpart_target: BoolArray
     confidence: float
     vertex_confidence: FloatArray
     notes: tuple[Note, ...] = ()
@@ -178,6 +180,8 @@ class NonrigidMatch:
             point_map_source_target=self.point_map_source_target,
             functional_map=self.functional_map,
             dense_source=self.dense_source,
+            no_counterpart_source=self.no_counterpart_source,
+            no_counterpart_target=self.no_counterpart_target,
             candidate_maps=np.stack([c.map_target_source for c in self.candidates]),
             candidate_scores=np.array([c.evidence.score for c in self.candidates]),
             candidate_orientations=np.array([c.evidence.orientation for c in self.candidates]),
@@ -285,28 +289,6 @@ def finished(
     return [sharpened(target, source, mended(target, source, chosen, options)), *others]
 
 
-def vertex_maps(
-    target: SpectralShape, source: SpectralShape, chosen: Refined
-) -> tuple[IntArray, IntArray]:
-    """Return the maps of the files' vertices, source to target (v,) and back (u,), that a map of samples leads to.
-
-    The target is laid onto the source by that map, as rigidly as it allows, and then by closest points with normals
-    (:func:`collalign.registration.by_map.fitted_by_map`); clouds by their functions alone.
-    """
-    found, at_target, at_source = chosen.functional_map, target.dense, source.dense
-    if not has_normals(target, source):
-        return between_files(
-            source.vertices[HarmonicRefiner(target, source).of_all_vertices(found)[1]],
-            target,
-            source,
-        )
-    chirality = -1.0 if chosen.evidence.orientation < 0 else 1.0
-    moving = target.working_shape.transformed(np.diag([1.0, 1.0, chirality, 1.0]))
-    to = np.concatenate([at_source[found.map_source_target], at_source])
-    goals = np.concatenate([at_target, at_target[found.map_target_source]]), source.vertices[to]
-    return between_files(fitted_by_map(source.working_shape, moving, goals), target, source)
-
-
 def match_of(
     target: SpectralShape,
     source: SpectralShape,
@@ -318,6 +300,10 @@ def match_of(
     """Return candidates, the chosen one first, and its maps of the files' vertices, (v,) each, as a match."""
     forward, backward = maps
     confidence, at_vertices = trust_of(target, source, found)
+    lacking = [
+        (shape.to_working >= 0) & (images < 0)
+        for shape, images in ((source, forward), (target, backward))
+    ]
     return NonrigidMatch(
         target_name=target.name,
         source_name=source.name,
@@ -326,18 +312,34 @@ def match_of(
         functional_map=read_only(found[0].functional_map.C_source_target),
         candidates=tuple(_public(target, candidate) for candidate in found[:num_candidates]),
         dense_source=read_only(source.to_original[source.dense]),
+        no_counterpart_source=read_only(lacking[0]),
+        no_counterpart_target=read_only(lacking[1]),
         confidence=confidence,
-        vertex_confidence=read_only(
-            np.where(source.to_working >= 0, at_vertices[source.to_working], np.nan)
-        ),
+        vertex_confidence=read_only(np.where(forward >= 0, at_vertices[source.to_working], np.nan)),
         notes=(
             *(
                 replace(note, shapes=(s.name, *note.shapes))
                 for s in (target, source)
                 for note in s.notes
             ),
+            *_cut_notes((source, target), lacking),
             *(_half_turned(target, source, found) if confidence < SURE else ()),
         ),
+    )
+
+
+def _cut_notes(
+    shapes: tuple[SpectralShape, SpectralShape], lacking: list[BoolArray]
+) -> tuple[Note, ...]:
+    """Return which share of either shape has no counterpart on the other one, if any has none."""
+    return tuple(
+        Note(
+            "no-counterpart",
+            (one.name,),
+            {"other": other.name, "share": float(gone.sum() / (one.to_working >= 0).sum())},
+        )
+        for one, other, gone in zip(shapes, shapes[::-1], lacking, strict=True)
+        if gone.any()
     )
 
 
@@ -376,14 +378,18 @@ def chosen_first(
     It is the one that the others agree with most and that keeps left and right most clearly, where normals tell.
     """
     ordered = sorted(found, key=lambda c: c.score)
-    sides = np.nan_to_num([c.evidence.orientation for c in ordered])
+    sides = np.array([c.evidence.orientation for c in ordered])
     if options.orientation == "any":
         sides = np.abs(sides)
-    support = np.log(agreements(target, ordered)) + ORIENTATION_WEIGHT * sides
-    chosen = ordered[
-        int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))
-    ]
+    chosen = ordered[most_supported(agreements(target, ordered), sides)]
     return [chosen, *(c for c in ordered if c is not chosen)]
+
+
+def most_supported(agreement: FloatArray, orientations: FloatArray) -> int:
+    """Return the position of the candidate that is chosen, by the agreement with others and the orientation, (m,)."""
+    sides = np.nan_to_num(orientations)
+    support = np.log(agreement) + ORIENTATION_WEIGHT * sides
+    return int(np.argmax(np.where((sides >= 0.0) | (sides < 0.0).all(), support, -np.inf)))
 
 
 def _public(target: SpectralShape, candidate: Refined) -> NonrigidCandidate:

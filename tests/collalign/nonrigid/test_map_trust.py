@@ -12,7 +12,7 @@ from collalign.confidence.map_model import (
     point_probability,
 )
 from collalign.nonrigid.map_options import NonrigidOptions
-from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, map_terms, point_terms, trust_of
+from collalign.nonrigid.portfolio import MOST_LEAD, SCORE_SCALE, point_terms, standing, trust_of
 from collalign.tools.match.nonrigid import chosen_first
 
 NUM = 50
@@ -37,15 +37,14 @@ SAME, TURNED, BACKWARDS = np.arange(NUM), np.roll(np.arange(NUM), 20), np.arange
 
 def test_agreement_and_lead_are_those_of_the_candidates():
     found = [candidate(SAME, -2.0), candidate(SAME, -1.9)]
-    agreement, lead, logarithm = map_terms(SHAPE, found, 0)
+    agreement, lead = standing(SHAPE, found, 0)
     assert agreement == 1.0
     assert lead == MOST_LEAD  # who says the same is no rival
-    assert logarithm == -np.log(0.1)
     found = [candidate(SAME, -2.0), candidate(TURNED, -1.5)]
-    agreement, lead, _ = map_terms(SHAPE, found, 0)
+    agreement, lead = standing(SHAPE, found, 0)
     assert agreement == pytest.approx(1.0 / (1.0 + np.exp(-0.5 / SCORE_SCALE)))
     assert lead == 0.5
-    assert map_terms(SHAPE, found, 1)[1] == -0.5
+    assert standing(SHAPE, found, 1)[1] == -0.5
 
 
 def test_the_choice_is_what_others_agree_with_and_keeps_the_sides():

@@ -101,6 +101,8 @@ def test_maps_are_written_to_files(tmp_path, match):
     with np.load(npz, allow_pickle=False) as stored:
         assert np.array_equal(stored["point_map_target_source"], match.point_map_target_source)
         assert len(stored["candidate_maps"]) == len(match.candidates)
+        for name in ("source", "target"):
+            assert not stored[f"no_counterpart_{name}"].any(), "neither surface is cut"
     assert np.array_equal(np.loadtxt(text, dtype=np.int64), match.point_map_target_source)
 
 

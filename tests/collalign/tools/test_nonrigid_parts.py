@@ -18,6 +18,7 @@ from collalign.nonrigid.spectral_shape import (
     smoothed_curvature,
 )
 from collalign.tools.match import nonrigid as match_tool
+from collalign.wording import note_text
 from data_tools.datasets.synthetic_shapes import blob, figure
 from data_tools.surface.laplacian import cotangent_laplacian
 
@@ -122,3 +123,21 @@ def test_a_rival_that_is_a_half_turn_is_named_by_what_it_exchanges(rng):
     assert match_tool._half_turned(body, person, [own, near]) == ()
     about_long.evidence.orientation = -0.6
     assert match_tool._half_turned(body, person, [own, about_long]) == ()
+
+
+def test_a_note_says_what_share_has_no_counterpart_on_a_cut_surface():
+    whole = SimpleNamespace(name="whole", to_working=np.arange(8))
+    part = SimpleNamespace(name="part", to_working=np.array([0, 1, -1]))
+    (note,) = match_tool._cut_notes((whole, part), [np.arange(8) > 5, np.zeros(3, dtype=bool)])
+    assert (note.code, note.shapes, note.values) == (
+        "no-counterpart",
+        ("whole",),
+        {"other": "part", "share": 0.25},
+    )
+    assert note_text(note).startswith("part is cut: 25% of the vertices of whole")
+    (note,) = match_tool._cut_notes(
+        (whole, part), [np.zeros(8, dtype=bool), np.array([True, False, False])]
+    )
+    assert note.values == {"other": "whole", "share": 0.5}, (
+        "of the vertices that are matched at all"
+    )

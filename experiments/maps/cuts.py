@@ -1,0 +1,161 @@
+"""Maps between bodies of which one is cut: where vertices without a counterpart are, and whether they are found."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import permutations
+
+import numpy as np
+
+from collalign.confidence.map_model import NEAR
+from collalign.engine.records import Record
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
+from collalign.nonrigid.spectral_shape import prepare_surface
+from collalign.tools.match.every_vertex import vertex_maps
+from collalign.tools.match.nonrigid import finished, match_of
+from experiments.experiment import Bench, Cell, Experiment, Outcome
+from experiments.generated.bipeds import KINDS, Biped, biped
+from experiments.generated.cut_bipeds import CUTS, CutBiped, cut_biped
+from experiments.maps.bodies import images_of, weighed
+from experiments.maps.evaluation import MapEvaluator
+from experiments.maps.map_cells import QUICK_SURFACE
+from experiments.tables import Column, Row, Table
+
+#: Pairs of each cut, each of two kinds: the source is cut in the first half of them, the target in the other.
+NUM_PAIRS = 4
+#: Vertices at which a map is evaluated.
+NUM_POINTS = 100
+#: Raised when the maps change.
+VERSION = "2"
+
+_ABOUT = f"""
+Generated bodies of two kinds (people, children, apes, armadillos; `experiments/generated/bipeds.py`), of which one is
+cut: a part of it is removed, and its surface is open there. {NUM_PAIRS} pairs of each cut, in half of them the target
+is cut. Vertices of the whole body whose true place was cut away have no counterpart. *Found* is the share of these
+that the map says have none. *True* is the share of those of which it says so that have none. Errors are geodesic,
+over the square root of the target's area, at {NUM_POINTS} vertices of the source that have a counterpart and an
+image. The reach of the rim was chosen on other bodies of these kinds, with the same cuts.
+"""
+
+
+def measure_cut(cell: Cell) -> Record:
+    """Match a whole body and a cut one.
+
+    Settings: ``cut``, ``target``, ``source`` (kinds), ``is_target_cut``, ``seed``, ``surface``.
+
+    Returns
+    -------
+    dict
+        ``error``, the mean error; ``lost``, ``said`` and ``both``, how many vertices of the whole body have no
+        counterpart, how many the map says have none, and how many are both. ``candidates``, ``in_place`` and what
+        :func:`experiments.maps.bodies.weighed` returns are those of whole bodies.
+    """
+    settings = cell.settings
+    bodies = [
+        biped(KINDS[settings[role]], np.random.default_rng([settings["seed"], number]), role)
+        for number, role in enumerate(("target", "source"))
+    ]
+    at_target = bool(settings["is_target_cut"])
+    pair: list[Biped | CutBiped] = [*bodies]
+    pair[0 if at_target else 1] = cut_biped(bodies[0 if at_target else 1], settings["cut"])
+    surface = SurfaceOptions(**settings["surface"])
+    target, source = (prepare_surface(one.shape, surface) for one in pair)
+    options = NonrigidOptions()
+    found = finished(target, source, options)
+    maps = vertex_maps(target, source, found[0])
+    match = match_of(target, source, found, maps, num_candidates=options.num_candidates)
+    lacking = match.no_counterpart_source if at_target else match.no_counterpart_target
+    cut, whole = (pair[0], pair[1]) if at_target else (pair[1], pair[0])
+    lost = cut.places[whole.to_template] < 0
+    truth = pair[0].places[pair[1].to_template]
+    known = np.flatnonzero((truth >= 0) & (maps[0] >= 0))
+    at = known[np.linspace(0, len(known) - 1, min(NUM_POINTS, len(known))).astype(int)]
+    evaluator = MapEvaluator(pair[0].shape, truth[at])
+    images = [maps[0], *(images_of(one, target, source) for one in found)]
+    errors, *of_samples = (evaluator.errors(one[at]).direct for one in images)
+    return {
+        "error": float(errors.mean()),
+        "lost": int(lost.sum()),
+        "said": int(lacking.sum()),
+        "both": int((lost & lacking).sum()),
+        "candidates": np.array([one.mean() for one in of_samples]),
+        "in_place": np.stack([errors, *of_samples[1:]]) <= NEAR,
+        **weighed(target, source, found, source.nearest_dense[source.to_working[at]]),
+    }
+
+
+def row_of(cut: str, records: list[Record]) -> Row:
+    """Return the row of one cut, or of all."""
+    errors, lost, said, both = (
+        np.array([record[key] for record in records]) for key in ("error", "lost", "said", "both")
+    )
+    return {
+        "cut": cut,
+        "pairs": len(records),
+        "error": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "right": int((errors < NEAR).sum()),
+        "found": 100.0 * float(both.sum() / lost.sum()),
+        "true": 100.0 * float(both.sum() / max(said.sum(), 1)),
+    }
+
+
+COLUMNS = (
+    Column(key="cut", title="cut"),
+    Column(key="pairs", title="pairs"),
+    Column(key="error", title="mean error", format=".3f"),
+    Column(key="median", title="median pair", format=".3f"),
+    Column(key="right", title=f"maps below {NEAR}"),
+    Column(key="found", title="without a counterpart: found, %", format=".0f"),
+    Column(key="true", title="true, %", format=".0f"),
+)
+
+
+@cache
+def _drawn_pairs() -> tuple[tuple[str, str, int], ...]:
+    """Return kinds and a seed for each pair of each cut, in the order of the cuts."""
+    pairs = list(permutations(KINDS, 2))
+    order = np.random.default_rng(0).permutation(len(CUTS) * NUM_PAIRS)
+    return tuple((*pairs[at % len(pairs)], int(at)) for at in order)
+
+
+def measured_cuts(bench: Bench, num: int | None = None) -> dict[str, Record]:
+    """Return what :func:`measure_cut` finds of the first pairs, or of all, by the cut, kinds and seed."""
+    drawn = _drawn_pairs()
+    cells = {
+        f"{cut}, {target}, {source}, {seed}": {
+            "cut": cut,
+            "target": target,
+            "source": source,
+            "seed": seed,
+            "is_target_cut": number >= NUM_PAIRS // 2,
+            "surface": QUICK_SURFACE if bench.quick else {},
+        }
+        for place, cut in enumerate(CUTS)
+        for number, (target, source, seed) in enumerate(
+            drawn[place * NUM_PAIRS : (place + 1) * NUM_PAIRS]
+        )
+    }
+    return bench.measure(measure_cut, dict(list(cells.items())[:num]), version=VERSION)
+
+
+def measure(bench: Bench) -> Outcome:
+    """Match the pairs of all cuts; with ``--quick`` one pair of the first."""
+    bench.seeds.add(0)
+    records = measured_cuts(bench, 1 if bench.quick else None)
+    rows = [
+        row_of(cut, own)
+        for cut in CUTS
+        if (own := [record for label, record in records.items() if label.startswith(f"{cut},")])
+    ]
+    return Outcome(
+        tables=(Table(columns=COLUMNS, rows=(*rows, row_of("all", list(records.values())))),)
+    )
+
+
+EXPERIMENT = Experiment(
+    name="cuts",
+    title="Maps of bodies in part: what has no counterpart",
+    about=_ABOUT,
+    measure=measure,
+)
