@@ -163,7 +163,7 @@ def test_what_is_in_front_of_what_was_seen_puts_a_block_in_doubt(scans, monkeypa
 
     def in_front(target, source, rotations, shifts):
         crosses = any(one is surfaces[0] for one in (target, source))
-        return np.full((len(rotations), 2), 0.03 if crosses else 0.0), np.zeros((len(rotations), 2))
+        return np.full((len(rotations), 2), 0.06 if crosses else 0.0), np.zeros((len(rotations), 2))
 
     monkeypatch.setattr(join, "sight_conflicts", in_front)
     joined = join_scans(surfaces, told, "SO")
