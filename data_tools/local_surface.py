@@ -73,10 +73,13 @@ class LocalSurface(SurfacePoints):
         Distance of the points, in their own units.
     sights : ndarray, shape (s, 3)
         Unit directions from one of which all of the surface was seen, the likeliest first; mostly none.
+    places : ndarray, shape (0, 3) or (1, 3)
+        The place from which all of it was seen, if that is near.
     """
 
     histograms: Annotated[NDArray[np.uint8], Holds(shape="l 33")]
     sights: Annotated[FloatArray, Holds(shape="s 3")]
+    places: Annotated[FloatArray, Holds(shape="v 3")]
 
     @classmethod
     @one_blas_thread()
@@ -87,6 +90,7 @@ class LocalSurface(SurfacePoints):
         cell: float,
         sights: ArrayLike = (),
         *,
+        places: ArrayLike = (),
         radius_cells: float = RADIUS_CELLS,
     ) -> LocalSurface:
         """Check the arrays and describe every neighbourhood.
@@ -100,6 +104,8 @@ class LocalSurface(SurfacePoints):
             Distance of the points, in their own units.
         sights : array_like, shape (s, 3), optional
             Unit directions from one of which all of the surface was seen, as in a depth image.
+        places : array_like, shape (0, 3) or (1, 3), optional
+            The place from which all of it was seen, as by a camera in a room.
         radius_cells : float
             Neighbours of a point are those within so many cells.
 
@@ -122,6 +128,7 @@ class LocalSurface(SurfacePoints):
             histograms=read_only(histograms),
             cell=float(cell),
             sights=read_only(np.asarray(sights, dtype=np.float64).reshape(-1, 3)),
+            places=read_only(np.asarray(places, dtype=np.float64).reshape(-1, 3)),
         )
 
     @cached_property
@@ -143,8 +150,11 @@ class LocalSurface(SurfacePoints):
 
     @cached_property
     def depth_images(self) -> list[DepthImage]:
-        """What was seen along each of the possible lines of sight; mostly none."""
-        return [DepthImage.along(sight, self.points, self.cell) for sight in self.sights]
+        """What was seen along each of the possible lines of sight, or from a place; mostly none."""
+        return [
+            *(DepthImage.along(sight, self.points, self.cell) for sight in self.sights),
+            *(DepthImage.around(place, self.points, self.cell) for place in self.places),
+        ]
 
     def thinned(self, num: int) -> LocalSurface:
         """Return an even choice of at most ``num`` points, with the descriptors that they have among all."""
@@ -170,6 +180,7 @@ class LocalSurface(SurfacePoints):
             normals=read_only(self.normals * flip),
             histograms=read_only(histograms),
             sights=read_only(self.sights * flip),
+            places=read_only(self.places * flip),
         )
 
     def reversed(self) -> LocalSurface:

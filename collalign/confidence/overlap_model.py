@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_tools.arrays import FloatArray
+from data_tools.arrays import FloatArray, IntArray
 from data_tools.poses import pose_angle_deg
 from pairwise.features.depth_images import FRONT_UNIT, conflict
 from pairwise.features.overlap import LocalPoses
 
-#: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line
-#: of sight is not known. Explained is 1 / (share of the smaller surface without a partner + 0.1): all of a part
-#: lies on its whole. Fitted on depth images and cut shapes.
-WEIGHTS = (2.8, 1.2, -0.6)
-UNEXPLAINED = 0.1
-#: Log-odds per logarithm of consensus plus the last number, against a pose per unit of conflict with lines of
-#: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on depth images.
-SIGHT_WEIGHTS = (2.4, 3.1, -8.8, 0.03)
-#: Log-odds of a pose of two images of a scene: per mismatch, per logarithm of consensus plus the last number, and of
-#: "no pose is right". ``python -m experiments calibrate scenes`` fits them, and says how they do on kinds left out.
-SCENE_WEIGHTS = (-1.7, 3.0, -5.5, 0.03)
+#: Log-odds of a pose against that none of a pair is right, per unit of what :func:`known_evidence` returns. Columns
+#: are consensus, what is explained, conflict with what was seen, and a constant. Rows are for surfaces that were
+#: not seen from one side, along parallel rays, and from one place. Fitted by ``python -m experiments calibrate
+#: overlaps``.
+OVERLAP_WEIGHTS = ((1.8, 1.7, 0.0, 1.9), (0.7, 2.3, -2.6, 3.9), (2.5, 0.4, -3.0, 6.0))
+#: Added to consensus, and to the share of the smaller surface without a partner, before their logarithms are taken.
+LEAST_CONSENSUS, UNEXPLAINED = 0.03, 0.1
 #: Log-odds of a pose of a part on its whole, and of "no pose is right": per logarithm of 1 / (share of the part off
 #: the whole + the last number), of 1 + share of the whole in front of what the part saw over .01, and of the share of
 #: the whole that is covered. ``python -m experiments calibrate wholes`` fits them.
@@ -36,27 +32,35 @@ LEAST_SHARE = 0.01
 MOST_CERTAIN = 0.99
 
 
-def overlap_log_odds(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray:
-    """Return the log-odds of poses against that none of them is right, shape (p,).
+def overlap_log_odds(poses: LocalPoses) -> FloatArray:
+    """Return the log-odds of poses against that none of them is right, shape (p,)."""
+    weights = np.array(OVERLAP_WEIGHTS)[_row(poses.in_front, poses.beside)]
+    return np.asarray((weights * known_evidence(poses)).sum(axis=1))
 
-    With lines of sight where both surfaces were seen from one direction each. Of a scene walls and floors overlap at
-    wrong poses as well, so that it is what agrees there that counts.
-    """
-    if of_scene:
-        per_mismatch, per_match, none, least = SCENE_WEIGHTS
-        return np.asarray(
-            per_mismatch * poses.mismatch + per_match * np.log(poses.consensus + least) - none
-        )
-    of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
-    unseen = (
-        WEIGHTS[0] * of_smaller
-        + WEIGHTS[1] * np.log(np.maximum(poses.consensus, LEAST_SHARE))
-        - WEIGHTS[2]
+
+def known_evidence(poses: LocalPoses) -> FloatArray:
+    """Return what a row of :data:`OVERLAP_WEIGHTS` weighs, shape (p, 4); 0 is what is not known."""
+    is_seen = _row(poses.in_front, poses.beside) > 0
+    columns = (
+        np.log(poses.consensus + LEAST_CONSENSUS),
+        -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED),
+        np.where(is_seen, conflict(poses.in_front, poses.beside), 0.0),
+        np.ones(len(poses)),
     )
-    matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + SIGHT_WEIGHTS[3])
-    against = conflict_log_odds(conflict(poses.in_front, poses.beside))
-    is_seen = ~np.isnan(poses.in_front).any(axis=1)
-    return np.where(is_seen, matched - against - SIGHT_WEIGHTS[2], unseen)
+    return np.column_stack(columns)
+
+
+def overlap_evidence(poses: LocalPoses) -> FloatArray:
+    """Return what all :data:`OVERLAP_WEIGHTS` weigh, shape (p, 12): 0 in other rows than that of a pose."""
+    found = np.zeros((len(poses), *np.shape(OVERLAP_WEIGHTS)))
+    found[np.arange(len(poses)), _row(poses.in_front, poses.beside)] = known_evidence(poses)
+    return found.reshape(len(poses), -1)
+
+
+def _row(in_front: FloatArray, beside: FloatArray) -> IntArray:
+    """Return the row of :data:`OVERLAP_WEIGHTS` by which shares (p, 2) are known of both surfaces, shape (p,)."""
+    is_seen, is_parallel = (~np.isnan(shares).any(axis=1) for shares in (in_front, beside))
+    return np.where(is_seen, np.where(is_parallel, 1, 2), 0)
 
 
 def on_whole_log_odds(poses: LocalPoses) -> FloatArray:
@@ -77,9 +81,10 @@ def on_whole_evidence(poses: LocalPoses, least: float) -> FloatArray:
     return np.column_stack(columns)
 
 
-def conflict_log_odds(conflicts: FloatArray) -> FloatArray:
-    """Return the log-odds against poses that conflict so much with lines of sight, of any shape."""
-    return np.asarray(SIGHT_WEIGHTS[1] * conflicts)
+def conflict_log_odds(in_front: FloatArray, beside: FloatArray) -> FloatArray:
+    """Return the log-odds against poses that conflict so much with what was seen, shares (p, 2), shape (p,)."""
+    weights = np.array(OVERLAP_WEIGHTS)[_row(in_front, beside), 2]
+    return np.asarray(-weights * conflict(in_front, beside))
 
 
 def hinted_log_odds(
@@ -96,14 +101,12 @@ def hinted_log_odds(
     return odds
 
 
-def overlap_chances(
-    poses: LocalPoses, *, of_scene: bool = False, hinted: FloatArray | float = 0.0
-) -> FloatArray:
+def overlap_chances(poses: LocalPoses, *, hinted: FloatArray | float = 0.0) -> FloatArray:
     """Return how probable each pose is, shape (p,); what they leave is that none is right.
 
     Hints add their log-odds (p,).
     """
-    return chances_of(overlap_log_odds(poses, of_scene=of_scene) + hinted)
+    return chances_of(overlap_log_odds(poses) + hinted)
 
 
 def chances_of(odds: FloatArray) -> FloatArray:

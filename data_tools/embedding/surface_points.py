@@ -18,7 +18,7 @@ from data_tools.local_surface import (
 )
 from data_tools.options import SamplingOptions
 from data_tools.partial_surface import PartialSurface
-from data_tools.sight import lines_of_sight
+from data_tools.sight import lines_of_sight, place_of_sight
 from data_tools.surface.shape import MAX_DEFECTS, Shape, orientation_defects, outward_normals
 from data_tools.surface.topology import (
     boundary_edges,
@@ -64,8 +64,8 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
     cell : float
         In units of the shape.
     of_scene : bool
-        The shape is a part of a room or a street: rough, mostly flat, and hollow where it was seen from. It has no
-        line of sight, because its rays are far from parallel, and it ends where its image does.
+        The shape is a part of a room or a street: rough, mostly flat, and hollow where it was seen from. Its rays are
+        far from parallel: they meet at a place.
     """
     is_closed = shape.is_mesh and not is_open_surface(shape.vertices, shape.faces)
     no_sights = of_scene or is_closed
@@ -96,7 +96,14 @@ def surface_cells(shape: Shape, cell: float, *, of_scene: bool = False) -> Local
     if len(points) < FEWEST_POINTS:
         return None
     radius_cells = SCENE_RADIUS_CELLS if of_scene else RADIUS_CELLS
-    return LocalSurface.from_user(points, normals, cell, sights, radius_cells=radius_cells)
+    return LocalSurface.from_user(
+        points,
+        normals,
+        cell,
+        sights,
+        places=place_of_sight(shape.vertices) if of_scene else (),
+        radius_cells=radius_cells,
+    )
 
 
 def centre_and_radius(shape: Shape) -> tuple[FloatArray, float]:

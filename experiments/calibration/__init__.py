@@ -21,9 +21,9 @@ from experiments.calibration import (
     maps,
     margins,
     model,
+    overlaps,
     radii,
     registration,
-    scenes,
     sides,
     wholes,
 )
@@ -41,9 +41,9 @@ CALIBRATIONS = {
     "maps": maps.CALIBRATION,
     "margins": margins.CALIBRATION,
     "model": model.CALIBRATION,
+    "overlaps": overlaps.CALIBRATION,
     "radii": radii.CALIBRATION,
     "registration": registration.CALIBRATION,
-    "scenes": scenes.CALIBRATION,
     "sides": sides.CALIBRATION,
     "wholes": wholes.CALIBRATION,
 }

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import logsumexp
 
 from collalign.confidence import overlap_model
 from collalign.confidence.overlap_model import WHOLE_WEIGHTS, on_whole_evidence
 from collalign.tools.match.in_part import NUM_POSES
 from collalign.tools.match.on_whole import both_scales
-from data_tools.arrays import FloatArray
 from data_tools.poses import Similarity
 from data_tools.surface.shape import Shape
+from experiments.calibration.overlaps import JudgedPairs, finding
 from experiments.calibration.scan import Calibration, Finding, constants_of
-from experiments.calibration.scenes import RIDGE, JudgedPair
 from experiments.generated.part_scans import is_right, model_of, part_scans
 from pairwise.features.on_whole import match_on_whole
 
@@ -27,10 +25,10 @@ KINDS = ("chairs", "hammers", "mugs", "desks", "blobs", "animals", "beds", "sofa
 NUM_RIGHT, NUM_WRONG, OTHER = 5, 2, 3
 
 
-def judged_scans(name: str, other: str, num_right: int, num_wrong: int) -> list[JudgedPair]:
+def judged_scans(name: str, other: str, num_right: int, num_wrong: int) -> JudgedPairs:
     """Match scans of a kind of model on it and on another one, and say which poses are right."""
     model, rng = model_of(name), np.random.default_rng([KINDS.index(name), 86])
-    found = []
+    evidence, right = [], []
     for whole, num in ((model, num_right), (model_of(other), num_wrong)):
         for scan in part_scans(model, num, rng):
             surfaces = both_scales(whole, Shape.from_arrays(scan.points))
@@ -38,29 +36,9 @@ def judged_scans(name: str, other: str, num_right: int, num_wrong: int) -> list[
                 continue
             poses = match_on_whole(*surfaces, num_candidates=NUM_POSES, side_known=False)
             placed = Similarity.rigid(poses.rotations, poses.shifts).transform
-            right = [whole is model and is_right(model, pose, scan.pose) for pose in placed]
-            evidence = on_whole_evidence(poses, WHOLE_WEIGHTS[-1])
-            found.append(JudgedPair(evidence=evidence, right=np.array(right)))
-    return found
-
-
-def log_loss(weights: FloatArray, scans: Sequence[JudgedPair]) -> float:
-    """Return the mean minus log-probability of what is right: some of the poses, or none."""
-    losses = []
-    for scan in scans:
-        every = np.append(scan.evidence @ weights, 0.0)
-        is_true = np.append(scan.right, not scan.right.any())
-        losses.append(logsumexp(every) - logsumexp(every[is_true]))
-    return float(np.mean(losses))
-
-
-def fit_weights(scans: Sequence[JudgedPair]) -> FloatArray:
-    """Return the weights of the least log loss."""
-
-    def loss(weights: FloatArray) -> float:
-        return log_loss(weights, scans) + RIDGE * float(weights @ weights)
-
-    return np.asarray(minimize(loss, np.zeros(len(WHOLE_WEIGHTS) - 1), method="BFGS").x)
+            right.append([whole is model and is_right(model, pose, scan.pose) for pose in placed])
+            evidence.append(on_whole_evidence(poses, WHOLE_WEIGHTS[-1]))
+    return JudgedPairs.of_each(evidence, right)
 
 
 def measure_wholes(data: Path, collections: Sequence[str], quick: bool) -> dict[str, Finding]:
@@ -73,19 +51,9 @@ def measure_wholes(data: Path, collections: Sequence[str], quick: bool) -> dict[
         )
         for name in collections
     }
-    every = [scan for own in scans.values() for scan in own]
-    weights = fit_weights(every)
-    without = []
-    for name, own in scans.items():
-        others = [scan for other in scans if other != name for scan in scans[other]]
-        if others:
-            without.append(log_loss(fit_weights(others), own))
-    found = Finding(
-        value=(*weights.tolist(), WHOLE_WEIGHTS[-1]),
-        now=-log_loss(np.array(WHOLE_WEIGHTS[:-1]), every),
-        best=-log_loss(weights, every),
-        left_out=-float(np.mean(without)) if without else float("nan"),
-    )
+    *now, least = WHOLE_WEIGHTS
+    found = finding(np.array(now), scans)
+    found = replace(found, value=(*np.ravel(found.value).tolist(), least))
     return {"WHOLE_WEIGHTS": found}
 
 

@@ -131,9 +131,7 @@ def align_scans(run: Run, pairs: Sequence[Pair], reasons: Mapping[int, str]) -> 
         described = [surfaces[i] for i in range(num)]
         overlaps = overlap_pairs(session, shapes, surfaces)
         hinted = hints_of(overlaps, constraints)
-        joined = join_scans(
-            described, overlaps, session.options.group, is_scene=is_scene, hinted=hinted
-        )
+        joined = join_scans(described, overlaps, session.options.group, hinted=hinted)
     if not reasons:
         if not _are_scans(joined, described, pairs, are_seen=were_seen(shapes), is_scene=is_scene):
             return None
@@ -372,9 +370,9 @@ def overlap_pair(target: LocalSurface, source: LocalSurface, group: str) -> Loca
 
 
 #: Describes a surface. The version changes whenever the same file and cell would give another one.
-DESCRIBING = Job(kind="surfaces", version="local-5", run=describe_file, reader=LocalSurface)
+DESCRIBING = Job(kind="surfaces", version="local-6", run=describe_file, reader=LocalSurface)
 #: Matches a pair by what both share. The version changes whenever the same surfaces would give other poses.
-OVERLAPPING = Job(kind="evidence", version="overlap-5", run=overlap_pair, reader=LocalPoses)
+OVERLAPPING = Job(kind="evidence", version="overlap-6", run=overlap_pair, reader=LocalPoses)
 
 
 def common_cell(shapes: Shapes) -> float:

@@ -297,7 +297,7 @@ def _poses_by_overlap(target: Shape, source: Shape, group: str) -> tuple[Partial
     if surfaces[0] is None or surfaces[1] is None:
         return ()
     found = match_overlapping(surfaces[0], surfaces[1], group=group, num_candidates=NUM_POSES)
-    chances = overlap_chances(found, of_scene=of_scene)
+    chances = overlap_chances(found)
     return _listed(found.rotations, found.shifts, found.overlaps, chances)
 
 

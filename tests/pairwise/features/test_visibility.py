@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from collalign.confidence.overlap_model import overlap_log_odds
 from data_tools.datasets.synthetic import range_view
 from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
-from data_tools.sight import DepthImage
+from data_tools.rotations import random_rotation
+from data_tools.sight import DepthImage, place_of_sight
 from data_tools.surface.shape import Shape
+from experiments.generated.rooms import depth_frames, room, way_round
 from pairwise.features.depth_images import MOST_BESIDE, conflict, sight_conflicts
 from pairwise.features.overlap import evaluate_poses
 
@@ -103,3 +106,42 @@ def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
     assert judged.in_front.max() < 0.01
     assert judged.beside.max() < 0.01
     assert judged.overlap[0] > 0.99
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Two neighbouring depth frames of a corridor, each in the coordinates of its camera, and their poses."""
+    rng = np.random.default_rng(2)
+    way = way_round(20, rng, corridor=True)[[4, 5]]
+    return depth_frames(room(rng, corridor=True), way, rng), way
+
+
+def test_the_place_of_a_camera_is_where_its_rays_meet(frames, whole):
+    rng = np.random.default_rng(1)
+    for frame in frames[0]:
+        place = place_of_sight(frame.vertices)
+        assert np.linalg.norm(place[0]) < 0.6
+        turn = random_rotation(rng)
+        moved = place_of_sight(frame.vertices @ turn.T + 3.0)
+        np.testing.assert_allclose(moved[0], turn @ place[0] + 3.0, atol=0.1)
+        surface = surface_cells(frame, 0.1, of_scene=True)
+        thinned = surface.points[:: max(1, len(surface.points) // 700)]
+        assert not len(place_of_sight(thinned[:90])), "of few points nothing is known"
+    view = range_view(whole, SIGHTS[0], noise=0.003, rng=rng)
+    assert not len(place_of_sight(view)), "its rays are parallel"
+
+
+def test_a_frame_slid_along_a_corridor_has_walls_on_walls_but_things_in_front(frames):
+    (one, other), way = frames
+    surfaces = [surface_cells(frame, 0.1, of_scene=True) for frame in (one, other)]
+    right = np.linalg.inv(way[0]) @ way[1]
+    slid = np.tile(way[1], (2, 1, 1))
+    slid[:, 0, 3] += [1.0, -1.0]
+    poses = np.stack([right, *(np.linalg.inv(way[0]) @ slid)])
+    found = evaluate_poses(*surfaces, poses[:, :3, :3], poses[:, :3, 3])
+    assert np.isnan(found.beside).all(), "a frame ends at its edge, which tells nothing"
+    front = found.in_front.max(axis=1)
+    assert front[0] < 0.01
+    assert front[1:].max() > 2.0 * front[0] + 0.02
+    odds = overlap_log_odds(found)
+    assert odds[0] > odds[1:].max() + 2.0
