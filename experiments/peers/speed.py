@@ -418,8 +418,10 @@ def measure(bench: Bench) -> Outcome:
             settings = {"num": num, "solver": solver, "code": code}
             add(measure_relaxation, line, tool, settings)
     if bench.wants(line := "installed"):
-        installed = {"runs": 1, "memory_mib": installed_mib("collalign"), "goal": GOALS[line]}
-        rows.append({"line": line, "tool": "collalign", **installed})
+        size, goal = installed_mib("collalign"), GOALS[line]
+        rows.append(
+            {"line": line, "tool": "collalign", "runs": 1, "memory_mib": size, "goal": goal}
+        )
     text = f"The code of this page has the digest `{code}`."
     text += f" Not measured here: {'; '.join(lacking)}." if lacking else ""
     return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), text=text)
