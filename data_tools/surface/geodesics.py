@@ -26,7 +26,7 @@ class GeodesicSolver:
 
     The heat method (Crane, Weischedel and Wardetzky 2013) on connected meshes; shortest paths along the edges on
     other meshes, and along the graph of 12 nearest neighbours in point clouds. Points that cannot be
-    reached are infinitely far.
+    reached are infinitely far. :meth:`within` follows edges on all meshes: there, farthest points need no more.
 
     Parameters
     ----------

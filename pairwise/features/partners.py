@@ -1,7 +1,9 @@
 """Nearest points of a surface whose normals agree, for points at many poses, by a grid.
 
-Compiled by Numba: the grid leaves some dozens of points to look at. NumPy's products of all with all take three times
-as long.
+Of a thin wall both sides are near: the nearest point alone would be of the wrong one.
+
+Compiled by Numba: the grid leaves some dozens of points to look at. NumPy's products of all with all take twice as
+long.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ def nearest_facing(
     others, own : pair of ndarray, shapes (n, 3) and (q, 3) each
         Points and unit normals.
     reach : float
-        What is farther away is not found: the distance is then infinite and the index 0.
+        What is farther away is not found: the distance is then infinite, and the index says nothing.
     cosine : float
         Normals agree if the cosine between them is above this.
     """
