@@ -83,6 +83,7 @@ def run(
     jobs: int = -1,
     quick: bool = False,
     quiet: bool = False,
+    only: tuple[str, ...] = (),
 ) -> int:
     """Run experiments.
 
@@ -103,6 +104,8 @@ def run(
         The smallest sizes only, to see that everything works.
     quiet
         No progress bars.
+    only
+        A line of the table of `speed` that is measured; may be given several times. The page names the others.
     """
     if not names:
         for name in NAMES:
@@ -110,6 +113,8 @@ def run(
         return 0
     chosen = NAMES if names == ("all",) else names
     experiments = [load_experiment(name) for name in chosen]
+    if whole := [one.name for one in experiments if only and not one.has_lines]:
+        raise InputError(f"{whole[0]}: --only does not apply, its table is measured as a whole")
     path = store or out / STORE
     path.parent.mkdir(parents=True, exist_ok=True)
     num_workers = max(1, os.cpu_count() or 1) if jobs == -1 else jobs
@@ -128,6 +133,7 @@ def run(
                 quick=quick,
                 quiet=quiet,
                 results=out / RESULTS,
+                only=only,
             )
             outcome = experiment.measure(bench)
             for file in write_experiment(experiment, outcome, bench, out):

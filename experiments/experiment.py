@@ -113,6 +113,8 @@ class Experiment:
         Folders of the data that it cannot do without.
     seen : tuple of str
         Those of :data:`experiments.seen.SEEN` that its tables are about: the page says what was chosen on them.
+    has_lines : bool
+        Whether it measures some lines of its table by themselves, as ``Bench.only`` says.
     """
 
     name: str
@@ -121,6 +123,7 @@ class Experiment:
     measure: Callable[[Bench], Outcome]
     collections: tuple[str, ...] = ()
     seen: tuple[str, ...] = ()
+    has_lines: bool = False
 
 
 @dataclass(kw_only=True)
@@ -140,6 +143,8 @@ class Bench:
         No progress bars.
     results : Path, optional
         Folder of the tables that were written before, of experiments that compare with them.
+    only : tuple of str
+        Lines of the table that are measured; all if there are none.
     """
 
     data: Path
@@ -148,10 +153,15 @@ class Bench:
     quick: bool = False
     quiet: bool = False
     results: Path | None = None
+    only: tuple[str, ...] = ()
     seeds: set[int] = field(default_factory=set)
     dates: set[str] = field(default_factory=set)
     machines: set[str] = field(default_factory=set)
     num_reused: int = 0
+
+    def wants(self, line: str) -> bool:
+        """Return whether a line of the table is measured."""
+        return not self.only or line in self.only
 
     def folder(self, name: str) -> Path:
         """Return the folder of a collection.

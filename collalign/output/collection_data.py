@@ -401,9 +401,9 @@ class CollectionData:
         return self.fresh
 
     def cleaning_of(self, at: int) -> CleaningOptions:
-        """Return how the file of a shape was read, which may differ between kinds, and by its components."""
+        """Return how the file of a shape is read again; this may differ between kinds, and by its components."""
         of_kind = (kind.cleaning for kind in self.kinds if at in kind.shapes)
-        cleaning = next(of_kind, self.options.cleaning)
+        cleaning = next(of_kind, self.options.cleaning).again
         return replace(cleaning, components="all") if self.names[at] in self.assembled else cleaning
 
     def posed_file(self, at: int) -> PosedFile:

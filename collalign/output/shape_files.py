@@ -42,7 +42,7 @@ def write_shape(
     colours : ndarray, shape (f, 4), or None
         Of its file's vertices; see :meth:`collalign.output.vertex_maps.PlaceColours.of_file`.
     """
-    shape = file.read(file.cleaning.again)
+    shape = file.read()
     aligned = shape.transformed(file.transform)
     write_mesh(mesh, aligned)
     for part, piece in aligned.split().items():

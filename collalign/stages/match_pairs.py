@@ -65,7 +65,7 @@ def match_pair(target: Samples, source: Samples, group: str, options: MatchOptio
 
 
 #: Matches a pair. The version changes whenever the same two shapes and options would give other poses.
-MATCHING = Job(kind="pairs", version="pair-8", run=match_pair, reader=PairPoses)
+MATCHING = Job(kind="pairs", version="pair-9", run=match_pair, reader=PairPoses)
 
 
 def match_pairs(

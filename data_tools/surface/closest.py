@@ -63,16 +63,14 @@ class SurfaceLocator:
     def _tree(self) -> TriangleTree:
         from data_tools.surface.triangle_tree import triangle_tree
 
-        return triangle_tree(
-            np.ascontiguousarray(self.vertices, dtype=np.float64),
-            np.ascontiguousarray(self.faces, dtype=np.int64),
-        )
+        return triangle_tree(self.vertices, self.faces)
 
     def closest(self, points: FloatArray) -> SurfacePoints:
         """Return the closest place to each of the points (q, 3); of triangles that are equally near, on the first."""
         from data_tools.surface.triangle_tree import closest_triangles
 
-        given = np.ascontiguousarray(points, dtype=np.float64)
+        # A copy: of an array that must not be written Numba would compile another version.
+        given = np.array(points, dtype=np.float64, order="C")
         triangles, weights = closest_triangles(self._tree, given)
         return SurfacePoints(corners=self.faces[triangles], weights=weights)
 

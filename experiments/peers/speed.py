@@ -22,7 +22,7 @@ from collalign.engine.records import Record
 from collalign.output.loading import load
 from data_tools.arrays import FloatArray
 from data_tools.datasets.synthetic import write_collection
-from data_tools.errors import CollectionError
+from data_tools.errors import CollectionError, InputError
 from data_tools.io.shapes import write_mesh
 from experiments.collections.landmarked import TEETH_FOLDER, read_dataset
 from experiments.collections.posed import GROSS_DEG, PosedCollection, pose_collection
@@ -365,8 +365,16 @@ def _row(line: str, tool: str, records: list[Record]) -> Row:
 
 
 def measure(bench: Bench) -> Outcome:
-    """Measure every line whose data and tools are here, one run after the other."""
-    code, lacking = code_digest(ROOT), list[str]()
+    """Measure every line that is wanted and whose data and tools are here, one run after the other.
+
+    Raises
+    ------
+    InputError
+        If ``bench.only`` names a line that there is not.
+    """
+    if unknown := [line for line in bench.only if line not in GOALS]:
+        raise InputError(f"--only: no line is called {unknown[0]!r}; there are {', '.join(GOALS)}")
+    code, lacking = code_digest(ROOT), [line for line in GOALS if not bench.wants(line)]
     rows: list[Row] = []
 
     def add(
@@ -378,6 +386,8 @@ def measure(bench: Bench) -> Outcome:
         rows.append(_row(line, tool, list(found.values())))
 
     for line, drawn in ALIGNED.items():
+        if not bench.wants(line):
+            continue
         if (bench.quick and drawn.needs) or (
             drawn.needs and not (bench.data / drawn.needs).is_dir()
         ):
@@ -390,6 +400,8 @@ def measure(bench: Bench) -> Outcome:
             settings = {"line": line, "tool": tool, "quick": bench.quick, "code": code}
             add(measure_alignment, line, tool, settings)
     for line, (_, needs) in COMMANDS.items():
+        if not bench.wants(line):
+            continue
         if (bench.quick and (needs or line in ONCE)) or (
             needs and not (bench.data / needs).is_dir()
         ):
@@ -397,18 +409,21 @@ def measure(bench: Bench) -> Outcome:
             continue
         add(measure_command, line, "collalign", {"line": line, "code": code})
     for num in PM_SDP_SIZES[:1] if bench.quick else PM_SDP_SIZES:
-        for solver in (one for one in GAPS if num <= MOST_POINTS[one]):
+        line = f"PM-SDP of {num} points"
+        for solver in (one for one in GAPS if num <= MOST_POINTS[one] and bench.wants(line)):
             if solver != BUILT_IN and not (is_importable("cvxpy") and is_importable(solver)):
                 lacking.append(f"PM-SDP with {solver}")
                 continue
             tool = "collalign" if solver == BUILT_IN else solver
             settings = {"num": num, "solver": solver, "code": code}
-            add(measure_relaxation, f"PM-SDP of {num} points", tool, settings)
-    size, goal = installed_mib("collalign"), GOALS["installed"]
-    rows.append(
-        {"line": "installed", "tool": "collalign", "runs": 1, "memory_mib": size, "goal": goal}
-    )
-    text = f"Not measured here: {'; '.join(lacking)}." if lacking else ""
+            add(measure_relaxation, line, tool, settings)
+    if bench.wants(line := "installed"):
+        size, goal = installed_mib("collalign"), GOALS[line]
+        rows.append(
+            {"line": line, "tool": "collalign", "runs": 1, "memory_mib": size, "goal": goal}
+        )
+    text = f"The code of this page has the digest `{code}`."
+    text += f" Not measured here: {'; '.join(lacking)}." if lacking else ""
     return Outcome(tables=(Table(columns=COLUMNS, rows=tuple(rows)),), text=text)
 
 
@@ -418,4 +433,5 @@ EXPERIMENT = Experiment(
     about=_ABOUT,
     measure=measure,
     seen=("teeth", "scape"),
+    has_lines=True,
 )

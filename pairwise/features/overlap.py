@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from data_tools.arrays import CACHED_ENTRIES, FloatArray, Holds, IntArray, read_only
+from data_tools.arrays import FloatArray, Holds, IntArray, read_only
 from data_tools.checks import check_choice
 from data_tools.local_surface import MOST_COMPARED, LocalSurface
 from data_tools.poses import Similarity
@@ -34,8 +33,6 @@ PARTNER_COSINE = 0.7
 COMPARED_CELLS = 2.4
 #: Descriptors of which any two differ by less than this, usually, are all alike, as on a sphere (.001).
 LEAST_USUAL = 0.02
-#: Taken for the squared distance of points whose normals disagree, times what their cosine lacks.
-_FAR = 1e30
 #: How much a conflict counts beside overlap where both are known. The other number is added to the share of
 #: consistent matches there, of which views from different sides have none.
 CONFLICT_POWER, UNMATCHED = 4.0, 0.1
@@ -296,6 +293,8 @@ def closeness(
     num_points : int
         Points of either surface that are compared, at most.
     """
+    from pairwise.features.partners import nearest_facing
+
     cell = max(target.cell, source.cell)
     on_target, on_source = target.few(num_points), source.few(num_points)
     ends = target.features[on_target], source.features[on_source]
@@ -308,49 +307,18 @@ def closeness(
     )
     overlaps, costs = np.empty((2, len(rotations), 2))
     for side, (others, points, normals, matrices, moves) in enumerate(sides):
-        squares, nearest = _partners(others, points, normals, matrices, moves)
+        back = np.swapaxes(matrices, 1, 2)
+        placed = points @ back + moves[:, None]
+        found = nearest_facing(
+            (others.points, others.normals),
+            (placed.reshape(-1, 3), (normals @ back).reshape(-1, 3)),
+            reach=COMPARED_CELLS * cell,
+            cosine=PARTNER_COSINE,
+        )
+        squares, nearest = (one.reshape(placed.shape[:2]) for one in found)
         products = np.einsum("lf,plf->pl", ends[side], others.features[nearest])
-        is_compared = squares < (COMPARED_CELLS * cell) ** 2
         overlaps[:, side] = (squares < (PARTNER_CELLS * cell) ** 2).mean(axis=1)
-        costs[:, side] = np.where(is_compared, (2.0 - 2.0 * products) / usual, 1.0).mean(axis=1)
+        costs[:, side] = np.where(np.isfinite(squares), (2.0 - 2.0 * products) / usual, 1.0).mean(
+            axis=1
+        )
     return overlaps, costs
-
-
-def _partners(
-    others: LocalSurface,
-    points: FloatArray,
-    normals: FloatArray,
-    rotations: FloatArray,
-    shifts: FloatArray,
-) -> tuple[NDArray[np.float32], IntArray]:
-    """Return squared distance and index of each point's nearest other one whose normal agrees, at each pose, (p, l).
-
-    Of a thin wall both sides are near: the nearest point alone would be of the wrong one. One product gives squared
-    distances, another one what normals lack of agreeing, far more than any distance: the larger one counts. All is
-    made in place, in slabs that fit the cache: fresh arrays and masks take ten times as long.
-    """
-    centre = others.points.mean(axis=0)
-    theirs = (others.points - centre).astype(np.float32)
-    columns = np.ascontiguousarray(
-        np.column_stack([-2.0 * theirs, (theirs * theirs).sum(axis=1)]).T
-    )
-    directions = np.ones((4, len(theirs)), dtype=np.float32)
-    directions[:3] = others.normals.T
-    shape, back = (len(rotations), len(points)), np.swapaxes(rotations, 1, 2)
-    homogeneous = np.ones((shape[0] * shape[1], 4), dtype=np.float32)
-    facing = np.full(homogeneous.shape, _FAR * PARTNER_COSINE, dtype=np.float32)
-    homogeneous[:, :3] = (points @ back + (shifts - centre)[:, None]).reshape(-1, 3)
-    facing[:, :3] = -_FAR * (normals @ back).reshape(-1, 3)
-    least, nearest = np.empty(len(facing), dtype=np.float32), np.empty(len(facing), dtype=np.int64)
-    slab = max(1, CACHED_ENTRIES // len(theirs))
-    squares, lacking = np.empty((2, slab, len(theirs)), dtype=np.float32)
-    for first in range(0, len(facing), slab):
-        rows = slice(first, min(first + slab, len(facing)))
-        near, far = squares[: rows.stop - first], lacking[: rows.stop - first]
-        np.matmul(homogeneous[rows], columns, out=near)
-        np.matmul(facing[rows], directions, out=far)
-        np.maximum(near, far, out=near)
-        chosen = near.argmin(axis=1, out=nearest[rows])
-        least[rows] = near[np.arange(len(near)), chosen]
-    least += (homogeneous[:, :3] ** 2).sum(axis=1)
-    return np.maximum(least, 0.0).reshape(shape), nearest.reshape(shape)

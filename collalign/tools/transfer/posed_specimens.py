@@ -87,7 +87,7 @@ class PosedSpecimens:
     def surface(self, name: str) -> RegistrationSurface:
         """Read a specimen's surface, as its file has it, in the common frame."""
         at = self.collection.index(name)
-        cleaning = CleaningOptions(inner=self.collection.options.cleaning.inner)
+        cleaning = CleaningOptions(inner=self.collection.options.cleaning.inner).again
         shape = read_shape(self.collection.file(at), cleaning, name=name)
         shape = shape.transformed(self.collection.transforms[at])
         return with_cloud_rim(RegistrationSurface.from_shape(shape, _NUM_RIM_POINTS))

@@ -1,11 +1,12 @@
 """A session computes what its store lacks, keeps results and failures, and counts what it found there."""
 
+import pickle
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import pytest
 
-from collalign.engine.job import Job, Wanted, table_of_stored
+from collalign.engine.job import Job, Wanted, table_of_stored, table_of_values
 from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session, each_shown
@@ -137,6 +138,23 @@ def test_a_table_holds_what_readers_ask_for_alone():
                 with pytest.raises(KeyError):
                     table.made("b", record_fields)
         assert table_of_stored(store, [{"x": 1.0}]) is None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    value: float
+
+
+def test_a_process_gets_the_values_of_its_own_table_as_they_are():
+    own = Measured(value=2.0)
+    with table_of_values([own]) as table:
+        assert table.made("0", Measured) is own
+        assert table.made("0", record_fields) == ["value"]
+        travelled = pickle.loads(pickle.dumps(table))
+        assert travelled.made("0", Measured) is not own
+        assert travelled.made("0", Measured).value == 2.0
+        with pytest.raises(KeyError):
+            table.made("1", Measured)
 
 
 def test_a_strict_session_raises_and_keeps_what_is_finished():
