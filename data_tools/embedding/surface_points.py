@@ -208,9 +208,18 @@ def _mesh_rim(mesh: Shape, points: FloatArray) -> BoolArray:
 
 
 def cloud_rim(points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return which points (n, 3) of a cloud lie on a rim: their neighbours, along the normal, leave a wide gap."""
-    num = min(RIM_NEIGHBOURS + 1, len(points))
-    arms = points[cKDTree(points).query(points, k=num)[1][:, 1:]] - points[:, None]
+    """Return which points (n, 3) of a cloud lie on a rim: their neighbours, along the normal, leave a wide gap.
+
+    Copies of a point are no neighbours of it. A point whose normal is zero takes that of its neighbours' plane.
+    """
+    places = np.unique(points, axis=0)
+    num = min(RIM_NEIGHBOURS + 1, len(places))
+    arms = places[cKDTree(places).query(points, k=num)[1][:, 1:]] - points[:, None]
+    lengths = np.linalg.norm(normals, axis=1)
+    if not lengths.all():
+        without = lengths == 0.0
+        normals = normals.copy()
+        normals[without] = plane_normals(places, points[without])
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     other = np.cross(normals, across)

@@ -8,6 +8,8 @@ from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import CELL, sample_shape
 from data_tools.embedding.surface_points import (
     centre_and_radius,
+    cloud_rim,
+    plane_normals,
     spread_over_triangles,
     spread_points,
     surface_cells,
@@ -210,6 +212,17 @@ def test_a_clouds_rim_is_found_by_its_gaps():
     lowest = found.points[:, 2] < np.quantile(found.points[:, 2], 0.03)
     assert found.on_rim[lowest].mean() > 0.7
     assert found.on_rim[~lowest].mean() < 0.25
+
+
+def test_copies_of_points_and_points_without_normals_have_the_rim_of_single_ones():
+    vertices = crown().vertices
+    normals = plane_normals(vertices, vertices)
+    rim = cloud_rim(vertices, normals)
+    copied = cloud_rim(np.tile(vertices, (20, 1)), np.tile(normals, (20, 1)))
+    np.testing.assert_array_equal(copied, np.tile(rim, 20))
+    without = np.arange(len(vertices)) % 3 == 0
+    found = cloud_rim(vertices, np.where(without[:, None], 0.0, normals))
+    np.testing.assert_array_equal(found, rim)
 
 
 def image_of_a_corner(rng, noise):
