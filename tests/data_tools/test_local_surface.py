@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_tools.errors import InputError
-from data_tools.local_surface import MOST_COMPARED, NUM_BINS, LocalSurface
+from data_tools.local_surface import NUM_BINS, LocalSurface
 from data_tools.surface.point_features import fast_point_features
 from tests.neighbourhoods import bumpy
 
@@ -30,15 +30,6 @@ def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
     np.testing.assert_allclose(np.linalg.norm(surface.features, axis=1), 1.0, atol=1e-5)
     roots = np.sqrt(fast_point_features(points, normals, 0.7, NUM_BINS))
     np.testing.assert_allclose(surface.features, roots, atol=0.006)
-
-
-def test_large_surfaces_are_compared_at_an_even_choice():
-    for num, compared in (
-        (MOST_COMPARED, MOST_COMPARED),
-        (MOST_COMPARED + 1, MOST_COMPARED // 2 + 1),
-    ):
-        points, normals = bumpy(num)
-        assert len(points[LocalSurface.from_user(points, normals, 0.05).few()]) == compared
 
 
 @pytest.mark.parametrize(

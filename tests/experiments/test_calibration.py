@@ -9,7 +9,6 @@ import pytest
 
 from experiments.calibration import CALIBRATIONS, calibrate, few_radii
 from experiments.calibration.scan import scan
-from experiments.calibration.scenes import JudgedPair, fit_weights, log_loss
 
 FOLLOWED = {"few_radii": few_radii.RADII, "ellipsoids": few_radii.ELLIPSOIDS}
 
@@ -85,36 +84,6 @@ def test_sizes_of_few_templates_follow_errors_and_hold_those_of_every_collection
     np.testing.assert_allclose(inside[1], 0.9, atol=0.01)
     assert (inside[0] > 0.95).all(), "the collection that needs the most decides"
     assert table[0][-1] == 0.0, "one template shows no spread"
-
-
-def test_powers_are_those_of_the_quantile_not_of_the_mean():
-    rng, followed = np.random.default_rng(0), FOLLOWED["ellipsoids"]
-    shown = np.exp(rng.normal(2, 1, (3, 3000, 3)))
-    far = rng.random((3, 3000)) < 0.3
-    errors = np.where(far, shown[..., 0], 0.1)
-    (_, power, other, _), *_ = followed.table([[*zip(shown, errors, strict=True)]])
-    assert abs(power - 1.0) < 0.1
-    assert abs(other) < 0.1
-
-
-def test_weights_of_scenes_are_fitted_to_what_tells_right_poses():
-    rng = np.random.default_rng(0)
-
-    def pairs(num, tells):
-        found = []
-        for _ in range(num):
-            right = np.array([rng.random() < 0.5, False, False])
-            consensus = np.where(right & tells, 0.3, 0.02) * rng.uniform(0.5, 1.5, 3)
-            found.append(
-                JudgedPair(evidence=np.column_stack([rng.random(3), consensus]), right=right)
-            )
-        return found
-
-    telling, silent = pairs(80, True), pairs(80, False)
-    weights = fit_weights([telling])
-    assert weights[1] > 1.0
-    assert log_loss(weights, telling) < 0.4 * log_loss(np.zeros(3), telling)
-    assert log_loss(weights, silent) > log_loss(fit_weights([silent]), silent)
 
 
 def test_a_quick_calibration_of_scenes_needs_no_data():

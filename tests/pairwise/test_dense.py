@@ -37,23 +37,6 @@ def test_exact_pose_scale_and_shift_are_recovered(mirrored, rng):
     assert np.allclose(moved, points, atol=1e-4)
 
 
-def test_without_scale_and_normals(rng):
-    points, normals = some_shape()
-    turn = Rotation.from_rotvec([0.05, 0.1, 0.0]).as_matrix()
-    plain = refine_pose(
-        DensePoints.from_user(points),
-        DensePoints.from_user(points @ turn),
-        np.eye(3),
-        estimate_scale=False,
-    )
-    assert plain.pose.scale == 1.0
-    assert rotation_angle_deg(plain.pose.rotation, turn) < 0.01
-    mixed = refine_pose(
-        DensePoints.from_user(points, normals), DensePoints.from_user(points @ turn), np.eye(3)
-    )
-    assert np.allclose(mixed.pose.rotation, plain.pose.rotation, atol=1e-3)
-
-
 def test_far_start_ends_elsewhere():
     """The recovery test can fail: from half a turn away the answer is another one."""
     points, _ = some_shape()
@@ -156,20 +139,6 @@ def test_dense_points_decide_between_candidates(shape, rng):
     np.testing.assert_array_equal(ranked.R_target_source, turn)
     same, _ = ranked_on_dense(given((turn, 0.9), (wrong, 1.0)), problem, dense)
     assert (same.energy, same.status) == (0.9, Status.PROVEN_OPTIMAL)
-
-
-def test_the_samples_count_as_well(shape, monkeypatch):
-    """Where the dense points see no difference, the order by the samples stays; the test above can fail so."""
-    dense = DensePoints.from_user(shape.vertices), DensePoints.from_user(shape.vertices)
-    problem = Problem.from_user(shape.vertices[:3], shape.vertices[:3])
-    wiggle = Rotation.from_rotvec([0.0, 1e-3, 0]).as_matrix()
-    monkeypatch.setattr("pairwise.dense._RANKING_ITERATIONS", 1)
-    order = [(wiggle, 0.5), (wiggle.T, 5.0)]
-    for poses in (order, order[::-1]):
-        assert [c.energy for c in ranked_on_dense(given(*poses), problem, dense)[0].candidates] == [
-            0.5,
-            5.0,
-        ]
 
 
 def test_every_pose_is_refined_and_keeps_its_chirality(shape, rng):

@@ -11,10 +11,7 @@ from pairwise.rotation_pattern import RotationPattern
 from pairwise.rotation_search import (
     _first,
     apart_rotations,
-    explore,
     initial_rotations,
-    leading_problem,
-    look_around,
     mirror_rotations,
 )
 from pairwise.rotation_sets import random_rotations
@@ -31,14 +28,6 @@ def test_search_is_no_worse_than_many_random_starts(seed, num, noise, num_source
     problem = planted(rng, rng.random((num, 3)) - 0.5, noise=noise, num_source=num_source)
     random = minimise(problem, random_rotations(3, 500, rng))
     assert search(problem).energies[0] <= random.energies[0] * (1 + 1e-9)
-
-
-def test_a_second_look_never_loses(rng):
-    problem = planted(rng, rng.random((20, 3)) - 0.5, noise=0.4)
-    first = explore(problem)
-    second = look_around(problem, first)
-    assert second.energies[0] <= first.energies[0]
-    assert {m.tobytes() for m in first.maps} <= {m.tobytes() for m in second.maps}
 
 
 def test_distinct_keeps_the_first_of_every_cluster():
@@ -74,18 +63,6 @@ def test_the_rotation_block_is_the_first_one():
         _ = RotationPattern(np.eye(3, dtype=bool), ((1, 3),)).rotation_block
 
 
-def test_other_blocks_follow_in_closed_form(rng):
-    points = rng.random((18, 7)) - 0.5
-    turn = np.zeros((7, 7))
-    turn[:3, :3], turn[3:, 3:] = random_rotations(3, 1, rng)[0], random_rotations(4, 1, rng)[0]
-    turn[:, 4] *= -1.0
-    problem = Problem.from_user(points, points @ turn, rotation_pattern=[3, 4])
-    assert leading_problem(problem).dim == 3
-    found = search(problem)
-    assert found.energies[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(found.rotations[0], turn, atol=1e-9)
-
-
 def test_signs_start_diagonal_patterns(rng):
     signs = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, 1.0])
     problem = planted(
@@ -103,18 +80,6 @@ def test_the_search_turns_with_the_points():
     first, second = search(problem), search(moved)
     assert second.energies[0] == pytest.approx(first.energies[0])
     assert rotation_angles(turns[0] @ first.rotations[0] @ turns[1].T, second.rotations[0]) < 1e-6
-
-
-def test_both_chiralities_go_on_from_the_screening(rng):
-    points = rng.random((12, 3)) - 0.5
-    problem = Problem.from_user(points, points, group="O")
-    found = explore(problem)
-    mirrored = problem.pattern.mirrored(found.rotations)
-    assert mirrored is not None
-    assert mirrored.any()
-    assert not mirrored[0]
-    apart = explore(of_chirality(problem, reflected=True))
-    assert found.energies[mirrored][0] == pytest.approx(apart.energies[0])
 
 
 def test_distinct_goes_on_until_each_chirality_has_its_share():

@@ -77,18 +77,6 @@ def test_a_sheet_is_moved_across_or_along_itself(direction, rng):
     assert np.allclose(moved.apply(sheet), sheet + gaps)
 
 
-def test_planes_hold_surfaces_that_are_alike():
-    shape = blob(np.random.default_rng(5), num_vertices=3000)
-    start = Rotation.from_rotvec([0.05, -0.05, 0.05]).as_matrix()
-    errors = [
-        rotation_angle_deg(
-            fitted(*two_samplings(shape, 300, with_normals=with_normals), start).pose.rotation
-        )
-        for with_normals in (False, True)
-    ]
-    assert errors[1] < 0.5 * errors[0]
-
-
 def bowed(points):
     """Bend the head and the arms of a figure forwards by a radian."""
     above = points[:, 2] > 12.0

@@ -60,20 +60,6 @@ def test_axes_scores_and_shares_are_what_they_say():
     assert found.axes[1][4, 0] > 0.7
 
 
-def test_only_what_goes_together_is_found():
-    rng = np.random.default_rng(2)
-    strong, weak, none = (
-        two_block_pls(*together(rng, strength=strength)) for strength in (3.0, 1.5, 0.0)
-    )
-    assert strong.p == 0.001
-    assert none.p > 0.05
-    assert strong.z > weak.z > 2 > none.z
-    exact = two_block_pls(together(rng)[0], 2 * together(rng)[0][:, :1], permutations=99)
-    assert exact.covariances.shape == (1,)
-    same = together(rng)[0]
-    np.testing.assert_allclose(two_block_pls(same, -same, permutations=99).r, 1)
-
-
 def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
     rng = np.random.default_rng(3)
     p = np.array([two_block_pls(*together(rng, 12, 0.0), permutations=99).p for _ in range(100)])

@@ -1,7 +1,6 @@
 """What ``align --check`` says of files, and shapes of several folders as one collection."""
 
 import json
-import unicodedata
 
 import numpy as np
 import pytest
@@ -38,15 +37,6 @@ def folder(tmp_path):
     return tmp_path / "in"
 
 
-def test_that_stl_files_repeat_their_vertices_is_no_news(tmp_path):
-    for name in ("a", "b"):
-        write_mesh(tmp_path / f"{name}.stl", chair(np.random.default_rng(0), resolution=1))
-    command = ["align", str(tmp_path), *FLAGS, "--check"]
-    assert "duplicate vertices" not in run_command(*command).out
-    (note,) = json.loads(run_command(*command, "--json").out)["shapes"][0]["notes"]
-    assert note["code"] == "duplicates-merged"
-
-
 def test_a_check_reads_every_file_and_writes_nothing(folder):
     out = folder.parent / "out"
     told = json.loads(
@@ -79,21 +69,6 @@ def test_a_check_reads_every_file_and_writes_nothing(folder):
     (folder / "left" / "b.xyz").unlink()
     said = run_command("align", folder / "left", "--out", out, *FLAGS, "--check", ends=2)
     assert "at least two are needed" in said.err
-
-
-def test_a_check_says_who_has_few_points(folder):
-    np.savetxt(
-        folder / "left" / "few.xyz", np.eye(3)[[0, 0, 0, 1, 2]] + np.diag([1, 2, 3, 4, 5])[:, :3]
-    )
-    np.savetxt(folder / "left" / "three.xyz", np.eye(3))
-    places = [str(folder / "left"), str(folder / "right" / "[ac].xyz")]
-    said = run_command(
-        "align", *places, "--out", folder.parent / "out", "--jobs", "1", "--check", ends=3
-    )
-    assert "three.xyz: 3 points do not determine a pose; 4 are needed" in said.err
-    said = said.out
-    assert "Shapes are matched at 40 points: none has the 64 asked for." in said
-    assert "Fewer points than the 40 that shapes are matched at: left/few (5 points)." in said
 
 
 def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(folder):
@@ -163,30 +138,3 @@ def test_copies_are_named_by_check_align_and_variation(tmp_path):
     assert [list(one.names) for one in collection.copies] == [one["names"] for one in record]
     who = statistics_members(collection, exclude=["s1t"], include_doubtful=True)
     assert [one.kind for one in who.copies] == ["identical", "mirrored"]
-
-
-def test_names_in_either_encoding_of_accents_are_the_same(folder):
-    """Files of a Mac keep accents apart; tables and options, written elsewhere, do not."""
-    names = ["Schädel_Köln", "crâne_1", "Ñandú_2", "s3"]
-    place = folder.parent / "mac"
-    place.mkdir()
-    for name, file in zip(names, sorted(folder.rglob("*.xyz")), strict=False):
-        (place / f"{unicodedata.normalize('NFD', name)}.xyz").write_bytes(file.read_bytes())
-    rng = np.random.default_rng(1)
-    for file in place.iterdir():
-        np.savetxt(file, rng.random((40, 3)))
-    table = folder.parent / "labels.csv"
-    table.write_bytes(("name;taxon\n" + "".join(f"{name};a\n" for name in names)).encode("cp1252"))
-    words = [str(place), "--labels", str(table), "--out", str(folder.parent / "out"), *FLAGS]
-    apart = unicodedata.normalize("NFD", names[1])
-    told = run_command(
-        "align", *words, "--exclude", names[2], "--reference", apart, "--no-report"
-    ).err
-    assert "there is no row" not in told
-    assert "no shape is called Ñandú_2" in told
-    collection = load(folder.parent / "out")
-    assert sorted(collection.names) == sorted([names[0], names[1], names[3]])
-    assert collection.labels["taxon"] == ("a", "a", "a")
-    assert collection.options.reference == names[1]
-    assert apart in collection
-    assert collection.index(apart) == collection.names.index(names[1])

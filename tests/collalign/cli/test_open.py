@@ -13,7 +13,7 @@ from io import BytesIO
 from pathlib import Path
 from socket import create_connection
 from subprocess import PIPE, Popen
-from threading import Barrier, Thread, active_count
+from threading import Barrier, Thread
 from types import SimpleNamespace
 
 import pytest
@@ -24,10 +24,9 @@ from collalign.cli.open_command import Workspace
 from collalign.cli.open_server import served
 from data_tools.datasets.synthetic import write_collection
 from data_tools.errors import InputError, OptionsError
-from data_tools.io.shapes import read_shape, write_mesh
+from data_tools.io.shapes import read_shape
 from data_tools.io.temporary import TemporaryFolder, remove_left
 from data_tools.options import AS_STORED, SamplingOptions
-from data_tools.surface.shape import Shape
 from tests.browser import Page
 from tests.faults import is_running
 from tests.finished_runs import chairs, finished_run
@@ -139,21 +138,6 @@ def test_an_address_lets_in_once_and_the_next_is_printed(server):
     assert other.enter(following)[0] == 200, "whoever is in uses no address up"
 
 
-def test_of_many_who_use_an_address_at_once_one_is_let_in(server):
-    address, barrier, answers = server.doors.printed(), Barrier(8), []
-
-    def enter():
-        barrier.wait()
-        answers.append(Client(server).enter(address)[0])
-
-    threads = [Thread(target=enter) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(answers) == [200] + [403] * 7
-
-
 def test_the_page_that_a_browser_is_given_is_its_users_alone_and_leads_in_once(server):
     file = server.doors.file
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -161,16 +145,6 @@ def test_the_page_that_a_browser_is_given_is_its_users_alone_and_leads_in_once(s
     (address,) = {*re.findall(r"http://[^\s\"]+", file.read_text())}
     assert Client(server).enter(address)[0] == 200
     assert Client(server).enter(address)[0] == 403
-
-
-def test_connections_that_say_nothing_take_few_threads_and_keep_nobody_out(server, ask):
-    before = active_count()
-    with ExitStack() as stack:
-        for _ in range(100):
-            stack.enter_context(create_connection(("127.0.0.1", server.server_port)))
-        assert ask("state")[0] == 200
-        assert active_count() - before <= 33
-    assert ask("state")[0] == 200
 
 
 def test_a_connection_that_says_nothing_for_long_is_closed(out, monkeypatch, capfd):
@@ -282,19 +256,6 @@ def test_files_of_the_user_are_not_overwritten(out, tmp_path):
     assert (copy / "given" / "templates" / "chair2.csv").read_bytes() == b"0,0,0\n1,1,2\n"
 
 
-def test_a_table_is_one_of_labels_whatever_it_is_called(out, tmp_path):
-    shutil.copytree(out, copy := tmp_path / "out")
-    workspace = Workspace(copy)
-    table = b"specimen,sex,age\nchair1,f,3\nchair2,m,4\n"
-    assert workspace.put("specimens.csv", BytesIO(table)) == {"kept": "labels"}
-    assert (copy / "given" / "labels.csv").read_bytes() == table
-    assert workspace.put("chair2.csv", BytesIO(b"0,0,0\n1,1,1\n")) == {"kept": "landmarks"}
-    with pytest.raises(InputError, match=r"^others\.csv: ") as refused:
-        workspace.put("others.csv", BytesIO(b"specimen,sex,age\ngull,f,3\n"))
-    assert "staging" not in str(refused.value)
-    assert (copy / "given" / "labels.csv").read_bytes() == table
-
-
 def test_running_again_takes_decisions_leaves_out_and_keeps_the_options(ask, out):
     result = collalign.load(out)
     frame = {one: R.tolist() for one, R in zip(result.names, result.rotations, strict=True)}
@@ -402,22 +363,6 @@ def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
     assert Workspace(out, sources=now).state()["missing"] == []
 
 
-def test_a_run_is_stopped_and_gone_on_with(browser, tmp_path, monkeypatch):
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))  # of the commands, not of this process
-    (tmp_path / "tmp").mkdir()
-    write_collection(tmp_path / "shapes", chairs(5))
-    with shown(browser, tmp_path / "shapes") as (opened, _):
-        page = opened.page
-        page.get_by_role("button", name="Align this folder").click()
-        while not (tmp_path / "shapes-aligned" / "store.sqlite").exists():
-            page.wait_for_timeout(20)
-        page.get_by_role("button", name="Stop").click()
-        page.locator("#said", has_text="Stopped with exit code 143").wait_for()
-        assert [*(tmp_path / "tmp").iterdir()] == []
-        assert not (tmp_path / "shapes-aligned" / "alignment.json").exists()
-        press(page, "Align this folder", "align")
-
-
 def test_a_hostile_report_sees_and_does_nothing(browser, out, tmp_path):
     shutil.copytree(out, tmp_path / "out")
     (tmp_path / "out" / "report.html").write_text(HOSTILE)
@@ -426,36 +371,6 @@ def test_a_hostile_report_sees_and_does_nothing(browser, out, tmp_path):
         assert opened.page.get_by_role("button", name="Run again").is_enabled()
         assert opened.page.title() == "collalign"
         opened.problems.clear()  # what the browser says of each refusal
-
-
-def test_links_between_the_pages_of_a_large_result_work(browser, out, tmp_path):
-    """Their frame is a sandbox, from which no cookie is sent."""
-    shutil.copytree(out, tmp_path / "out")
-    (tmp_path / "out" / "report_pages").mkdir()
-    link = '<a href="report_pages/page-001.html">more</a>'
-    (tmp_path / "out" / "report.html").write_text(link)
-    back = '<a href="../report.html">back</a>'
-    (tmp_path / "out" / "report_pages" / "page-001.html").write_text(back)
-    with shown(browser, tmp_path / "out") as (_, frame):
-        for words in ("more", "back"):
-            frame("align").get_by_role("link", name=words).click()
-        frame("align").get_by_role("link", name="more").wait_for()
-
-
-def test_a_browser_that_was_not_let_in_is_told_how_to_come_in(browser, out):
-    with answering(out) as server, browser.new_context() as stranger:
-        address = server.doors.printed()
-        assert Client(server).enter(address)[0] == 200
-        page = stranger.new_page()
-        page.goto(address)
-        assert "This address has been used" in page.locator("body").inner_text()
-        page.get_by_role("link", name="go on here").click()
-        page.get_by_role("heading", name="You have not been let in").wait_for()
-        page.goto(server.doors.printed())
-        page.wait_for_selector("html[data-ready]", state="attached")
-        assert page.url.endswith(server.doors.base)
-        page.goto(address)
-        page.get_by_role("button", name="Run again").wait_for()
 
 
 #: Stands for a browser that the command waits for, such as lynx: says what it was given, and follows the page.
@@ -526,21 +441,6 @@ def below(parent):
         for pid in file.read_text().split()
     ]
     return {pid for pid in pids if b"\0align\0" in Path(f"/proc/{pid}/cmdline").read_bytes()}
-
-
-def test_specimens_of_parts_are_opened(tmp_path):
-    for at, shape in enumerate(chairs(3).shapes):
-        for name, way in (("low", 0.0), ("high", 3.0)):
-            part = Shape(name=name, vertices=shape.vertices + way, faces=shape.faces)
-            (tmp_path / "shapes" / f"c{at}").mkdir(parents=True, exist_ok=True)
-            write_mesh(tmp_path / "shapes" / f"c{at}" / f"{name}.ply", part)
-    aligned = collalign.align_collection(
-        tmp_path / "shapes", options=FEW, parts=True, jobs=1, progress=False
-    )
-    aligned.save(tmp_path / "out", report=False)
-    workspace = Workspace(tmp_path / "out")
-    assert [shape["name"] for shape in workspace.state()["shapes"]] == ["c0", "c1", "c2"]
-    assert workspace.words("align", {})[1:3] == [str(tmp_path / "shapes"), "--parts"]
 
 
 def test_a_folder_is_described_before_anything_is_aligned(tmp_path):

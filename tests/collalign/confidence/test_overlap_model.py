@@ -50,29 +50,6 @@ def test_more_overlap_and_more_matches_make_a_pose_more_probable():
     assert with_rival < 0.6 * alone + 0.1
 
 
-def test_a_part_all_of_which_lies_on_a_whole_is_sure():
-    part, views = poses_of((1.0, 0.05)), poses_of((0.5, 0.05))
-    part.overlaps[:, 0] = 0.3
-    assert overlap_chances(part)[0] > 0.95
-    assert overlap_chances(views)[0] < 0.3
-    assert overlap_chances(poses_of((1.0, 0.0)))[0] < 0.9, "matches must agree as well"
-
-
-def test_what_lies_in_front_of_what_was_seen_contradicts_a_pose():
-    unknown, clear, little, much = (
-        overlap_chances(poses_of((0.6, 0.1), in_front=share))[0]
-        for share in (np.nan, 0.0, 0.01, 0.1)
-    )
-    assert clear > 0.95 > unknown > 0.3
-    assert clear > little > much
-    assert much < 0.05
-    beside = overlap_chances(poses_of((0.6, 0.1), in_front=0.0, beside=0.1))[0]
-    assert beside < 0.3
-    one_sided = poses_of((0.6, 0.1), in_front=0.1)
-    one_sided.in_front[0, 0] = np.nan
-    assert overlap_chances(one_sided)[0] == unknown
-
-
 def test_no_pose_is_certain_and_no_poses_have_no_chances():
     assert overlap_chances(poses_of((1.0, 1.0)))[0] <= MOST_CERTAIN
     assert overlap_chances(poses_of()).shape == (0,)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from collalign.engine.job import Job, Wanted, table_of_stored
+from collalign.engine.job import Job, Wanted
 from collalign.engine.local_pool import lasting_workers
 from collalign.engine.run_options import RunOptions
-from collalign.engine.session import Session, each_shown
+from collalign.engine.session import Session
 from collalign.engine.store import Store
 from data_tools.errors import InputError, SolveFailed
 from tests.job_functions import misbehave
@@ -92,10 +92,6 @@ def add(root, others, more):
     return Sum(total=root.root + sum(other.root for other in others) + more)
 
 
-def record_fields(record, name):
-    return sorted(record)
-
-
 @pytest.mark.parametrize("num_jobs", [1, 2])
 def test_results_of_one_job_are_arguments_of_another(num_jobs):
     job = replace(JOB, reader=Root)
@@ -113,30 +109,6 @@ def test_results_of_one_job_are_arguments_of_another(num_jobs):
         assert sums["all"] == Sum(total=5.5)
         assert session.map_parallel("sums", add, {(1, 2): arguments}) == {(1, 2): Sum(total=5.5)}
         assert session.store.require("evidence", "s") == {"total": 5.5}
-
-
-def test_a_table_holds_what_readers_ask_for_alone():
-    with Store.memory() as store:
-        for key in ("a", "b"):
-            store.put("shapes", key, {"root": 1.0, "total": 2.0, "large": 3.0})
-        root, total, whole = (
-            {"x": replace(JOB, kind="shapes").shared("a", reader)}
-            for reader in (Root, Sum, record_fields)
-        )
-        every = ["large", "root", "total"]
-        for tasks, expected in (
-            ([root], ["root"]),
-            ([root, total], ["root", "total"]),
-            ([root, whole], every),
-            ([whole, root], every),
-        ):
-            table = table_of_stored(store, tasks)
-            assert table is not None
-            with table:
-                assert table.made("a", record_fields) == expected
-                with pytest.raises(KeyError):
-                    table.made("b", record_fields)
-        assert table_of_stored(store, [{"x": 1.0}]) is None
 
 
 def test_a_strict_session_raises_and_keeps_what_is_finished():
@@ -179,28 +151,3 @@ def test_a_failure_is_an_error_that_names_the_task():
         session.map_parallel(
             "things", misbehave, {"a": {"payload": ("return", 1)}, "b": {"payload": ("raise", 2)}}
         )
-
-
-def test_displays_count_steps_without_workers():
-    shown = []
-    counted = []
-
-    def display(description, total, *, done):
-        shown.append(f"{description}: {done} of {total}")
-        return nullcontext(counted.append)
-
-    with Store.memory() as store:
-        session = Session.around(store, None, RunOptions(jobs=1), display)
-        with session.alone("poses"):
-            assert counted == []
-        assert len(counted) == 1
-        session.map_parallel("pairs again", root, {"a": {"value": 1.0}})
-        session.enter("outputs")
-        assert store.notes() == {"stage": "outputs"}
-        with session_around(store).alone("poses"):  # without a display nothing happens
-            pass
-    assert len(counted) == 2
-    assert [len(counted) for _ in each_shown("abc", "specimens", display)] == [2, 3, 4]
-    assert len(counted) == 5
-    assert [*each_shown("abc", "specimens", None)] == ["a", "b", "c"]
-    assert shown == ["poses: 0 of 1", "pairs again: 0 of 1", "specimens: 0 of 3"]

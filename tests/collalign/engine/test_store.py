@@ -3,13 +3,12 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing, suppress
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from collalign.engine.store import Store
-from collalign.engine.store_file import FORMAT_VERSION
 from data_tools.errors import StoreError
 
 RECORD = {"R": np.eye(3), "energy": 0.25, "names": ["a", "b"]}
@@ -199,15 +198,6 @@ def test_text_that_is_not_unicode_is_refused_or_read(path):
             assert "took" in store.failures("pairs")["k"].reason
 
 
-def test_a_refused_store_is_not_left_locked(path):
-    Store.open(path).close()
-    tamper(path, "PRAGMA user_version = 99")
-    with pytest.raises(StoreError):
-        Store.open(path)
-    tamper(path, f"PRAGMA user_version = {FORMAT_VERSION}")
-    Store.open(path).close()
-
-
 @pytest.mark.parametrize("key", ["", "x" * 2000, 7])
 def test_impossible_keys_and_kinds_are_refused(key):
     with Store.memory() as store:
@@ -215,14 +205,6 @@ def test_impossible_keys_and_kinds_are_refused(key):
             store.put("pairs", key, RECORD)  # type: ignore[arg-type]
         with pytest.raises(ValueError, match="kind"):
             store.get("pairs; DROP TABLE pairs", "k")
-
-
-def test_names_that_are_not_unicode_are_stored_readably():
-    with Store.memory() as store:
-        store.put("shapes", "k", RECORD, label="tooth\udcff")
-        store.put_failure("shapes", "l", "broken: tooth\udcff", label="tooth\udcff")
-        store.plan("shapes", {"k": "tooth\udcff"})
-        assert store.failures("shapes")["l"].reason == "broken: tooth?"
 
 
 def test_somebody_elses_files_are_not_touched(tmp_path):
@@ -240,46 +222,6 @@ def test_somebody_elses_files_are_not_touched(tmp_path):
     assert lock.read_text() == "# a lock file of another tool\n"
 
 
-@pytest.mark.parametrize("ending", ["-wal", "-journal", "-shm"])
-@pytest.mark.parametrize("is_there", [False, True])
-def test_journals_of_somebody_else_are_not_touched(path, ending, is_there):
-    if is_there:
-        Store.open(path).close()
-    mine = path.with_name(path.name + ending)
-    mine.write_text("my notes of the log")
-    with pytest.raises(StoreError, match=rf"{ending}: lies where a journal"):
-        Store.open(path)
-    assert mine.read_text() == "my notes of the log"
-    assert sorted(p.name for p in path.parent.iterdir()) == sorted(
-        [path.name] * is_there + [mine.name]
-    )
-
-
-def test_journals_without_a_store_are_not_touched(path):
-    with Store.open(path) as store:
-        store.put("pairs", "k", RECORD)
-        logs = [path.with_name(path.name + ending) for ending in ("-wal", "-shm")]
-        left = {log: log.read_bytes() for log in logs}
-    path.unlink()
-    for log, content in left.items():
-        log.write_bytes(content)
-    with pytest.raises(StoreError, match="lies where a journal"):
-        Store.open(path)
-    assert {log: log.read_bytes() for log in logs} == left
-
-
-def test_a_foreign_database_keeps_its_log(path):
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("CREATE TABLE mine (x)")
-        content = {p: p.read_bytes() for p in path.parent.iterdir() if not p.name.endswith("-shm")}
-    for file, data in content.items():
-        file.write_bytes(data)
-    with pytest.raises(StoreError, match="not a store of this program"):
-        Store.open(path)
-    assert {p: p.read_bytes() for p in path.parent.iterdir()} == content
-
-
 @pytest.mark.parametrize("content", [None, "text"])
 def test_a_refused_store_leaves_no_lock(path, content):
     path.mkdir() if content is None else path.write_text(content)
@@ -288,37 +230,11 @@ def test_a_refused_store_leaves_no_lock(path, content):
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
-def test_a_pipe_is_no_lock_and_no_store(path):
-    for pipe in (path.with_name(path.name + ".lock"), path):
-        os.mkfifo(pipe)
-        with pytest.raises(StoreError, match="regular file"):
-            Store.open(path)
-        assert pipe.is_fifo()
-        pipe.unlink()
-
-
 def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path):
     with Store.open(tmp_path / "a.sqlite") as store:
         store._connection.execute("PRAGMA max_page_count = 20")
         with pytest.raises(StoreError, match="disk is full"):
             store.put("pairs", "a", {"x": bytes(2**20)})
-
-
-def test_a_backup_of_hard_links_stays_as_it_is(path, tmp_path):
-    with Store.open(path) as store:
-        store.put("pairs", "k", RECORD)
-    os.link(path, tmp_path / "backup")
-    before = (tmp_path / "backup").read_bytes()
-    with Store.open(path, read_only=True):
-        pass
-    assert path.samefile(tmp_path / "backup"), "who only reads need not copy"
-    for key in ("l", "m"):
-        with Store.open(path) as store:
-            store.put("pairs", key, RECORD)
-            assert store.keys("pairs") >= {"k", key}
-    assert (tmp_path / "backup").read_bytes() == before
-    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
 
 
 def test_a_backup_of_a_killed_run_keeps_its_journal(path, tmp_path):

@@ -10,18 +10,12 @@ from collalign.output.corrections import fixed_by, read_corrections
 from collalign.output.report.content import build_content
 from collalign.output.report.page import write_report
 from tests.browser import Page, launched
-from tests.collalign.output.test_report_incomplete import broken_view
-from tests.collalign.output.test_report_places import mapped_view
 from tests.view_problems import view_of
 
 SILHOUETTE = """canvas => {
   const small = new OffscreenCanvas(32, 32).getContext('2d');
   small.drawImage(canvas, 0, 0, 32, 32);
   return [...small.getImageData(0, 0, 32, 32).data].filter((_, at) => at % 4 === 3).map(alpha => alpha > 128 ? 1 : 0);
-}"""
-NUM_COLOURS = """canvas => {
-  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
-  return new Set([...new Uint32Array(data.buffer)]).size;
 }"""
 #: Controls that a screen reader could not name.
 UNNAMED = """() => [...document.querySelectorAll('button, select, input, a, canvas:not([aria-hidden])')]
@@ -116,32 +110,6 @@ def test_turning_one_shape_turns_all_and_spinning_starts_and_stops(opened):
     opened.wait_until_changed(".tile canvas", before)
     spin.click()
     assert spin.get_attribute("aria-pressed") == "false"
-
-
-def test_gallery_is_ordered_by_doubt_and_searched_by_name(opened):
-    names = opened.page.locator(".card .name")
-    assert names.first.inner_text() == "shape_001"
-    opened.page.get_by_label("Find").fill("_00")
-    assert opened.page.locator(".card:visible").count() == 10
-    opened.page.get_by_label("Find").fill("007")
-    assert opened.page.locator(".card:visible").count() == 1
-    opened.page.get_by_label("Find").fill("")
-    opened.page.locator("#gallery").get_by_label("Order by").select_option("name")
-    assert names.first.inner_text() == "shape_000"
-
-
-def test_overlay_shows_what_is_chosen(opened):
-    overlay = opened.page.locator("#overlay")
-    assert overlay.locator(".chip").count() == 8
-    before = opened.image("#overlay canvas")
-    overlay.get_by_label("Show").select_option("taxon=taxon A")
-    assert overlay.locator(".chip").count() == 4
-    opened.wait_until_changed("#overlay canvas", before)
-    overlay.get_by_role("button", name="Remove shape_003").click()
-    assert overlay.locator(".chip").count() == 3
-    opened.page.locator(".card", has_text="shape_003").get_by_label("overlay").check()
-    assert overlay.locator(".chip").count() == 4
-    assert opened.pixels("#overlay canvas")["share"] > 0.05
 
 
 def test_matrix_opens_the_pair_under_the_mouse_and_under_the_cursor(opened, small):
@@ -259,18 +227,6 @@ def test_every_part_holds_what_it_should_and_controls_have_names(read):
     assert read.page.locator("details:not([open]) > summary h2").count() == 3
 
 
-def test_the_first_line_is_a_verdict_whose_names_open(opened):
-    verdict = opened.page.locator(".verdict")
-    assert verdict.inner_text() == "9 of 10 poses are sure. Look at: shape_001. 1 file left out."
-    verdict.get_by_role("button", name="shape_001").click()
-    assert opened.page.locator("dialog[open] h2").inner_text() == "shape_001"
-    opened.page.keyboard.press("Escape")
-    verdict.get_by_role("link").click()
-    assert opened.page.locator("#excluded").is_visible()
-    opened.page.get_by_role("link", name="Tree").click()
-    assert opened.page.locator("#tree svg").is_visible()
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_sticks_out_and_text_can_be_read(browser, small_file, scheme):
     with Page(browser, small_file, color_scheme=scheme) as page:
@@ -285,18 +241,6 @@ def test_nothing_sticks_out_and_text_can_be_read(browser, small_file, scheme):
         assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) > 600
         page.page.locator("#theme").click()
         assert page.page.evaluate(BRIGHTNESS, ["body", "backgroundColor"]) < 200
-
-
-def test_printing_finds_every_shape_drawn(opened, tmp_path):
-    opened.page.wait_for_function(ALL_DRAWN)
-    opened.page.emulate_media(media="print", color_scheme="dark")
-    assert not opened.page.locator("nav").is_visible()
-    assert (
-        opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
-        == "rgb(255, 255, 255)"
-    )
-    pdf = opened.page.pdf(path=tmp_path / "report.pdf")
-    assert len(pdf) > 100_000
 
 
 def test_page_without_webgl_keeps_tables_and_charts(driver, small_file):
@@ -333,16 +277,6 @@ def test_a_page_that_was_cut_short_says_so(browser, small_file, tmp_path):
     context.close()
 
 
-def test_corresponding_points_carry_one_colour_on_all_shapes(opened):
-    before, plain = (
-        opened.image(".tile canvas", 1),
-        opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS),
-    )
-    opened.page.locator("#gallery").get_by_label("corresponding points").check()
-    opened.wait_until_changed(".tile canvas", before, 1)
-    assert opened.canvas(".tile canvas", 1).evaluate(NUM_COLOURS) > plain + 100
-
-
 def test_chances_of_a_shape_add_up(read):
     """The doubtful shape is right with chance 21 %; its other pose, of log-odds 0.7, with 0.21 exp(-0.7) = 10 %."""
     read.page.locator("#confidence").get_by_role("button", name="shape_001").click()
@@ -366,21 +300,6 @@ def test_decisions_survive_a_reload_and_belong_to_one_result(browser, tmp_path):
         assert not page.page.locator(".decisions").is_visible()
 
 
-def test_decisions_survive_a_reload_where_files_get_no_storage(browser, tmp_path):
-    with Page(browser, write_report(view_of(4), tmp_path)) as page:
-        page.context.add_init_script(
-            "Object.defineProperty(window, 'localStorage', { get() { throw new Error('no'); } })"
-        )
-        page.reload()
-        page.page.locator("#confidence").get_by_role("button", name="shape_001").click()
-        page.page.get_by_role("button", name="This pose is right").click()
-        page.page.keyboard.press("Escape")
-        assert "keeps nothing" in page.page.locator(".decisions").inner_text()
-        page.page.on("dialog", lambda dialog: dialog.accept())
-        page.reload()
-        assert "pose confirmed" in page.page.locator(".decisions").inner_text()
-
-
 def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     """Three steps of 7.5 degrees to the right turn the shape about the upright axis of the screen."""
     opened.page.locator("#confidence").get_by_role("button", name="shape_001").click()
@@ -398,29 +317,3 @@ def test_a_shape_is_turned_by_hand(opened, small, tmp_path):
     view = np.array(build_content(small)[0]["camera"]["R"])
     turn = view.T @ Rotation.from_euler("y", 22.5, degrees=True).as_matrix() @ view
     np.testing.assert_allclose(rotation, turn @ small.rotations[1], atol=1e-9)
-
-
-def test_incomplete_shapes_have_a_section_of_their_own(browser, tmp_path):
-    with Page(browser, write_report(broken_view(), tmp_path)) as page:
-        section = page.page.locator("#incomplete")
-        assert section.locator("canvas").count() == 1
-        assert page.pixels("#incomplete canvas", 0)["share"] > 0.05
-        assert "Covers 70 %" in section.inner_text()
-        section.locator("summary").click()
-        assert section.locator("tbody tr").count() == 3
-        section.locator("tbody button").first.click()
-        assert "70 % has a counterpart on" in page.page.locator("dialog[open]").inner_text()
-
-
-def test_maps_of_vertices_have_a_section_where_there_are_any(browser, tmp_path):
-    with Page(browser, write_report(mapped_view(), tmp_path / "mapped")) as page:
-        section = page.page.locator("#places")
-        assert section.locator("canvas").count() == 6
-        assert page.pixels("#places canvas", 0)["share"] > 0.05
-        assert page.pixels("#places canvas", 5)["share"] > 0.05
-        assert "No maps: " in section.inner_text()
-        assert "20 %" in section.locator("figcaption").last.inner_text()
-        section.locator("button").first.click()
-        assert page.page.locator("dialog[open]").count() == 1
-    with Page(browser, write_report(view_of(4), tmp_path / "plain")) as plain:
-        assert plain.page.locator("#places").count() == 0

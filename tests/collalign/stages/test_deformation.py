@@ -132,30 +132,6 @@ def test_maps_of_bent_blobs_find_every_vertex(deformed):
     assert worst_share(backwards, shapes, within=0.2) < 0.5
 
 
-def test_maps_compose_around_cycles(deformed):
-    shapes, aligned, _ = deformed
-    maps = aligned.made.vertices
-    assert maps is not None
-    around = maps["f0", "f1"][maps["f1", "f2"]][maps["f2", "f0"]]
-    gaps = np.linalg.norm(shapes[0].vertices[around] - shapes[0].vertices, axis=1)
-    assert np.quantile(gaps, 0.9) < 0.1 * np.ptp(shapes[0].vertices, axis=0).max()
-
-
-def test_places_lie_on_the_reference_and_maps_go_to_the_nearest_of_them(deformed):
-    shapes, aligned, _ = deformed
-    maps = aligned.made.vertices
-    assert maps is not None
-    reference = shapes[maps.names.index(maps.reference)]
-    locator = SurfaceLocator(reference.vertices, reference.faces)
-    for places in maps.places:
-        np.testing.assert_allclose(
-            locator.closest(places).on(reference.vertices), places, atol=1e-6
-        )
-    np.testing.assert_array_equal(
-        maps[maps.reference, maps.reference], np.arange(len(reference.vertices))
-    )
-
-
 def test_right_places_are_trusted_and_those_of_the_other_side_are_not(deformed):
     shapes, aligned, _ = deformed
     maps = aligned.made.vertices

@@ -1,9 +1,7 @@
 """Extra material, such as a stand: found, named, ignored by poses, and left out of correspondences on request."""
 
 import json
-from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -137,20 +135,6 @@ def test_no_shape_of_a_family_has_extra_material(family, monkeypatch):
     assert not extra_points(surfaces[0], surfaces[1:], 1.0).any()
     with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
         assert find_extra(session, [], np.empty((0, 4, 4)), [], 1.0) == {}
-
-
-def test_nothing_is_looked_for_where_most_poses_are_in_doubt(monkeypatch):
-    looked = []
-    monkeypatch.setattr(extra_material, "find_extra", lambda *_: looked.append(1) or {})
-    run = SimpleNamespace(session=None, stage=lambda _: nullcontext())
-    whole = SimpleNamespace(names=("a", "b", "c"), samples=())
-    for sure, num in ((0.5, 0), (0.51, 1)):
-        solution = SimpleNamespace(confidence=np.array([0.2, sure, 0.9]), parts=(np.arange(3),))
-        posed = SimpleNamespace(solution=solution, incomplete=(), transforms=None)
-        assert not extra_material.extra_material(
-            (run, None, posed), whole, extra_material.Extra()
-        ).surfaces  # type: ignore[arg-type]
-        assert len(looked) == num
 
 
 def test_what_is_elsewhere_on_the_others_is_no_extra_material(family):

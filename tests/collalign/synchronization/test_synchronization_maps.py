@@ -46,14 +46,6 @@ def test_labels_are_recovered_and_maps_compose(edges, wrong):
     assert _same_labels(np.roll(found, 1, axis=1), planted) < 0.5
 
 
-@pytest.mark.parametrize("held", [1, 16 * 40])
-def test_how_much_is_held_at_once_does_not_matter(held, monkeypatch):
-    _, maps, places = _planted(np.random.default_rng(4), 30, 16, SPARSE, 0.5)
-    whole = synchronize_maps(SPARSE, maps, np.ones(len(SPARSE)), places)
-    monkeypatch.setattr("collalign.synchronization.permutations.MOST_HELD", held)
-    assert np.array_equal(synchronize_maps(SPARSE, maps, np.ones(len(SPARSE)), places), whole)
-
-
 def test_maps_count_by_their_weights_and_places_where_maps_say_nothing():
     rng, edges = np.random.default_rng(3), complete_edges(10)
     planted, maps, places = _planted(rng, 10, 15, edges, 0.0)

@@ -3,7 +3,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from data_tools.datasets.synthetic import mirrored, point_cloud, shuffled
+from data_tools.datasets.synthetic import shuffled
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
 from data_tools.embedding.embedding import Samples, sample_file, sample_shape
 from data_tools.embedding.working_surface import WorkingSurface
@@ -70,17 +70,6 @@ def test_weights_are_squared_norms_relative_to_positions():
         assert np.linalg.norm(samples.invariants[:, 5]) ** 2 == pytest.approx(0.05 * size**2)
 
 
-def test_invariants_weigh_less_on_open_surfaces_and_point_clouds(shape, rng):
-    for other, share in (
-        (crown(num_vertices=600), 0.25),
-        (point_cloud(shape, rng), 0.25),
-        (shape, 1.0),
-    ):
-        samples = sample_shape(other, FEW, EmbeddingOptions(agd_weight=0.4))
-        of_agd = (samples.invariants[:, 4] ** 2).sum() / (samples.positions**2).sum()
-        assert of_agd == pytest.approx(0.4 * share)
-
-
 def test_dense_invariants_are_those_of_as_many_samples(shape):
     dense = sample_shape(shape, FEW, ALL)
     centred = dense.dense_positions - dense.dense_positions.mean(axis=0)
@@ -103,13 +92,6 @@ def test_pose_scale_and_vertex_order_only_turn_the_positions(shape, rng):
     np.testing.assert_allclose(b.dense_invariants, a.dense_invariants, atol=1e-6)
 
 
-def test_mirror_images_have_mirrored_samples(shape):
-    a, b = sample_shape(shape, FEW, ALL), sample_shape(mirrored(shape), FEW, ALL)
-    np.testing.assert_array_equal(a.vertex_indices, b.vertex_indices)
-    np.testing.assert_allclose(b.positions, a.positions * [-1, 1, 1], atol=1e-12)
-    np.testing.assert_allclose(b.invariants, a.invariants, atol=1e-6)
-
-
 def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     def indices(s, metric):
         options = SamplingOptions(num_points=24, num_dense_points=0, metric=metric)
@@ -118,20 +100,6 @@ def test_auto_samples_closed_surfaces_along_and_open_ones_through_space(shape):
     opened = crown(num_vertices=600)
     assert indices(shape, "auto") == indices(shape, "geodesic") != indices(shape, "euclidean")
     assert indices(opened, "auto") == indices(opened, "euclidean") != indices(opened, "geodesic")
-
-
-def test_large_meshes_are_decimated_but_samples_are_their_own_vertices():
-    shape = blob(np.random.default_rng(0), num_vertices=3000, name="large")
-    options = SamplingOptions(num_points=24, num_dense_points=60, max_faces=1500)
-    samples = sample_shape(shape, options, ALL)
-    assert (samples.notes[-1].code, samples.notes[-1].values["before"]) == ("decimated", 5996)
-    full = sample_shape(shape, FEW, ALL)
-    np.testing.assert_allclose(samples.scale, full.scale, rtol=0.03)
-    np.testing.assert_allclose(
-        samples.positions * samples.scale + samples.offset,
-        shape.vertices[samples.vertex_indices],
-        atol=1e-12,
-    )
 
 
 def test_samples_whose_nearest_vertex_is_one_get_two_near_each_other():
@@ -188,13 +156,3 @@ def test_samples_of_a_mesh_of_few_vertices_lie_between_them(tmp_path):
     on_box = SurfaceLocator(box.vertices, box.faces).closest(places).on(box.vertices)
     np.testing.assert_allclose(places, on_box, atol=1e-6)
     assert not len(found.chirality.faces), "so coarse a surface turns neither way"
-
-
-def test_points_of_a_small_cloud_count_several_times(rng):
-    cloud = Shape.from_arrays(rng.standard_normal((30, 3)), name="small")
-    found = sample_shape(cloud, SamplingOptions(num_points=64))
-    assert found.positions.shape == (64, 3)
-    assert sorted({*np.bincount(found.vertex_indices).tolist()}) == [2, 3]
-    assert (found.num_places, found.is_poor) == (30, True)
-    np.testing.assert_allclose(found.positions.mean(axis=0), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(found.positions), 1.0)

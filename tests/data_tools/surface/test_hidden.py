@@ -73,28 +73,11 @@ def test_a_second_shell_is_a_wall_whichever_way_it_is_wound(body, turned, distan
     assert seen.area == pytest.approx(body.area, rel=1e-3)
 
 
-def test_shapes_beside_each_other_hide_nothing(body):
-    both = Shape.from_arrays(
-        np.concatenate([body.vertices, body.vertices + np.array([5.0, 0.0, 0.0])]),
-        np.concatenate([body.faces, body.faces + len(body.vertices)]),
-    )
-    assert not inner_walls(both).any()
-    assert as_seen(both, DROP) is both
-
-
 def test_bowls_and_folds_are_no_walls():
     """A deep bowl with a wide mouth hides little, and its inside is joined at a long rim."""
     sphere, faces = sphere_mesh(900)
     bowl = hollow(Shape.from_arrays(sphere, faces), 0.9, 0.1)
     assert not inner_walls(bowl).any()
-
-
-def test_triangles_that_disagree_on_a_side_tell_nothing(body, rng):
-    shape = hollow(body, 0.2, 0.08)
-    faces = shape.faces.copy()
-    turned = rng.random(len(faces)) < 0.5
-    faces[turned] = faces[turned][:, ::-1]
-    assert not inner_walls(Shape.from_arrays(shape.vertices, faces)).any()
 
 
 def test_walls_are_named_and_stay_unless_they_are_to_go(body):

@@ -8,7 +8,7 @@ from data_tools.datasets.synthetic_shapes import blob
 from data_tools.embedding.surface_points import centre_and_radius, surface_cells
 from data_tools.sight import DepthImage
 from data_tools.surface.shape import Shape
-from pairwise.features.depth_images import MOST_BESIDE, conflict, sight_conflicts
+from pairwise.features.depth_images import sight_conflicts
 from pairwise.features.overlap import evaluate_poses
 
 SIGHTS = (
@@ -74,21 +74,6 @@ def test_a_board_that_shows_its_edge_is_not_in_front():
     assert image.conflicts(board[None], ends[None])[0, 0] == 0.0
     facing = np.tile([[0.0, 0.6, -0.8]], (len(board), 1))
     assert image.conflicts(board[None], facing[None])[0, 0] > 0.9
-
-
-def test_conflicts_grow_with_both_shares_but_what_is_beside_counts_only_so_far():
-    none, front, beside, both = conflict(
-        np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0], [0.1, 0.0]]),
-        np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.02], [0.0, 0.02]]),
-    )
-    assert none == 0.0
-    assert 0.0 < beside < front < both
-    unknown, most, more = conflict(
-        np.array([[0.0, np.nan], [0.0, 0.0], [0.0, 0.0]]),
-        np.array([[0.0, np.nan], [0.0, MOST_BESIDE], [0.0, 0.9]]),
-    )
-    assert unknown == 0.0
-    assert most == more
 
 
 def test_only_what_was_seen_from_one_direction_contradicts(whole, views):
