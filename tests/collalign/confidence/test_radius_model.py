@@ -16,9 +16,11 @@ from collalign.confidence.radius_model import (
 )
 from collalign.template_landmarks.carry import (
     carried,
+    fuse,
     mean_of_trusted,
     on_surface,
     template,
+    template_distance,
     template_weights,
 )
 from data_tools.datasets.synthetic_shapes import sphere_mesh
@@ -147,6 +149,27 @@ def test_the_spread_is_the_weighted_standard_deviation():
     said = np.array([[[0.0, 0, 0]], [[1.0, 0, 0]], [[np.nan] * 3]])
     assert np.isclose(spread(said, np.array([[0.5], [0.5], [0.0]]))[0], 0.5)
     assert np.isclose(spread(said, np.array([[1.0], [0.0], [0.0]]))[0], 0.0)
+
+
+def test_templates_nearer_to_the_specimen_count_more():
+    mean, faces = sphere_mesh(200)
+    vertices = np.stack([mean, 1.1 * mean, 1.5 * mean])
+    marks = mean[[3, 50]]
+    templates = [
+        template(0, marks, vertices[0], faces, 1.0, SurfaceLocator(vertices[0], faces)),
+        template(2, 1.5 * marks, vertices[2], faces, 1.0, SurfaceLocator(vertices[2], faces)),
+    ]
+    weights = template_weights(templates, 1, vertices, np.ones((3, 200)))
+    assert (weights[0] > weights[1]).all()
+    np.testing.assert_allclose(weights.sum(axis=0), 1)
+    assert (
+        0
+        < template_distance(templates, 1, vertices)
+        < template_distance(templates[1:], 1, vertices)
+    )
+    points, spreads = fuse(carried(templates, vertices[1]), weights)
+    np.testing.assert_allclose(points, 1.1 * marks, atol=1e-9)
+    np.testing.assert_allclose(spreads, 0, atol=1e-6)
 
 
 def test_a_template_that_is_not_trusted_counts_where_no_other_is():

@@ -14,12 +14,15 @@ from collalign.nonrigid.portfolio import (
     mended,
     refined_with_evidence,
     sharpened,
+    smooth_candidates,
 )
 from collalign.nonrigid.pose_maps import PoseMapper, sampled_surface
 from collalign.nonrigid.refine import without_torn_ends
 from collalign.nonrigid.spectral_shape import prepare_surface
 from data_tools.datasets.synthetic import bent
 from data_tools.datasets.synthetic_shapes import figure
+from data_tools.rotations import random_rotation
+from data_tools.surface.shape import Shape
 
 
 @pytest.fixture(scope="module")
@@ -136,3 +139,18 @@ def test_normals_turn_maps_over_that_exchange_front_and_back(bodies):
         NonrigidOptions(),
     ).functional_map
     assert off(bodies, found.map_target_source) < 0.04 < off(bodies, wrong.map_target_source)
+
+
+def test_maps_start_smoothly_from_crude_poses():
+    body, options = (
+        figure(resolution=3),
+        SurfaceOptions(num_functions=39, num_dense=200, num_samples=40),
+    )
+    other = bent(body, np.random.default_rng(6), angle=0.5)
+    turned = Shape.from_arrays(
+        other.vertices @ random_rotation(np.random.default_rng(7)).T, other.faces
+    )
+    mapper = PoseMapper(*(sampled_surface(prepare_surface(one, options)) for one in (body, turned)))
+    best = smooth_candidates(mapper, NonrigidOptions())[0].evidence
+    assert best.orientation > 0.8
+    assert best.stretch < 2.0

@@ -8,8 +8,9 @@ from scipy.spatial import cKDTree
 
 from collalign.nonrigid.functional_map import FunctionalMap
 from collalign.nonrigid.map_evidence import limb_gap
-from collalign.nonrigid.map_options import SurfaceOptions
+from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.nonrigid.map_starts import tip_starts
+from collalign.nonrigid.portfolio import find_candidates
 from collalign.nonrigid.spectral_shape import prepare_surface
 from collalign.nonrigid.tips import MAX_TIPS, Tips, _persistence, edge_net, tip_matches
 from experiments.generated.bipeds import KINDS, biped, template_points
@@ -112,3 +113,17 @@ def test_a_half_turn_leaves_more_across_limbs_than_the_right_map_and_other_sides
     as_reflection = limb_gap(target, source, mirrored, chirality=-1.0)
     assert as_reflection < limb_gap(target, source, mirrored, chirality=1.0)
     assert as_reflection == pytest.approx(gap, abs=0.1)
+
+
+def test_the_best_candidate_of_two_kinds_is_right_and_fits_across_limbs(bodies):
+    target, source = bodies[1]
+    right = map_of(bodies, turn=np.eye(3)).map_target_source
+    found = find_candidates(target, source, NonrigidOptions())
+    places = target.vertices[target.dense] / target.area**0.5
+    off = [
+        np.linalg.norm(places[one.functional_map.map_target_source] - places[right], axis=1).mean()
+        for one in found
+    ]
+    assert off[0] < 0.1
+    assert max(off) > 0.3
+    assert found[0].evidence.limbs == min(one.evidence.limbs for one in found) < 0.5

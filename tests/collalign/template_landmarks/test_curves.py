@@ -7,6 +7,7 @@ from collalign.template_landmarks.table import (
     counting_like,
     evenly_spaced,
     landmark_table,
+    slider_rows,
 )
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks, Semilandmarks
@@ -54,6 +55,11 @@ def test_direction_and_start_do_not_matter():
     np.testing.assert_allclose(turned[counting_like(turned, closed, closed=True)], closed)
     line = arc(np.linspace(0, 2, 7))
     np.testing.assert_allclose(line[::-1][counting_like(line[::-1], line, closed=False)], line)
+
+
+def test_sliders_leave_the_ends_where_they_are():
+    assert slider_rows((3, 4, 5, 6), closed=False).tolist() == [[3, 4, 5], [4, 5, 6]]
+    assert slider_rows((3, 4, 5), closed=True).tolist() == [[3, 4, 5], [4, 5, 3]]
 
 
 def test_templates_drawn_in_other_ways_and_poses_agree():

@@ -7,6 +7,7 @@ from collalign.template_landmarks.table import (
     called_like,
     landmark_table,
     may_be_one,
+    with_one_spelling,
 )
 from data_tools.errors import InputError
 from data_tools.landmark_files import Landmarks, Semilandmarks
@@ -56,6 +57,16 @@ def test_labels_that_differ_by_prefix_or_numbers_are_matched(own, other, labels,
     assert said == how
 
 
+def test_curves_that_are_called_after_their_lists_are_matched_by_their_order():
+    found, said = called_like(
+        marks("p", curves=("B_rim", "B_ridge")), marks("p", curves=("A_rim", "A_ridge"))
+    )
+    assert [one.name for one in found.semilandmarks] == ["A_rim", "A_ridge"]
+    assert said == "curves-by-order"
+    found, said = called_like(marks("p", curves=("ridge",)), marks("p", curves=("rim", "ridge")))
+    assert ([one.name for one in found.semilandmarks], said) == (["ridge"], "")
+
+
 def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
     poses = dict.fromkeys("ab", np.eye(4))
     table = landmark_table(
@@ -68,6 +79,24 @@ def test_a_table_says_what_it_matched_and_refuses_what_nothing_matches():
         InputError, match=r"no landmark \('p', 'q'\) has the name of one of a .*same labels"
     ):
         landmark_table({"a": numbered("A-", range(1, 4)), "b": marks("p", "q")}, poses)
+
+
+@pytest.mark.parametrize(
+    ("labels", "respelt"),
+    [
+        (("lM1", "LM2"), ("LM1", "LM2")),
+        (("lm_01", "LM 2"), ("LM1", "LM2")),
+        (("LM1", "lm1"), ("LM1", "lm1")),
+        (("LM10", "LM12"), ("LM10", "LM12")),
+        (("LM1-1", "LM11"), ("LM1-1", "LM11")),
+    ],
+)
+def test_labels_are_spelt_as_most_templates_spell_them(labels, respelt):
+    given = {"a": marks(*labels), "b": marks("LM1", "LM2"), "c": marks("LM1", "LM2")}
+    found, notes = with_one_spelling(given)
+    assert found["a"].labels == respelt
+    assert [found[name].labels for name in "bc"] == [("LM1", "LM2")] * 2
+    assert [note.shapes for note in notes] == ([("a",)] if labels != respelt else [])
 
 
 def test_a_landmark_under_another_number_takes_the_other_name():

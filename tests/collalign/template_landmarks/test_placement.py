@@ -162,3 +162,13 @@ def test_points_of_curves_that_are_codes_are_left_out_and_of_patches_missing(tmp
     rim = Semilandmarks(name="rim", kind="open curve", points=points[1:3])
     with pytest.raises(InputError, match="a: the curve 'rim' has 1 points"):
         placed(tmp_path, replace(marks(POINTS), semilandmarks=(rim,)))
+
+
+def test_between_the_points_of_a_cloud_landmarks_are_on_it(tmp_path):
+    rng = np.random.default_rng(2)
+    directions = rng.standard_normal((2000, 3))
+    sphere = directions / np.linalg.norm(directions, axis=1)[:, None] * [1.0, 2.0, 3.0]
+    cloud = Shape.from_arrays(sphere[:300], name="a")
+    assert placed(tmp_path, marks(sphere[300:330]), shape=cloud)[1] == ()
+    with pytest.raises(InputError, match="are not on its surface"):
+        placed(tmp_path, marks(sphere[300:330] * 2.0), shape=cloud)
