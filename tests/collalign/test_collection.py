@@ -161,21 +161,6 @@ def test_lists_of_shapes_and_pairs_are_tables(result):
     assert pairs["energy"].tolist() == [pair.energy for pair in result.pairs]
 
 
-@pytest.mark.parametrize("library", ["open3d", "tiny3d"])
-def test_open3d_gets_what_trimesh_gets(result, library, request, monkeypatch):
-    monkeypatch.setitem(sys.modules, "open3d", request.getfixturevalue(library))
-    meshes, objects = result.to_trimesh(), result.to_open3d()
-    assert list(objects) == list(meshes)
-    kinds = [type(one).__name__ for one in objects.values()]
-    assert kinds == ["TriangleMesh", "PointCloud", "TriangleMesh"]
-    for mesh, found in zip(meshes.values(), objects.values(), strict=True):
-        points = found.vertices if hasattr(found, "vertices") else found.points
-        np.testing.assert_array_equal(np.asarray(points), mesh.vertices)
-        if hasattr(found, "triangles"):
-            np.testing.assert_array_equal(np.asarray(found.triangles), mesh.faces)
-    assert list(result.to_open3d(["two"])) == ["two"]
-
-
 def test_without_open3d_it_says_what_to_install(result, tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "open3d", raising=False)
     (tmp_path / "open3d.py").write_text("raise ImportError('libusb-1.0.so.0: cannot open it')")

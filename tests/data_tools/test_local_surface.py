@@ -45,13 +45,3 @@ def test_descriptors_are_unit_vectors_near_the_roots_of_the_histograms():
 def test_bad_arrays_are_named(points, normals, cell, name):
     with pytest.raises(InputError, match=name):
         LocalSurface.from_user(points, normals, cell)
-
-
-def test_the_other_side_of_a_surface_is_described_without_looking_again():
-    points, normals = bumpy()
-    surface = LocalSurface.from_user(points, normals, 0.15)
-    turned = surface.reversed()
-    again = LocalSurface.from_user(points, -normals, 0.15)
-    np.testing.assert_array_equal(turned.normals, -normals)
-    np.testing.assert_allclose(turned.histograms.astype(int), again.histograms.astype(int), atol=1)
-    assert np.abs(turned.histograms.astype(int) - surface.histograms.astype(int)).max() > 10

@@ -8,7 +8,6 @@ from pairwise.local_search import MatchingCosts, energies_of, merge, minimise, p
 from pairwise.problem import Problem
 from pairwise.rotation_sets import random_rotations
 from tests.problems import catalogue, planted
-from tests.rigid_problems import of_chirality
 
 PROBLEMS = [known for known in catalogue() if known.problem.pattern.is_block_diagonal]
 
@@ -61,23 +60,6 @@ def test_energies_come_from_the_differences_themselves(rng):
     np.testing.assert_allclose(
         found, [problem.energy(r, m) for r, m in zip(rotations, maps, strict=True)]
     )
-
-
-def test_runs_hold_the_chirality_of_their_starts_on_request(rng):
-    points = rng.random((12, 3)) - 0.5
-    problem = Problem.from_user(points, points, group="O")
-    mirror = np.diag([-1.0, 1.0, 1.0])
-    starts = np.concatenate([random_rotations(3, 8, rng), random_rotations(3, 8, rng) @ mirror])
-    found = minimise(problem, starts, hold_chirality=True)
-    mirrored = np.linalg.det(found.rotations) < 0
-    apart = [
-        minimise(
-            of_chirality(problem, reflected=r), starts[8 * r :][:8] @ (mirror if r else np.eye(3))
-        )
-        for r in (0, 1)
-    ]
-    assert sorted(found.energies[mirrored]) == pytest.approx(sorted(apart[1].energies))
-    assert sorted(found.energies[~mirrored]) == pytest.approx(sorted(apart[0].energies))
 
 
 def test_merging_keeps_equal_maps_of_both_chiralities():

@@ -91,23 +91,6 @@ def test_the_relaxation_is_solved_by_the_documented_rule():
     assert [wants_relaxation(p, portfolio, explore(p)) for p in (deep, exact)] == [True, False]
 
 
-def test_the_log_says_what_was_solved_and_how_it_ended():
-    rng = np.random.default_rng(4)
-    problem = planted(rng, rng.random((9, 3)), num_source=8, noise=0.1)
-    searched, proven = (
-        match_problem(problem, MatchOptions()),
-        match_problem(problem, MatchOptions(certify=True)),
-    )
-    assert len(searched.log) == 1
-    assert searched.log[0].startswith("Searched rotations of 8 on 9 points in 3 dimensions: ")
-    assert proven.log[:1] == searched.log
-    assert proven.log[1].endswith(Status.PROVEN_OPTIMAL.value)
-    relaxed = match_problem(problem, MatchOptions(strategy="relaxation"))
-    assert relaxed.log == (
-        f"Solved PM-SDP of 8 on 9 points in 3 dimensions (built-in): {Status.CONVERGED.value}",
-    )
-
-
 def test_a_time_limit_holds_within_an_iteration_of_the_relaxation():
     rng = np.random.default_rng(5)
     problem = planted(rng, rng.random((60, 5)), noise=0.1)

@@ -67,19 +67,6 @@ def test_p_is_as_often_small_as_it_says_where_there_is_nothing():
     assert np.mean(p <= 0.05) < 0.12
 
 
-def test_neither_order_nor_poses_decide():
-    rng = np.random.default_rng(4)
-    first, second = together(rng)
-    order = rng.permutation(40)
-    turned = np.linalg.qr(rng.standard_normal((7, 7)))[0]
-    one = two_block_pls(first, second)
-    other = two_block_pls(first[order] + 5, second[order] @ turned)
-    np.testing.assert_allclose([one.r, one.z, one.p], [other.r, other.z, other.p])
-    back = two_block_pls(second, first, permutations=99)
-    np.testing.assert_allclose(one.covariances, back.covariances)
-    np.testing.assert_allclose(one.correlations, back.correlations)
-
-
 def test_what_cannot_go_together_is_refused():
     first, second = together(np.random.default_rng(5))
     with pytest.raises(InputError, match="got 40 and 39"):

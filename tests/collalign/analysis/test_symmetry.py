@@ -55,28 +55,6 @@ def test_symmetric_shapes_have_no_asymmetry():
     assert row(found, "individual") > 0
 
 
-def test_sums_of_squares_add_up_to_all_configurations_and_mirror_images():
-    shapes = family(np.random.default_rng(3), directional=0.02)
-    for individuals in (
-        None,
-        [f"s{at // 2}" for at in range(12)],
-        ["a"] * 5 + ["b"] * 4 + ["c"] * 3,
-    ):
-        found = object_symmetry(shapes, PARTNER, individuals=individuals)
-        whole = found.symmetric + found.asymmetric
-        both = np.concatenate([whole, mirror_image(whole, PARTNER)])
-        assert np.isclose(row(found, "total"), ((both - both.mean(axis=0)) ** 2).sum())
-        assert (
-            found.anova[-1].plain_df
-            == 2 * len(found.asymmetry) - 1
-            == sum(r.plain_df for r in found.anova[:-1])
-        )
-        assert found.anova[-1].df == 11 * (6 * 10 + 3 * 4 - 7) + 3 * 10 + 4 - 3
-        assert [one.effect for one in found.anova][3] == (
-            "total" if individuals is None else "residual"
-        )
-
-
 def test_replicates_tell_fluctuating_asymmetry_from_measurement_error():
     rng = np.random.default_rng(5)
     shapes = family(rng, num=8, fluctuating=0.02)

@@ -6,12 +6,6 @@ import numpy as np
 import pytest
 
 from collalign.output.loading import load
-from collalign.output.members import statistics_members
-from data_tools.datasets.synthetic import deformed_family
-from data_tools.datasets.synthetic_shapes import chair
-from data_tools.io.shapes import write_mesh
-from data_tools.rotations import random_rotation
-from data_tools.surface.shape import Shape
 from tests.commands import run_command
 
 FLAGS = ["--sampling.num-points", "12", "--sampling.num-dense-points", "0", "--jobs", "1"]
@@ -107,34 +101,3 @@ def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path):
     assert [(one["file"], one["reason"]) for one in told["left_out"]] == [
         ("huge.ply", "does not fit in memory")
     ]
-
-
-def test_copies_are_named_by_check_align_and_variation(tmp_path):
-    """Identical, turned and mirrored, each with the option that leaves it out."""
-    rng = np.random.default_rng(0)
-    family = deformed_family(chair(rng, resolution=1), 4, rng, rms=0.03)
-    for at, shape in enumerate(family):
-        write_mesh(tmp_path / "in" / f"s{at}.ply", shape)
-    (tmp_path / "in" / "s0_copy.ply").write_bytes((tmp_path / "in" / "s0.ply").read_bytes())
-    for name, sign in (("s1t", 1.0), ("s2m", -1.0)):
-        shape = family[int(name[1])]
-        vertices = sign * shape.vertices @ random_rotation(rng) + 5.0
-        write_mesh(tmp_path / "in" / f"{name}.stl", Shape.from_arrays(vertices, shape.faces))
-    expected = [
-        "add --exclude s0_copy.",
-        "add --exclude s1t.",
-        "s2, s2m: these files hold mirror images",
-    ]
-    notes = json.loads(run_command("align", tmp_path / "in", *FLAGS, "--check", "--json").out)[
-        "notes"
-    ]
-    assert [sum(words in note["text"] for note in notes) for words in expected] == [1, 1, 1]
-    out = tmp_path / "out"
-    printed = run_command("align", tmp_path / "in", "--out", out, "--no-report", *FLAGS).out
-    assert [printed.count(words) for words in expected] == [1, 1, 1]
-    record = json.loads((out / "alignment.json").read_text())["copies"]
-    assert [one["kind"] for one in record] == ["identical", "moved", "mirrored"]
-    collection = load(out)
-    assert [list(one.names) for one in collection.copies] == [one["names"] for one in record]
-    who = statistics_members(collection, exclude=["s1t"], include_doubtful=True)
-    assert [one.kind for one in who.copies] == ["identical", "mirrored"]

@@ -336,33 +336,6 @@ def test_a_folder_is_worked_on_in_the_browser_from_alignment_to_landmarks(browse
     assert list(out.glob("export-*/*"))
 
 
-def test_files_that_have_moved_are_asked_for_and_found(browser, tmp_path):
-    out = finished_run(tmp_path, chairs(3), FEW, report=True)
-    now = (tmp_path / "shapes").rename(tmp_path / "now")
-    with shown(browser, out) as (opened, frame):
-        page = opened.page
-        page.locator("#lost", has_text="3 of 3 files are not where they were").wait_for()
-        assert page.locator("#again").is_disabled()
-        frame("align").locator(".tile").first.wait_for()
-        (nothing := tmp_path / "nothing").mkdir()
-        page.locator("#where").fill(str(nothing))
-        page.get_by_role("button", name="They are here").click()
-        page.locator("#said", has_text="holds none of the files").wait_for()
-        assert ["400" in problem for problem in opened.problems] == [
-            True
-        ]  # which the browser's console notes
-        opened.problems.clear()
-        page.locator("#where").fill(str(now))
-        page.get_by_role("button", name="They are here").click()
-        page.locator("#said", has_text="All files are found").wait_for()
-        assert page.locator("#moved").is_hidden()
-        assert page.locator("#again").is_enabled()
-    workspace = Workspace(out)
-    assert workspace.words("align", {})[1] == str(now)
-    assert f"--sources={now}" in workspace.words("export", {"format": "ply"})
-    assert Workspace(out, sources=now).state()["missing"] == []
-
-
 def test_a_hostile_report_sees_and_does_nothing(browser, out, tmp_path):
     shutil.copytree(out, tmp_path / "out")
     (tmp_path / "out" / "report.html").write_text(HOSTILE)

@@ -28,7 +28,7 @@ from collalign.synchronization.model import (
     relative_weights,
     squared_distances,
 )
-from collalign.synchronization.robust import connectivity_warnings, evidence, restricted
+from collalign.synchronization.robust import connectivity_warnings
 from collalign.synchronization.search import State, common_costs
 from collalign.synchronization.spectral import synchronize_signs
 from data_tools.notes import Note
@@ -142,23 +142,6 @@ def test_a_turned_shape_proposes_its_own_turn_whichever_side_of_its_pairs_it_is(
 def test_what_is_within_thirty_degrees_of_a_known_turn_is_no_other(angle_deg, count):
     turn = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
     assert len(_modes(np.tile(turn, (9, 1, 1)), np.ones(9), 0.02, 5, np.eye(3)[None], 48)) == count
-
-
-def test_pairs_that_choose_among_equal_candidates_are_no_evidence():
-    edges, frames = complete_edges(6), np.tile(np.eye(3), (6, 1, 1))
-    beliefs = np.ones((6, 1))
-    for num, is_evidence in ((1, True), (3, False)):
-        graph = PairGraph.from_user(edges, np.tile(np.eye(3), (15, num, 1, 1)))
-        found = evidence(
-            State(
-                model=EdgeModel(graph=graph),
-                frames=frames,
-                beliefs=beliefs,
-                alternatives=turn_set(THIRD, num=6, rate=0.0),
-            )
-        )
-        assert (found > 0.1).all() == is_evidence
-        assert is_evidence or found == pytest.approx(np.zeros(6), abs=1e-9)
 
 
 def test_modes_are_apart_and_the_heaviest_first():
@@ -343,18 +326,3 @@ def test_what_energies_say_of_candidates_is_learnt_from_the_pairs():
         > PRIORS.log_odds
         > wrong.best_log_odds + wrong.energy_slope
     )
-
-
-def test_blocks_above_three_coordinates_are_reflected_where_the_first_may_not_be():
-    rng = np.random.default_rng(1)
-    edges = complete_edges(4)
-    pairs = np.zeros((len(edges), 7, 7))
-    pairs[:, :3, :3], pairs[:, 3:, 3:] = (
-        np.eye(3),
-        np.linalg.qr(rng.standard_normal((len(edges), 4, 4)))[0],
-    )
-    for group, allowed in (("SO", True), ("O", False)):
-        graph = PairGraph.from_user(edges, pairs, rotation_pattern=(3, 4), group=group)
-        assert bool(restricted(graph, np.arange(3)).pattern.special_blocks) == allowed
-        assert not restricted(graph, np.arange(3, 7)).pattern.special_blocks
-        assert not restricted(graph, np.arange(2)).pattern.special_blocks

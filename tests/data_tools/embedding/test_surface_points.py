@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from data_tools.datasets.synthetic_shapes import blob, crown, sphere_mesh
-from data_tools.embedding.embedding import CELL, sample_shape
 from data_tools.embedding.surface_points import (
     centre_and_radius,
     cloud_rim,
@@ -15,7 +14,6 @@ from data_tools.embedding.surface_points import (
     surface_cells,
 )
 from data_tools.local_surface import shows_scene
-from data_tools.options import EmbeddingOptions, SamplingOptions
 from data_tools.surface.shape import Shape
 
 
@@ -151,20 +149,6 @@ def test_centre_and_radius_are_those_of_points_spread_by_area(num):
         np.concatenate([points, np.repeat(points[points[:, 0] > 30.0], 7, axis=0)]), name="u"
     )
     np.testing.assert_allclose(centre_and_radius(uneven)[0], centre_and_radius(cloud)[0], atol=0.03)
-
-
-def test_samples_keep_the_surface_about_its_centroid_in_its_radii():
-    shape = blob(np.random.default_rng(4), num_vertices=600)
-    options = SamplingOptions(num_points=16, num_dense_points=0), EmbeddingOptions()
-    local, large = (
-        sample_shape(
-            Shape.from_arrays(size * shape.vertices + 9.0, shape.faces, name="s"), *options
-        ).local
-        for size in (1.0, 50.0)
-    )
-    assert local.cell == large.cell == CELL
-    assert np.sqrt((local.points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=0.05)
-    np.testing.assert_allclose(large.points, local.points, atol=1e-6)
 
 
 def test_only_open_surfaces_have_points_on_a_rim():

@@ -16,7 +16,7 @@ from data_tools.surface.hidden import (
     wall_share,
 )
 from data_tools.surface.shape import Shape
-from data_tools.surface.topology import boundary_edges, is_open_surface, mesh_components
+from data_tools.surface.topology import boundary_edges, is_open_surface
 from tests.notes import codes, only
 
 DROP = CleaningOptions(inner="drop")
@@ -57,20 +57,6 @@ def test_a_wall_inside_is_left_out_and_its_opening_closed(body, opening):
     assert seen.area == pytest.approx(body.area, rel=0.06)
     np.testing.assert_array_equal(shape.vertices[seen.source_indices], seen.vertices)
     assert as_seen(seen, DROP) is seen
-
-
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("distance", [1e-4, 0.05])
-def test_a_second_shell_is_a_wall_whichever_way_it_is_wound(body, turned, distance):
-    normals = trimesh.Trimesh(body.vertices, body.faces, process=False).vertex_normals
-    second = body.faces[:, ::-1] if turned else body.faces
-    shape = Shape.from_arrays(
-        np.concatenate([body.vertices, body.vertices - distance * normals]),
-        np.concatenate([body.faces, second + len(body.vertices)]),
-    )
-    seen = as_seen(shape, DROP)
-    assert mesh_components(len(seen.vertices), seen.faces)[0] == 1
-    assert seen.area == pytest.approx(body.area, rel=1e-3)
 
 
 def test_bowls_and_folds_are_no_walls():

@@ -28,17 +28,6 @@ def test_small_problems_are_proven_and_agree_with_brute_force(seed):
         assert brute_force(worse[0]).energy > pose.energy
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_points_with_a_single_candidate_do_not_spoil_the_potentials(seed):
-    rng = np.random.default_rng(seed)
-    target, source = rng.random((2, 5, 3))
-    target[:2], source[:1] = 0.0, 0.0
-    allowed = (rng.random((5, 5)) < 0.4) | np.eye(5, dtype=bool)
-    proof = prove(Problem.from_user(target, source, allowed=allowed), time_limit_s=600)
-    assert proof.status is Status.PROVEN_OPTIMAL
-    assert proof.num_cells < 20000
-
-
 def test_a_proof_needs_both_chiralities_and_a_mirror_decision_the_whole_energy():
     problem = Problem.from_user(*planted_cube(8, 0.3, 1), group="O")
     searches = sorted(searches_of(problem, None, 1e-3), key=lambda search: search.reflected)

@@ -14,7 +14,6 @@ from pairwise.features.poses import (
     consensus_poses,
     feature_distances,
     match_features,
-    poses_apart,
     refine_on_planes,
     rotations_by,
 )
@@ -74,16 +73,6 @@ def test_matches_that_hardly_any_others_support_give_no_pose(surface):
     assert (rotations.shape, shifts.shape) == ((0, 3, 3), (0, 3))
 
 
-def test_refinement_removes_some_degrees_and_cells(surface, rng):
-    rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
-    source = placed(surface, rotation, shift)
-    starts = Rotation.from_rotvec(np.deg2rad(6.0) * np.eye(3)).as_matrix() @ rotation
-    first = Similarity.rigid(starts, shift + 0.7 * CELL * np.eye(3))
-    found = refine_on_planes(surface, source, first)
-    assert pose_angle_deg(found.rotation, rotation).max() < 0.2
-    assert np.linalg.norm(found.shift - shift, axis=1).max() < 0.02 * CELL
-
-
 def test_refinement_finds_the_scale_within_its_range(surface, rng):
     rotation, shift = random_rotation(rng), np.array([0.4, -0.2, 1.0])
     source = placed(surface, rotation, shift)
@@ -96,15 +85,6 @@ def test_refinement_finds_the_scale_within_its_range(surface, rng):
     assert pose_angle_deg(found.rotation, rotation).max() < 0.5
     np.testing.assert_allclose(found.scale, 1.0, atol=0.01)
     assert refine_on_planes(surface, source, first, scale_range=(0.5, 0.9)).scale.max() <= 0.9
-
-
-def test_poses_that_differ_little_in_rotation_and_place_are_one(surface):
-    rotations = rotations_by(np.deg2rad([[0.0, 0, 0], [10.0, 0, 0], [40.0, 0, 0], [0.0, 0, 0]]))
-    shifts = surface.points.mean(axis=0) - rotations @ surface.points.mean(axis=0)
-    shifts[3] += 7.0 * CELL
-    scores = np.array([0.5, 0.4, 0.9, 0.1])
-    assert poses_apart(rotations, shifts, scores, surface, CELL, 9) == [2, 0, 3]
-    assert poses_apart(rotations, shifts, scores, surface, CELL, 1) == [2]
 
 
 def test_rotations_by_vectors_are_those_of_scipy(rng):
