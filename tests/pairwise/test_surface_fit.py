@@ -11,8 +11,8 @@ from data_tools.errors import InputError
 from data_tools.poses import Similarity
 from data_tools.rotations import random_rotation, rotation_angle_deg
 from data_tools.surface.shape import Shape, outward_normals
-from pairwise.dense import DensePoints, refine_pose
-from pairwise.surface_fit import FIT, _stepped, fit_surfaces
+from pairwise.dense import DenseMatcher, DensePoints, refine_pose
+from pairwise.surface_fit import FIT, _agrees, _Settled, _stepped, fit_surfaces
 
 
 def fitted(target, source, start=None):
@@ -92,6 +92,18 @@ def test_a_bent_part_does_not_move_the_pose_of_the_shared_one():
     assert rotation_angle_deg(refine_pose(target, source, np.eye(3)).pose.rotation) > 5
     assert rotation_angle_deg(found.pose.rotation) < 2.5
     assert FIT.least_gain * found.shared_energy < found.energy
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "is_shared"), [(0.1, 0.5, True), (0.1, 0.12, False), (0.7, 3.5, False)]
+)
+def test_a_part_is_shared_if_it_is_near_and_the_rest_is_farther_than_usual(near, far, is_shared):
+    """Distances in spacings of a grid, the nearer ones of 60 %."""
+    shape = DensePoints.from_user(np.stack(np.meshgrid(*[np.arange(5.0)] * 3), -1).reshape(-1, 3))
+    still = Similarity(rotation=np.eye(3), scale=1.0, shift=np.zeros(3))
+    pairs = np.tile(np.arange(125), 2), np.tile(np.arange(125), 2)
+    fit = _Settled(still, pairs, np.repeat([near, far], [150, 100]))
+    assert _agrees(DenseMatcher(shape, shape), fit, FIT.shared_spacings) == is_shared
 
 
 def test_surfaces_that_differ_everywhere_share_no_part(rng):
