@@ -45,9 +45,7 @@ def test_a_scan_finds_the_better_value_and_says_what_others_would_have_chosen():
     ("name", "collection"),
     [
         ("model", "glasses"),
-        ("sides", "teeth"),
         ("evidence", "glasses"),
-        ("margins", "chair"),
     ],
 )
 def test_quick_calibrations_measure_every_constant(shared_data, name, collection):

@@ -136,7 +136,7 @@ def test_the_committed_page_links_to_the_committed_sections(tmp_path):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("name", ["proofs", "ablation"])
+@pytest.mark.parametrize("name", ["proofs"])
 def test_the_quick_run_of_others_fills_their_tables(name, bench, shared_data):
     outcome = load_experiment(name).measure(replace(bench, data=shared_data, quick=True))
     assert all(table.rows for table in outcome.tables)

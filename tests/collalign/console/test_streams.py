@@ -28,9 +28,7 @@ WAYS = {
 }
 #: Commands that print only, and their exit codes where nothing disturbs them.
 PRINTING = {
-    ("--help",): 0,
     ("--version",): 0,
-    ("align", "--help-all"): 0,
     ("status", "OUT"): 0,
     ("align", "SHAPES", "--check", "--jobs", "1"): 0,
     ("status", "NOWHERE"): 2,
@@ -40,11 +38,9 @@ ALIGN = (
     *("align", "SHAPES", "--out", "NEW", "--jobs", "1", "--maps", "never"),
     *("--sampling.num-points", "16", "--sampling.num-dense-points", "0"),
 )
+EXPORT = ("export", "OUT", "--format", "csv", "--to", "NEW")
 #: Commands that write files, one of which comes last.
-WRITING = {
-    ALIGN: "alignment.json",
-    ("export", "OUT", "--format", "csv", "--to", "NEW"): "consensus.csv",
-}
+WRITING = {ALIGN: "alignment.json", EXPORT: "consensus.csv"}
 needs_full = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 
 
@@ -117,8 +113,14 @@ def test_printing_commands_end_as_documented(words, way, out, tmp_path):
 
 
 @needs_full
-@pytest.mark.parametrize("way", ["out full", "out unread", "all closed", "all full", "few files"])
-@pytest.mark.parametrize("words", WRITING, ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    ("words", "way"),
+    [
+        *((ALIGN, way) for way in ("out full", "out unread", "all closed", "few files")),
+        (EXPORT, "all full"),
+    ],
+    ids=lambda given: given if isinstance(given, str) else given[0],
+)
 def test_writing_commands_write_everything(words, way, out, tmp_path):
     *_, code = WAYS[way]
     done = start_in(way, placed(words, out, tmp_path / "new"))
