@@ -12,7 +12,7 @@ from pairwise.features.overlap import LocalPoses
 #: Log-odds of a pose per logarithm of what is explained and of consensus, and of "no pose is right", where a line
 #: of sight is not known. Explained is 1 / (share of the smaller surface without a partner + 0.1): all of a part
 #: lies on its whole. Fitted on depth images and cut shapes.
-WEIGHTS = (2.8, 1.2, -0.6)
+OVERLAP_WEIGHTS = (2.8, 1.2, -0.6)
 UNEXPLAINED = 0.1
 #: Log-odds per logarithm of consensus plus the last number, against a pose per unit of conflict with lines of
 #: sight, and of "no pose is right", where both surfaces were seen from one direction each. Fitted on depth images.
@@ -49,9 +49,9 @@ def overlap_log_odds(poses: LocalPoses, *, of_scene: bool = False) -> FloatArray
         )
     of_smaller = -np.log(1.0 - poses.overlaps.max(axis=1, initial=0.0) + UNEXPLAINED)
     unseen = (
-        WEIGHTS[0] * of_smaller
-        + WEIGHTS[1] * np.log(np.maximum(poses.consensus, LEAST_SHARE))
-        - WEIGHTS[2]
+        OVERLAP_WEIGHTS[0] * of_smaller
+        + OVERLAP_WEIGHTS[1] * np.log(np.maximum(poses.consensus, LEAST_SHARE))
+        - OVERLAP_WEIGHTS[2]
     )
     matched = SIGHT_WEIGHTS[0] * np.log(poses.consensus + SIGHT_WEIGHTS[3])
     against = conflict_log_odds(conflict(poses.in_front, poses.beside))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from collalign.confidence.side_model import (
-    MIN_SHAPES,
+    MIN_SHAPES_FOR_SIDES,
     Sides,
     SurfaceSides,
     are_bilateral,
@@ -123,7 +123,7 @@ def test_each_condition_alone_decides_whether_sides_are_likely():
 def test_shapes_are_mirrored_where_fits_and_surfaces_agree():
     assert are_mixed(CLEAR, CONFIRMED)
     for change in (
-        {"mirrored": np.arange(MIN_SHAPES - 1) < 2},
+        {"mirrored": np.arange(MIN_SHAPES_FOR_SIDES - 1) < 2},
         {"num_between": 0},
         {"median_all": 0.1},  # weak fits need stronger support
         {"contradicted": 0.041},
