@@ -35,7 +35,6 @@ _FOLDERS = {
     "ablation": "collections",
     "scoreboard": "collections",
     "kinds": "collections",
-    "library": "collections",
     "speed": "peers",
 }
 NAMES: tuple[str, ...] = tuple(_FOLDERS)

@@ -1,16 +1,13 @@
-"""Wall time, CPU time and memory of what an experiment compares, worker processes included."""
+"""Wall time and CPU time of what an experiment compares, worker processes included."""
 
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 
 @dataclass(kw_only=True)
@@ -46,57 +43,6 @@ def stopwatch() -> Iterator[Elapsed]:
     finally:
         elapsed.wall_s = time.perf_counter() - start_s
         elapsed.processor_s = _processor_s() - processor_s
-
-
-@dataclass(kw_only=True)
-class Memory:
-    """The most memory that was seen, in MiB; NaN where ``/proc`` is missing."""
-
-    peak_mib: float = float("nan")
-
-
-#: Seconds between two looks at the memory.
-_LOOK_S = 0.5
-
-
-@contextmanager
-def memory_watch() -> Iterator[Memory]:
-    """Watch the memory of this process and all its descendants during the block.
-
-    Pages that processes share count once (proportional set size).
-
-    Yields
-    ------
-    Memory
-        Filled in at the end of the block.
-    """
-    memory, ended = Memory(), threading.Event()
-
-    def look() -> None:
-        while True:
-            memory.peak_mib = float(np.fmax(memory.peak_mib, _memory_mib()))
-            if ended.wait(_LOOK_S):
-                return
-
-    watcher = threading.Thread(target=look, daemon=True)
-    watcher.start()
-    try:
-        yield memory
-    finally:
-        ended.set()
-        watcher.join()
-
-
-def _memory_mib(root: Path = Path("/proc")) -> float:
-    """Return the memory of this process and all its descendants now."""
-    total_kib = 0
-    for pid in _family(root):
-        try:
-            lines = (root / str(pid) / "smaps_rollup").read_text().splitlines()
-        except OSError:  # it ended meanwhile
-            continue
-        total_kib += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-    return total_kib / 1024 if total_kib else float("nan")
 
 
 def _processor_s(root: Path = Path("/proc")) -> float:

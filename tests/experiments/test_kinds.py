@@ -1,4 +1,4 @@
-"""Kinds that are mixed: what counts as pure, split and alone, and a library that grows."""
+"""Kinds that are mixed: what counts as pure, split and alone."""
 
 import numpy as np
 import pytest
