@@ -162,16 +162,6 @@ def test_dry_run_estimates_and_writes_nothing(folder):
     assert not (folder / "a").exists()
 
 
-def test_one_bad_folder_does_not_stop_the_others(folder):
-    text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
-    run_command("batch", batch_file(folder, text), "--jobs", "1", ends=3)
-    assert (folder / "b" / "alignment.json").exists()
-    estimate = estimate_job(read_batch(folder / "batch.toml")[1], RunOptions(jobs=1))
-    assert (estimate.num_shapes, estimate.num_pairs) == (0, 0)
-    assert (estimate.stages_s["shapes"], estimate.stages_s["pairs"]) == (0.0, 0.0)
-    assert estimate.stages_s["poses"] > 0  # of which no store keeps anything
-
-
 def test_python_runs_a_batch_and_says_what_failed(folder):
     text = GOOD.replace('folder = "chairs"\nout = "a"', 'folder = "nowhere"\nout = "a"')
     lost, found = run_batch(batch_file(folder, text), run={"jobs": 1}, progress=False)

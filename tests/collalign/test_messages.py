@@ -4,13 +4,11 @@ import errno
 import json
 import logging
 import os
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from collalign.console.messages import add_to_summary, command_messages, configure_output, end
 from collalign.engine import progress
 from tests.commands import run_command
 
@@ -85,28 +83,6 @@ def test_errors_are_told_as_well(wrong):
     told = json.loads(run_command(*wrong, "--json", ends=2).out)
     assert told["exit_code"] == 2
     assert wrong[-2] in told["error"] or "nowhere" in told["error"]
-
-
-def test_what_is_unknown_is_null_for_programs(capsys):
-    with command_messages():
-        configure_output(quiet=False, as_json=True, verbose=False, log=None)
-        add_to_summary(
-            confidence=np.array([0.5, np.nan]),
-            bound=float("-inf"),
-            path=Path("a"),
-            nested={"x": (np.float64("nan"),)},
-        )
-        assert end(3) == 3
-    told = json.loads(
-        capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
-    )
-    assert told == {
-        "exit_code": 3,
-        "confidence": [0.5, None],
-        "bound": None,
-        "path": "a",
-        "nested": {"x": [None]},
-    }
 
 
 def test_a_log_of_lines_for_programs_tells_of_each_stage_and_the_end(folder, tmp_path):

@@ -1,5 +1,4 @@
 import dataclasses
-import sys
 
 import joblib
 import numpy as np
@@ -10,7 +9,7 @@ from collalign.engine.run_options import RunOptions
 from collalign.nonrigid.map_options import NonrigidOptions, SurfaceOptions
 from collalign.options import AlignOptions, TwoShapeOptions
 from collalign.tools.stability.run import StabilityOptions
-from data_tools.errors import CollalignError, OptionsError, UnavailableError
+from data_tools.errors import CollalignError, OptionsError
 from data_tools.options import CleaningOptions, EmbeddingOptions, SamplingOptions
 from pairwise.options import MatchOptions, PairOptions
 from pairwise.rotation_sets import random_rotations
@@ -92,26 +91,6 @@ def test_the_preset_of_the_paper_sets_what_the_paper_did():
     assert own.matching == dataclasses.replace(paper.matching, max_candidates=3)
     assert dataclasses.replace(paper, seed=1) == AlignOptions(preset="paper", seed=1)
     assert AlignOptions(preset="default") == AlignOptions()
-
-
-def test_the_solver_of_the_relaxation_reaches_the_pairs_and_is_missed_at_once(rng, monkeypatch):
-    points = rng.random((8, 3))
-    clouds = {f"s{i}": points + 0.05 * rng.standard_normal((8, 3)) for i in range(3)}
-    keywords = {"preset": "paper", "embedding": {"kind": "xyz"}, "jobs": 1, "progress": False}
-    bounds = [
-        [
-            pair.lower_bound
-            for pair in collalign.align_collection(
-                clouds, **keywords, matching={"solver": solver}
-            ).pairs
-        ]
-        for solver in ("built-in", "clarabel")
-    ]
-    np.testing.assert_allclose(*bounds, rtol=2e-3, atol=1e-6)
-    assert bounds[0] != bounds[1]
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
-    with pytest.raises(UnavailableError, match=r"pip install 'collalign\[cvxpy\]'"):
-        collalign.align_collection(clouds, **keywords, matching={"solver": "clarabel"})
 
 
 def test_the_preset_of_the_paper_relaxes_every_pair_and_the_default_none(rng):

@@ -4,28 +4,17 @@ import numpy as np
 import pytest
 
 from data_tools.datasets.synthetic import (
-    bumped,
     deformed_family,
     demo_collection,
     mirrored,
     planted_collection,
     write_collection,
 )
-from data_tools.datasets.synthetic_shapes import blob, chair, crown
+from data_tools.datasets.synthetic_shapes import blob, chair
 from data_tools.errors import InputError
 from data_tools.io.listing import read_folder
 from data_tools.io.shapes import read_shape
 from data_tools.rotations import rotation_angle_deg
-
-
-def test_bumps_have_the_stated_size_and_keep_the_mesh(rng):
-    shape = crown(num_vertices=500)
-    for rms in (0.045, 0.08):
-        copy = bumped(shape, rng, rms=rms)
-        diagonal = np.linalg.norm(np.ptp(shape.vertices, axis=0))
-        moved = np.sqrt(((copy.vertices - shape.vertices) ** 2).sum(axis=1).mean())
-        assert moved == pytest.approx(rms * diagonal)
-        np.testing.assert_array_equal(copy.faces, shape.faces)
 
 
 def test_mirror_images_keep_their_outside_outside(rng):

@@ -1,5 +1,7 @@
 """The problem's energy, costs and Procrustes step agree with each other, and impossible problems are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,13 @@ def test_costs_and_energy_agree(rng):
     assert not np.isclose(
         problem.energy(rotation, np.roll(point_map, 1)), problem.energy(rotation, point_map)
     )
+
+
+def test_rounding_errors_are_squares_of_coordinates_and_no_side_counts(rng):
+    problem = some_problem(rng, weights=rng.random(5))
+    for factor in (-1.0, 10.0):
+        other = replace(problem, target=factor * problem.target, source=factor * problem.source)
+        assert other.rounding_energy == pytest.approx(factor**2 * problem.rounding_energy)
 
 
 def test_projection_keeps_pattern_and_determinants(rng):

@@ -84,20 +84,3 @@ def test_several_folders_are_one_collection_and_odd_sizes_are_named_by_a_run(fol
     }
     ended = run_command("align", folder, "--out", out, ends=2)
     assert "its folders do: left (2), right (4)" in ended.err
-
-
-def test_a_check_reads_in_workers_within_the_limits_of_a_run(tmp_path):
-    for name in "abc":
-        np.savetxt(tmp_path / f"{name}.xyz", np.random.default_rng(0).random((40, 3)))
-    header = "ply\nformat binary_little_endian 1.0\nelement vertex 90000000\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
-    with (tmp_path / "huge.ply").open("wb") as file:
-        file.write(header.encode())
-        file.truncate(len(header) + 12 * 90_000_000)
-    told = json.loads(
-        run_command("align", tmp_path, "--check", "--memory-limit-gib", "0.5", "--json", ends=3).out
-    )
-    assert [one["name"] for one in told["shapes"]] == ["a", "b", "c"]
-    assert [(one["file"], one["reason"]) for one in told["left_out"]] == [
-        ("huge.ply", "does not fit in memory")
-    ]

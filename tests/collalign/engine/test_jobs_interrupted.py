@@ -5,16 +5,14 @@ import signal
 import socket
 import threading
 import time
-from itertools import count
 
 import pytest
-from joblib._parallel_backends import LokyBackend
 from joblib.externals.loky import reusable_executor
 from joblib.externals.loky.backend import fork_exec
 
 from collalign.engine.run_jobs import run_jobs
 from tests.faults import is_running
-from tests.job_functions import misbehave, nothing
+from tests.job_functions import nothing
 
 
 @pytest.fixture
@@ -53,26 +51,6 @@ def test_workers_that_are_just_starting_end_without_a_word(no_pool, monkeypatch,
         other.join()
     wait_until(lambda: not any(map(is_running, started)))
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_thread_of_the_pool_that_comes_too_late_prints_nothing(no_pool, monkeypatch, caplog):
-    received, late = threading.Event(), threading.Event()
-    submit = LokyBackend.submit
-
-    def submit_late(backend, *arguments, **options):
-        if received.is_set() and not late.is_set():
-            late.set()
-            pool = reusable_executor._executor
-            wait_until(lambda: pool._flags.shutdown)
-        return submit(backend, *arguments, **options)
-
-    monkeypatch.setattr(LokyBackend, "submit", submit_late)
-    results = run_jobs(misbehave, ((str(i), ("return", i)) for i in count()), num_jobs=2)
-    next(results)
-    received.set()
-    late.wait()
-    results.close()
-    assert caplog.text == ""
 
 
 def wait_until(holds):

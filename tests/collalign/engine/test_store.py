@@ -3,7 +3,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -185,19 +184,6 @@ def test_files_of_another_layout_are_refused(path, statement, reason):
             Store.open(path, read_only=read_only)
 
 
-def test_text_that_is_not_unicode_is_refused_or_read(path):
-    with Store.open(path) as store:
-        store.put_failure("pairs", "k", "took too long")
-    content = path.read_bytes()
-    for found, damaged in (
-        (b"took too", b"took \xcetoo"[:8]),
-        (b"CREATE TABLE plan", b"CREATE TABLE \xceplan"[:17]),
-    ):
-        path.write_bytes(content.replace(found, damaged))
-        with suppress(StoreError), Store.open(path, read_only=True) as store:
-            assert "took" in store.failures("pairs")["k"].reason
-
-
 @pytest.mark.parametrize("key", ["", "x" * 2000, 7])
 def test_impossible_keys_and_kinds_are_refused(key):
     with Store.memory() as store:
@@ -220,14 +206,6 @@ def test_somebody_elses_files_are_not_touched(tmp_path):
     lock.write_text("# a lock file of another tool\n")
     Store.open(tmp_path / "poetry").close()
     assert lock.read_text() == "# a lock file of another tool\n"
-
-
-@pytest.mark.parametrize("content", [None, "text"])
-def test_a_refused_store_leaves_no_lock(path, content):
-    path.mkdir() if content is None else path.write_text(content)
-    with pytest.raises(StoreError):
-        Store.open(path)
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_a_disk_that_fills_up_during_a_run_is_called_full(tmp_path):

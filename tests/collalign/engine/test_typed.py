@@ -157,33 +157,6 @@ def test_impossible_poses_are_refused(poses, change):
         from_record(PairPoses, record | change, "a ~ b")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"positions": np.zeros((3, 2))},
-        {"positions": np.full((12, 3), np.inf)},
-        {"coordinates": np.zeros((12, 4))},
-        {"block_sizes": [2]},
-        {"block_sizes": [3, -1]},
-        {"block_sizes": 3},
-        {"vertex_indices": np.full(12, -1)},
-        {"vertex_indices": np.arange(11)},
-        {"scale": 0.0},
-        {"scale": float("nan")},
-        {"scale": True},
-        {"offset": np.zeros(2)},
-        {"dense_indices": np.arange(8)},
-        {"notes": [1]},
-        {"notes": [{"code": "decimated", "shapes": [], "values": {"before": [[9]]}}]},
-    ],
-)
-def test_impossible_samples_are_refused(rng, change):
-    record = to_record(make_samples(rng))
-    from_record(Samples, record, "tooth")
-    with pytest.raises(StoreError, match="tooth"):
-        from_record(Samples, record | change, "tooth")
-
-
 def test_numbers_that_are_not_known_come_back(poses):
     assert np.isnan(poses.mismatches).all()  # of so few samples neighbourhoods say nothing
     assert np.isnan(

@@ -82,10 +82,11 @@ def test_source_indices_go_through_two_cleanings():
     np.testing.assert_array_equal(apart.vertices[once.source_indices], once.vertices)
     torn = Shape(
         name="torn", vertices=once.vertices, faces=once.faces[(once.faces != 4).all(axis=1)],
-        source_indices=once.source_indices,
+        source_indices=once.source_indices, file_size=once.file_size,
     )  # fmt: skip
     twice = clean(torn)
     assert len(twice.vertices) == 29
+    assert once.file_size == twice.file_size == len(apart.vertices)
     np.testing.assert_array_equal(apart.vertices[twice.source_indices], twice.vertices)
 
 

@@ -46,7 +46,10 @@ def test_two_components_are_infinitely_far_apart():
     distances = solver.from_vertex(0)
     assert np.isfinite(distances[:50]).all()
     assert np.isinf(distances[50:]).all()
-    assert np.isfinite(agd_of(two, 10)).all()
+    agd = agd_of(two, 10)
+    assert np.isfinite(agd).all()
+    small = agd_of(Shape.from_arrays(two.vertices / 100, two.faces), 10)
+    np.testing.assert_allclose(small, agd, rtol=0.1)
 
 
 def test_fins_and_flipped_triangles_do_no_harm(sphere):
