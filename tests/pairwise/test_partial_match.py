@@ -61,16 +61,6 @@ def test_a_cut_blob_finds_its_place_on_the_whole_one(whole, group):
     assert group == "O" or match_partial(surface(whole), surface(broken))[0].energy == best.energy
 
 
-def test_a_third_of_unknown_size_finds_its_place(whole):
-    turn = random_rotation(np.random.default_rng(8))
-    third = moved(cut(whole, np.array([0.3, 1.0, 0.2]), 0.67), turn, 0.7, np.ones(3))
-    to, of = surface(whole), surface(third)
-    assert of.radius / 0.7 < 0.75 * to.radius
-    best = match_partial(to, of)[0]
-    assert rotation_angle_deg(best.pose.rotation, turn.T) < 4
-    assert best.pose.scale == pytest.approx(1 / 0.7, rel=0.05)
-
-
 def test_the_energy_tells_a_wrong_pose_from_the_right_one(whole):
     to = surface(whole)
     of = surface(cut(whole, np.array([0.0, 1.0, 0.0]), 0.25))

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from collalign.engine.run_options import RunOptions
 from collalign.engine.session import Session
@@ -159,35 +158,6 @@ def test_the_energy_of_an_arrangement_is_that_of_its_pairs_and_descent_never_rai
     assert energy <= energies.at(frames).sum()
     assert energy == pytest.approx(energies.at(found).sum())
     assert energies.perturb((found, energy), np.random.default_rng(7), 10)[1] <= energy
-
-
-def test_shares_solve_the_least_squares_problem_of_every_pair():
-    rng = np.random.default_rng(11)
-    edges, first = np.array([[0, 1], [0, 2], [1, 2]]), random_frames(3, rng)
-    master = JointMaster(3, edges, first, rng.random(3), 1.0)
-    for pair, num in enumerate((0, 3, 6)):
-        master.add(pair, random_frames(num, rng), rng.random(num))
-    wanted = 0.5 * rng.standard_normal((3, 3, 3))
-    for _ in range(60):
-        master._improve_shares(wanted)
-    for pair, num in enumerate((1, 4, 7)):
-        points, cost = master._columns[pair, :num].reshape(num, 9), master._energies[pair, :num]
-        goal, weight = wanted[pair].ravel(), master._penalty
-
-        def objective(share, points=points, cost=cost, goal=goal, weight=weight):
-            return float(cost @ share + weight * ((points.T @ share - goal) ** 2).sum())
-
-        reference = minimize(
-            objective,
-            np.full(num, 1.0 / num),
-            bounds=[(0.0, 1.0)] * num,
-            constraints={"type": "eq", "fun": lambda share: share.sum() - 1.0},
-        )
-        found = master._shares[pair, :num]
-        assert found.min() >= 0.0
-        assert master._shares[pair].sum() == pytest.approx(1.0)
-        assert objective(found) <= reference.fun + 1e-5
-        assert objective(np.full(num, 1.0 / num)) >= objective(found)
 
 
 def test_too_many_shapes_for_multipliers_are_bounded_pair_by_pair(monkeypatch):

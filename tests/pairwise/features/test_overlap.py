@@ -16,7 +16,6 @@ from pairwise import evaluate_poses, match_overlapping
 from pairwise.features.overlap import closeness
 
 TURN, SHIFT = random_rotation(np.random.default_rng(9)), np.array([2.0, -1.0, 0.5])
-MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -56,23 +55,6 @@ def test_the_same_surfaces_have_the_same_poses_to_the_bit(views):
     for name in ("rotations", "shifts", "overlaps", "mismatch", "consensus"):
         first, second = (getattr(match_overlapping(*views), name) for _ in range(2))
         np.testing.assert_array_equal(first, second)
-
-
-def test_a_mirror_image_is_found_where_it_may_be_one(views):
-    target, source = views
-    mirrored = LocalSurface.from_user(source.points @ MIRROR, source.normals @ MIRROR, source.cell)
-    found = match_overlapping(target, mirrored, group="O")
-    assert np.linalg.det(found.rotations[0]) < 0
-    assert pose_angle_deg(found.rotations[0] @ MIRROR, TURN) < 1.5
-    assert np.linalg.norm(found.shifts[0] - SHIFT) < target.cell
-    own, plain = (
-        match_overlapping(target, other, group=group)
-        for other, group in ((mirrored, "SO"), (source, "O"))
-    )
-    assert (np.linalg.det(own.rotations) > 0).all()
-    assert own.consensus[0] < 0.6 * found.consensus[0]
-    assert np.linalg.det(plain.rotations[0]) > 0
-    assert plain.consensus[0] == pytest.approx(found.consensus[0], rel=0.1)
 
 
 def test_groups_are_checked(views):
