@@ -1,4 +1,4 @@
-"""PM-SDP in CVXPY against brute force and invariances."""
+"""PM-SDP in CVXPY against brute force."""
 
 import math
 
@@ -11,7 +11,8 @@ from pairwise.results import Status
 from tests.oracles import brute_force, check_relaxation
 from tests.problems import catalogue
 
-CATALOGUE = catalogue()
+#: Few points: CVXPY compiles each problem.
+CATALOGUE = [known for known in catalogue() if known.problem.num_target < 6]
 
 
 @pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.name)
