@@ -1,4 +1,4 @@
-"""Every note has a text, every text is used, and they are short."""
+"""Every note has a text, and every text is used."""
 
 import ast
 import re

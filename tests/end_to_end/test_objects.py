@@ -10,6 +10,7 @@ import trimesh
 from collalign import AlignOptions, RunOptions, add_to_collection, align_collection
 from collalign.tools.export.run import export
 from data_tools.errors import InputError
+from data_tools.io.objects import list_shapes
 from data_tools.io.shapes import read_shape
 from data_tools.options import SamplingOptions
 from tests.finished_runs import chairs
@@ -36,6 +37,16 @@ def from_memory(planted, store):
     meshes = [trimesh.Trimesh(s.vertices, s.faces, process=False) for s in planted.shapes[1:]]
     first = planted.shapes[0]
     return align({"a": (first.vertices, first.faces), "b": meshes[0], "c": meshes[1]}, store=store)
+
+
+def test_memory_and_folder_give_the_same_result(planted, from_memory, tmp_path):
+    for name, shape in zip("abc", planted.shapes, strict=True):
+        np.savez(tmp_path / f"{name}.npz", vertices=shape.vertices, faces=shape.faces)
+    found = align(sorted(tmp_path.iterdir(), reverse=True))
+    assert list_shapes(tmp_path).names == found.names == from_memory.names
+    np.testing.assert_array_equal(found.transforms, from_memory.transforms)
+    np.testing.assert_array_equal(found.maps.labels, from_memory.maps.labels)
+    assert found.digests == from_memory.digests
 
 
 def test_objects_of_open3d_are_aligned_and_given_back(

@@ -8,14 +8,19 @@ import pytest
 from scipy.spatial import Delaunay
 
 from collalign import AlignOptions, RunOptions, align_collection
+from collalign.engine.session import Session
 from collalign.stages.incomplete import scans as scanning
 from collalign.stages.incomplete.scans import (
+    BADLY_MATCHED,
     match_badly,
     were_seen,
 )
-from data_tools.datasets.synthetic import range_view
-from data_tools.datasets.synthetic_shapes import blob
+from collalign.stages.match_pairs import match_pairs
+from collalign.stages.shape_stage import prepare_shapes
+from data_tools.datasets.synthetic import deformed_family, range_view
+from data_tools.datasets.synthetic_shapes import blob, crown
 from data_tools.errors import InputError, OptionsError
+from data_tools.io.objects import list_shapes
 from data_tools.options import SamplingOptions
 from data_tools.rotations import random_rotation
 from tests.commands import read_json, run_command
@@ -131,6 +136,20 @@ def test_a_scan_in_pieces_that_is_in_doubt_is_named(views, aligned, monkeypatch)
     assert [one.shapes for one in collection.notes if one.code == "components-left-out"] == [
         ("view0",)
     ]
+
+
+def test_complete_open_shapes_are_no_scans():
+    rng = np.random.default_rng(2)
+    teeth = deformed_family(crown(rng, num_vertices=500), 4, rng, rms=0.03)
+    with Session.open(OPTIONS, RunOptions(jobs=1)) as session:
+        shapes = prepare_shapes(
+            session, list_shapes([replace(t, name=f"t{i}") for i, t in enumerate(teeth)])
+        )
+        pairs, _ = match_pairs(session, shapes, np.array([[0, 1], [0, 2], [1, 3], [2, 3]]))
+    assert all(item.rim == "open" for item in shapes.samples)
+    assert not were_seen(shapes)
+    assert not match_badly(shapes, pairs)
+    assert np.median([pair.mismatches.min() for pair in pairs]) < BADLY_MATCHED - 0.1
 
 
 def test_shapes_may_be_scans_where_most_are_open_and_match_badly():

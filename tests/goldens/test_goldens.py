@@ -1,4 +1,4 @@
-"""Six small collections are aligned as they were; the comparison notices another result, and only that."""
+"""Six small collections are aligned as they were; the comparison notices another result."""
 
 from copy import deepcopy
 

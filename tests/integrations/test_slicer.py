@@ -1,4 +1,4 @@
-"""The Slicer module's logic, without Slicer: results, coordinates, command line; and that its files are in place."""
+"""The Slicer module's logic, without Slicer: results, coordinates, command line."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""Alternating minimisation: every end is a local minimum, runs that meet are one, the cost kernel is exact."""
+"""Alternating minimisation: every end is a local minimum, and the cost kernel is exact."""
 
 import numpy as np
 import pytest

@@ -38,6 +38,21 @@ def test_every_set_holds_rotations_and_repeats_itself(dim):
     np.testing.assert_array_equal(found, rotation_set(dim, 30, seed=3))
 
 
+def test_the_set_covers_space_better_than_random_rotations():
+    num = 500
+    probes = random_rotations(3, 2000, np.random.default_rng(5))
+
+    def radius(rotations):
+        return max(float(rotation_angles(rotations, probe).min()) for probe in probes)
+
+    even, random = (
+        radius(rotation_set(3, num)),
+        radius(random_rotations(3, num, np.random.default_rng(6))),
+    )
+    assert even < 0.8 * random
+    assert np.rad2deg(even) < 30
+
+
 def test_super_fibonacci_quaternions_are_unit_and_give_the_usual_matrices():
     np.testing.assert_allclose(np.linalg.norm(super_fibonacci(50), axis=1), 1.0)
     half = np.sqrt(0.5)

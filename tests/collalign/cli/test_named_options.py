@@ -1,4 +1,4 @@
-"""Options that messages and pages name are there."""
+"""Options that messages and docstrings name are there."""
 
 import ast
 import re
