@@ -40,7 +40,7 @@ LEAST_NORMAL = 0.3
 #: Cells that the centroid of a cloud is computed from, in root mean square radii of its points.
 CLOUD_CELL = 0.1
 #: Neighbours along which the side of a cloud's normals spreads.
-NUM_NEIGHBOURS = 10
+SIDE_NEIGHBOURS = 10
 #: Larger meshes are decimated to so many triangles: their vertices are what is matched.
 MAX_FACES = 40_000
 #: Neighbours that a plane is fitted to where there are no triangles.
@@ -242,7 +242,7 @@ def one_sided(points: FloatArray, normals: FloatArray) -> FloatArray:
     The side spreads from neighbour to neighbour (Hoppe et al., SIGGRAPH 1992).
     """
     num = len(points)
-    near = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS + 1, num))[1][:, 1:]
+    near = cKDTree(points).query(points, k=min(SIDE_NEIGHBOURS + 1, num))[1][:, 1:]
     rows, columns = np.repeat(np.arange(num), near.shape[1]), near.ravel()
     costs = 1.001 - np.abs(np.einsum("la,la->l", normals[rows], normals[columns]))
     tree = minimum_spanning_tree(coo_matrix((costs, (rows, columns)), shape=(num, num)).tocsr())
